@@ -299,11 +299,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
 
 
 def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource, float]:
-    """Return a clip of the whole body and how long to play it [s], and say what is dropped.
-
-    Raises:
-        MotionFileError: if the file cannot be used.
-    """
+    """Return a clip of the whole body and how long to play it [s], and say what is dropped."""
     _refuse_beside(f"--motion *{WHOLE_BODY}", "the clip commands the whole body", list(options.command.given))
     motion = load_whole_body_motion(path)
     say("no command follows the roll of the trunk, the steps of the feet and the directions of hands and head")

@@ -2,14 +2,15 @@
 
 import dataclasses
 import functools
-import math
 import pathlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.settings import one_of, settings
 from hugwbc.sim import Arena, Engine, Scene, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.faults import Fault
@@ -22,13 +23,11 @@ INTERVENTIONS = ("none", "noise", "motion")
 NOISE_INTERVAL = 90  # control steps between two targets of the noise, as in the paper
 GENERATED_MOTIONS_SEED = 1  # not the seed of the training's motions
 _START_RADIUS = 0.6  # [m], radius of plane ground around the start
-_STEEPEST = 0.5  # [rad]
-_LONGEST_LATENCY = 0.5  # [s]
 _TOP_SPEED = 2.5  # [m/s], fastest walk that the ground must be large enough for
 _LONGEST_ON_GROUND = 200.0  # [s]; the height field for it spans a kilometre and has 25 million heights
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class Conditions:
     """Physics, ground, robot, sensors and external control of the arms in an episode.
 
@@ -61,16 +60,16 @@ class Conditions:
     drives: str = Arena.drives
     sensing: str = Arena.sensing
     ground: str = Arena.ground
-    engine: str = Simulation.engine
+    engine: Annotated[str, one_of("engine", lambda: ENGINES)] = Simulation.engine
     timestep: float = SIMULATION_TIMESTEP
-    terrain_roughness: float = 0.0
-    slope: float = 0.0
+    terrain_roughness: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
+    slope: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
     told: str | None = None
-    intervention: str = "none"
+    intervention: Annotated[str, one_of("intervention", lambda: INTERVENTIONS)] = "none"
     motions: str | None = None
     payload: float = 0.0
     friction: float | None = None
-    latency: float | None = None
+    latency: Annotated[float, Field(ge=0, le=0.5)] | None = None
     gain: float = 1.0
     strength: float = 1.0
     hand_payload: float = 0.0
@@ -79,8 +78,6 @@ class Conditions:
     def __post_init__(self) -> None:
         _ = self.chosen
         check_timestep(self.timestep)
-        if self.engine not in ENGINES:
-            raise UnknownNameError("engine", self.engine, ENGINES)
         ENGINES[self.engine].check_available()
         if self.engine != Simulation.engine and not self.is_level:
             raise ConfigError(f"engine {self.engine} has level ground only; leave out the terrain and the slope")
@@ -88,14 +85,6 @@ class Conditions:
             raise ConfigError(f"engine {self.engine} has firm ground only; use --ground firm")
         if self.engine != Simulation.engine and self.hand_payload:
             raise ConfigError(f"engine {self.engine} has no payload in the hands; leave out the hand payload")
-        if self.intervention not in INTERVENTIONS:
-            raise UnknownNameError("intervention", self.intervention, INTERVENTIONS)
-        if not (0.0 <= self.terrain_roughness < 0.5 and math.isfinite(self.terrain_roughness)):
-            raise ConfigError(f"terrain roughness is {self.terrain_roughness}; give a height from 0 to 0.5 m")
-        if not abs(self.slope) <= _STEEPEST:
-            raise ConfigError(f"slope is {self.slope} rad; give an angle from {-_STEEPEST} to {_STEEPEST} rad")
-        if self.latency is not None and not 0.0 <= self.latency <= _LONGEST_LATENCY:
-            raise ConfigError(f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY} s, or None")
         self.variation()
         _ = self.told_arena, self.declared_faults
 
@@ -178,9 +167,6 @@ class Conditions:
 
         Args:
             seed: seed of the targets.
-
-        Raises:
-            MotionFileError: if the motion files cannot be used.
         """
         if self.intervention == "none":
             return None

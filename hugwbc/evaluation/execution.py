@@ -5,7 +5,6 @@ import multiprocessing
 import os
 import threading
 import types
-import urllib.parse
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -32,9 +31,6 @@ class Execution:
         Args:
             workers: number of processes.
             cluster: address of a Dask scheduler, such as "tcp://127.0.0.1:8786".
-
-        Raises:
-            ConfigError: if there is less than one worker.
         """
         if workers < 1:
             raise ConfigError(f"workers is {workers}; give 1 or more")
@@ -71,9 +67,6 @@ class Execution:
             function: called with each job. With more than one worker or on a cluster the function, the jobs and the
                 outcomes must be picklable.
             jobs: arguments of the function.
-
-        Raises:
-            WorkerError: if a worker process ends in the middle of a job, or the cluster cannot be used.
         """
         if not jobs:
             return
@@ -126,11 +119,7 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
 
     Args:
         address: address of the scheduler.
-
-    Raises:
-        WorkerError: if dask.distributed is not installed, or nothing answers at the address.
     """
-    _check_address(address)
     try:
         from distributed import Client, KilledWorker
         from distributed.client import FutureCancelledError
@@ -145,18 +134,3 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
             "`dask worker ADDRESS`, each with this version of hugwbc"
         ) from error
     return client, (KilledWorker, FutureCancelledError, CommClosedError, concurrent.futures.CancelledError)
-
-
-def _check_address(address: str) -> None:
-    """Check the form of a scheduler's address; with a malformed one Dask would wait for an answer until its timeout.
-
-    Raises:
-        WorkerError: if host or port is missing.
-    """
-    try:
-        parts = urllib.parse.urlsplit(address if "//" in address else f"tcp://{address}")
-        complete = bool(parts.hostname and parts.port)
-    except ValueError:  # the port is not a number
-        complete = False
-    if not complete:
-        raise WorkerError(f"the cluster's address is '{address}'; give host and port, such as tcp://127.0.0.1:8786")

@@ -74,14 +74,18 @@ def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
-        downs = touch_downs(trace, foot, settle)
-        if downs.size < 2:
-            kept = trace.time >= settle
-            errors.append(abs(float(trace.command[-1, _L] - trace.clearance[kept, foot].max())))
-        for begin, end in itertools.pairwise(downs):
-            cycle = (trace.time >= begin) & (trace.time <= end)
-            errors.append(abs(float(_at(trace, np.array([end]), _L)[0] - trace.clearance[cycle, foot].max())))
+        ends, highest = swings(trace, foot, settle)
+        if not ends.size:
+            ends, highest = trace.time[-1:], trace.clearance[trace.time >= settle, foot].max(keepdims=True)
+        errors.extend(np.abs(_at(trace, ends, _L) - highest))
     return float(np.mean(errors)) if errors else float("nan")
+
+
+def swings(trace: Trace, foot: int, settle: float = SETTLE_S) -> tuple[np.ndarray, np.ndarray]:
+    """Return the end [s] and the highest sole clearance [m] of every complete gait cycle of a foot after `settle`."""
+    downs = touch_downs(trace, foot, settle)
+    cycles = [(trace.time >= begin) & (trace.time <= end) for begin, end in itertools.pairwise(downs)]
+    return downs[1:], np.array([trace.clearance[cycle, foot].max() for cycle in cycles])
 
 
 def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
@@ -112,26 +116,18 @@ def held_foot_contact(trace: Trace, settle: float = SETTLE_S) -> float:
     return float(trace.foot_contact[kept, 1 - hopping_foot].mean())
 
 
-def foot_travel(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Return the total length of the horizontal paths of both soles after `settle` [m], the paper's foot displacement.
+def foot_travel(trace: Trace, settle: float = SETTLE_S) -> tuple[float, float]:
+    """Return the horizontal paths of both soles after `settle`, the paper's foot displacement; and their creep [m].
 
-    NaN if the run ended before.
-    """
-    steps = _sole_steps(trace, settle)
-    return float("nan") if steps is None else float(steps.sum())
-
-
-def foot_creep(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Return the part of `foot_travel` in which a foot on the ground moved more slowly than `CREEP_SPEED` [m].
-
-    MuJoCo's friction is viscous up to its limit: a foot that stands still creeps under any horizontal load, under an H1
-    at about 0.2 mm/s for each newton. On a real floor it would not move.
+    Creep is the part of the paths in which a foot on the ground moved more slowly than `CREEP_SPEED`. MuJoCo's friction
+    is viscous up to its limit: a foot that stands still creeps under any horizontal load, under an H1 at about 0.2 mm/s
+    for each newton. On a real floor it would not move. Both are NaN if the run ended before.
     """
     steps = _sole_steps(trace, settle)
     if steps is None:
-        return float("nan")
+        return float("nan"), float("nan")
     planted = trace.foot_contact[trace.time >= settle][1:]
-    return float(steps[planted & (steps < CREEP_SPEED * RECORD_PERIOD)].sum())
+    return float(steps.sum()), float(steps[planted & (steps < CREEP_SPEED * RECORD_PERIOD)].sum())
 
 
 def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
@@ -181,7 +177,7 @@ def impact(trace: Trace, settle: float = SETTLE_S) -> Impact | None:
     """Return how hard both feet came down after `settle` [s]; None without a touch-down."""
     velocities, peaks = [], []
     for foot, times in enumerate(trace.touch_downs):
-        kept = (times >= settle) & (times <= trace.survived_s)
+        kept = np.isin(times, touch_downs(trace, foot, settle))
         velocities.append(trace.touch_down_velocity[foot][kept])
         peaks.append(trace.stance_peak[foot][kept])
     velocity, peak = np.concatenate(velocities), np.concatenate(peaks) / (trace.mass * GRAVITY)

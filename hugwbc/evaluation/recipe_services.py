@@ -1,7 +1,6 @@
 """What recipes need from higher rooms: a controller that drives, and the response of a policy in the arena."""
 
 import dataclasses
-import itertools
 import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,7 +13,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import Row, Settings, simulate
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import run_plans
-from hugwbc.evaluation.metrics import SETTLE_S, stepping_feet, touch_downs
+from hugwbc.evaluation.metrics import SETTLE_S, stepping_feet, swings
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
@@ -33,9 +32,7 @@ def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     means = dict(zip(MEASURED_NAMES, trace.measured[kept].mean(axis=0).tolist(), strict=True))
     heights = []
     for foot in stepping_feet(Gait(int(trace.gait[-1]))):
-        for begin, end in itertools.pairwise(touch_downs(trace, foot, settle)):
-            cycle = (trace.time >= begin) & (trace.time <= end)
-            heights.append(float(trace.clearance[cycle, foot].max()))
+        heights += swings(trace, foot, settle)[1].tolist()
     return means | {"l": float(np.mean(heights)) if heights else float("nan")}
 
 

@@ -154,7 +154,8 @@ _TEMPLATE = """<!DOCTYPE html>
   figure { margin: 0; padding: 10px; border: 1px solid var(--line); border-radius: 8px; background: var(--card); }
   figcaption { font-size: 0.92em; margin-bottom: 4px; }
   @media (max-width: 640px) {
-    th, td { white-space: normal; padding: 3px 6px; }
+    th, td { padding: 3px 6px; }
+    th { white-space: normal; }
     td.text { min-width: 0; }
     th[scope="row"] { min-width: 7em; }
   }

@@ -47,14 +47,14 @@ def test_foot_travel_is_the_length_of_both_paths(synthetic_trace):
     qpos = np.zeros((trace.time.size, 26))
     qpos[:, 3] = 1.0
     still = dataclasses.replace(trace, qpos=qpos)
-    assert metrics.foot_travel(still) == 0.0
+    assert metrics.foot_travel(still)[0] == 0.0
     # 1 cm back and forth between samples: 449 intervals after the start, two feet
     shaken = qpos.copy()
     shaken[::2, 0] = 0.01
-    assert metrics.foot_travel(dataclasses.replace(trace, qpos=shaken)) == pytest.approx(2 * 449 * 0.01)
+    assert metrics.foot_travel(dataclasses.replace(trace, qpos=shaken))[0] == pytest.approx(2 * 449 * 0.01)
     lifted = qpos.copy()
     lifted[::2, 2] = 0.01
-    assert metrics.foot_travel(dataclasses.replace(trace, qpos=lifted)) == 0.0
+    assert metrics.foot_travel(dataclasses.replace(trace, qpos=lifted))[0] == 0.0
 
 
 def test_the_start_is_left_out(synthetic_trace):
@@ -133,10 +133,10 @@ def test_creep_is_what_feet_that_stand_firm_travel(synthetic_trace):
     speed = np.where(trace.time < 6.0, 0.001, 0.003)
     qpos[1:, 0] = np.cumsum(speed[:-1]) * 0.02
     trace = dataclasses.replace(trace, qpos=qpos)
-    assert metrics.foot_travel(trace, 2.0) == pytest.approx(2 * (4.0 * 0.001 + 3.98 * 0.003))
-    assert metrics.foot_creep(trace, 2.0) == pytest.approx(2 * 4.0 * 0.001)
-    assert metrics.foot_creep(dataclasses.replace(trace, foot_contact=~trace.foot_contact), 2.0) == 0.0
-    assert math.isnan(metrics.foot_creep(trace, 11.0))
+    assert metrics.foot_travel(trace, 2.0)[0] == pytest.approx(2 * (4.0 * 0.001 + 3.98 * 0.003))
+    assert metrics.foot_travel(trace, 2.0)[1] == pytest.approx(2 * 4.0 * 0.001)
+    assert metrics.foot_travel(dataclasses.replace(trace, foot_contact=~trace.foot_contact), 2.0)[1] == 0.0
+    assert math.isnan(metrics.foot_travel(trace, 11.0)[1])
 
 
 def test_percentiles_of_call_times():

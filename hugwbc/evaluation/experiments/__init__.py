@@ -68,12 +68,7 @@ EXPERIMENTS: Mapping[str, Experiment[Any]] = {
 
 
 def experiment_of(name: str) -> Experiment[Any]:
-    """Return an experiment by name, or the object of a Python file by `FILE.py:NAME`.
-
-    Raises:
-        UnknownNameError: if there is none of that name.
-        ConfigError: if that of a file cannot be loaded, or is none.
-    """
+    """Return an experiment by name, or the object of a Python file by `FILE.py:NAME`."""
     if extensions.names_object(name):
         found = extensions.load_object(name, "experiment")
         if not isinstance(found, Experiment):

@@ -2,8 +2,8 @@
 
 In an episode of 20 s, one of h, p and w is commanded and the others are at their defaults. The displacement is the
 summed path length of both feet; a robot that has to step to stay up has a long one. Feet that stand firmly still creep
-a little in MuJoCo. That creep is part of the displacement and is also given separately (`metrics.foot_creep`). Episodes
-with a fall would have short paths: they are left out, and counted.
+a little in MuJoCo. That creep is part of the displacement and is also given separately (`metrics.foot_travel`).
+Episodes with a fall would have short paths: they are left out, and counted.
 """
 
 import polars as pl

@@ -6,6 +6,7 @@ one uniform sample, so that even few episodes cover the whole range.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 import polars as pl
@@ -113,7 +114,7 @@ def measure(run: Run, settle: float) -> Row:
     """
     command, trace, name = run.command, run.trace, str(run.plan.tags["command"])
     value = float(command.array()[COMMAND_NAMES.index(name)])
-    standing = command.gait is Gait.STANDING
+    travel, creep = metrics.foot_travel(trace, settle) if command.gait is Gait.STANDING else (math.nan, math.nan)
     impact = metrics.impact(trace, settle)
     return {
         "gait": command.gait.label,
@@ -121,8 +122,8 @@ def measure(run: Run, settle: float) -> Row:
         "error_name": error_name(name, value),
         "error": known(episode_error(trace, name, settle)),
         "arm_error": known(run.arm_error),
-        "foot_travel": known(metrics.foot_travel(trace, settle)) if standing else None,
-        "foot_creep": known(metrics.foot_creep(trace, settle)) if standing else None,
+        "foot_travel": known(travel),
+        "foot_creep": known(creep),
         "held_foot_contact": known(metrics.held_foot_contact(trace, settle)),
         "hop_frequency_error": known(metrics.frequency_error(trace, settle)) if command.gait.hops else None,
         **{f"impact_{figure}": None if impact is None else getattr(impact, figure) for figure in IMPACTS},
