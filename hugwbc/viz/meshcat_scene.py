@@ -83,6 +83,7 @@ class RobotView:
             for index, part in enumerate(parts):
                 self._add(f"{name}/{index}", part)
         self._steps, self._on_ground = 0, np.zeros(2, dtype=bool)
+        self._visible: dict[str, bool] = {}
         self._objects = () if scene is None else tuple(f"objects/{number}" for number in range(len(scene.body_names)))
         if scene is not None:
             self._add_objects(scene)
@@ -122,7 +123,9 @@ class RobotView:
     def place(self, path: str, mark: Mark) -> None:
         """Put what has this path below the robot in its place, or hide it."""
         node = self._node[path]
-        node.set_property("visible", mark.visible)
+        if self._visible.get(path, True) != mark.visible:
+            node.set_property("visible", mark.visible)
+            self._visible[path] = mark.visible
         if mark.visible:
             node.set_transform(mark.placement)
 

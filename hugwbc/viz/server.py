@@ -34,13 +34,24 @@ class _LoopbackApplication(tornado.web.Application):
         return super().listen(port, address=HOST, **options)
 
 
+class _QuietHandler(WebSocketHandler):
+    """Says nothing of pages that come and go: what is printed is for the caller to decide."""
+
+    def open(self, *args: str, **named: str) -> None:
+        self.bridge.websocket_pool.add(self)
+        self.bridge.send_scene(self)
+
+    def on_close(self) -> None:
+        self.bridge.websocket_pool.discard(self)
+
+
 class _LoopbackBridge(Bridge):
     def make_app(self) -> tornado.web.Application:
         application = _LoopbackApplication()
         pages = {"path": VIEWER_ROOT, "default_filename": VIEWER_HTML}
         application.add_handlers(
             _HOST_PATTERN,
-            [(r"/static/(.*)", StaticFileHandlerNoCache, pages), (r"/", WebSocketHandler, {"bridge": self})],
+            [(r"/static/(.*)", StaticFileHandlerNoCache, pages), (r"/", _QuietHandler, {"bridge": self})],
         )
         return application
 
@@ -62,7 +73,6 @@ def open_visualizer() -> tuple[meshcat.Visualizer, str]:
         zmq_url = started.get(timeout=START_TIME)
     except queue.Empty as error:
         raise HugwbcError("the viewer's server did not start; its error is above. Run with `--viewer none`") from error
-    # meshcat prints the address; what is printed is for the caller to decide.
     with contextlib.redirect_stdout(io.StringIO()):
         visualizer = meshcat.Visualizer(zmq_url=zmq_url)
     return visualizer, visualizer.url()
