@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "viz": RUNTIME | {"viz"},
     "tasks": RUNTIME | {"behaviours", "tasks"},
     "gym": RUNTIME | {"behaviours", "tasks", "gym"},
-    "evaluation": RUNTIME | {"behaviours", "tasks", "evaluation"},
+    "evaluation": RUNTIME | {"behaviours", "tasks", "viz", "evaluation"},
     "benchmarks": RUNTIME | {"tasks", "evaluation", "benchmarks"},
     "report": RUNTIME | {"tasks", "viz", "evaluation", "report"},
     "cli": RUNTIME | {"behaviours", "deploy", "tasks", "viz", "evaluation", "benchmarks", "report", "cli"},
