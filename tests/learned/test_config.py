@@ -34,7 +34,6 @@ BAD: list[tuple[Callable, str, object]] = [
     (RandomizationConfig, "gains", (math.nan, 1.0)),
     (RandomizationConfig, "torso_mass", (-20.0, 0.0)),
     (PPOConfig, "std_steps", 0.0),
-    (PPOConfig, "beta", math.nan),
     (PPOConfig, "entropy_weight", -0.1),
     (PPOConfig, "learning_rate_range", (1e-3, 1e-5)),
     (EnvConfig, "count", 0),

@@ -19,7 +19,7 @@ CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all command
 
 @settings
 class PPOConfig:
-    """PPO: loss = value + policy_weight surrogate + estimation_weight L_est + beta L_sym - entropy_weight entropy."""
+    """PPO: loss = value + policy_weight surrogate + estimation_weight L_est - entropy_weight entropy."""
 
     horizon: Count = 24
     """Control steps of every robot per iteration."""
@@ -38,11 +38,6 @@ class PPOConfig:
     """Weight of the surrogate loss (the paper's lambda_policy)."""
     estimation_weight: NotNegative = 1.0
     """Weight of the estimation loss (the paper's lambda_est)."""
-    symmetry: Literal["network", "loss", "none"] = "network"
-    """How the policy learns that left and right are alike: by networks that commute with the mirror, by the paper's
-    symmetry loss, or not at all."""
-    beta: NotNegative = 0.5
-    """Weight of the symmetry loss (the paper's beta), if there is one."""
     entropy_weight: NotNegative = 0.002
     """Weight of the entropy bonus."""
     learning_rate: Positive = 3e-4

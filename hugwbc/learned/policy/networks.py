@@ -1,6 +1,6 @@
 """The paper's networks: history encoder, state estimator, low-level policy and privileged critic.
 
-There are two forms of each. The plain one is what a policy file holds and what runs on a robot. The symmetric one is
+The actor has two forms. The plain one is what a policy file holds and what runs on a robot. The symmetric one is
 trained: it commutes with the left-right mirror exactly, whatever its weights are, so that what is learnt of a left
 step, a left turn or a hop on the left leg is learnt of the right one too. Its linear layers map even to even and odd to
 odd coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between them the
@@ -17,7 +17,6 @@ from hugwbc.learned.policy import observations as obs
 from hugwbc.learned.policy.layout import (
     ACTION_SIZE,
     COMMAND_SIZE,
-    CRITIC_CORE_SIZE,
     ENCODER_HIDDEN,
     ESTIMATE_SIZE,
     ESTIMATOR_HIDDEN,
@@ -25,9 +24,7 @@ from hugwbc.learned.policy.layout import (
     LATENT_SIZE,
     POLICY_HIDDEN,
     PROPRIOCEPTION_SIZE,
-    TERRAIN_SIZE,
     Part,
-    size_of,
 )
 from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.symmetry import EvenOdd
@@ -78,39 +75,6 @@ class Actor(nn.Module):
         estimate = self.estimator(latent)
         newest = history[:, -PROPRIOCEPTION_SIZE:]
         return self.policy(torch.cat((latent, estimate.detach(), newest, command), dim=1)), estimate
-
-    prepared = forward
-
-    def plain(self) -> "Actor":
-        """Return this network."""
-        return self
-
-
-class Critic(nn.Module):
-    """The value of a state from the privileged observation, shape (n, 342), or (n, 122) on a plane.
-
-    Attributes:
-        core: width of what it reads besides the terrain.
-    """
-
-    def __init__(self, further: tuple[Part, ...] = ()) -> None:
-        """Set up the layers, with further inputs for further observation terms."""
-        super().__init__()
-        self.core = CRITIC_CORE_SIZE + size_of(further)
-        self.value = _mlp(self.core + TERRAIN_SIZE, CRITIC_HIDDEN, 1)
-
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Return the value of each row, shape (n,)."""
-        if observation.shape[1] == self.core + TERRAIN_SIZE:
-            return self.value(observation).squeeze(1)
-        # On a plane all samples of the terrain are one number: the sum of their weights multiplies it.
-        first, rest = self.value[0], self.value[1:]
-        assert isinstance(first, nn.Linear)
-        core, terrain = first.weight.split((self.core, TERRAIN_SIZE), dim=1)
-        weight = torch.cat((core, terrain.sum(1, keepdim=True)), dim=1)
-        return rest(nn.functional.linear(observation, weight, first.bias)).squeeze(1)
-
-    prepared = forward
 
 
 # Symmetric networks --------------------------------------------------------------------------------------------------
@@ -259,7 +223,7 @@ class SymmetricActor(nn.Module):
 
 
 class SymmetricCritic(nn.Module):
-    """`Critic` with V(F o) = V(o)."""
+    """The value of a privileged observation, shape (n, 342), or (n, 122) on a plane, with V(F o) = V(o)."""
 
     def __init__(self, further: tuple[Part, ...] = ()) -> None:
         """Set up the layers, with further inputs for further observation terms."""
@@ -278,7 +242,7 @@ class SymmetricCritic(nn.Module):
         return torch.cat((self._core(core), terrain if terrain.shape[1] == 1 else self._terrain(terrain)), 1)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Return the value of each row, shape (n,), as `Critic.forward`."""
+        """Return the value of each row, shape (n,)."""
         return self.prepared(self.prepare(observation))
 
     def prepared(self, observation: torch.Tensor) -> torch.Tensor:
@@ -300,7 +264,7 @@ class SymmetricCritic(nn.Module):
     def _first_on_a_plane(self, even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         layer = self.value.layers[0]
         assert isinstance(layer, SplitLinear) and isinstance(self._flat, torch.Tensor)
-        core, terrain = layer.even.weight.split(_sizes_at(self._core.even, layer.even.in_features), 1)
+        core, terrain = layer.even.weight.split((self._core.even, self._terrain.even), 1)
         weight = torch.cat((core, terrain @ self._flat), 1)
         first = nn.functional.linear(even, weight, layer.even.bias)
         return first, nn.functional.linear(odd, layer.odd.weight[:, : self._core.odd])
@@ -308,10 +272,6 @@ class SymmetricCritic(nn.Module):
 
 def _sizes(split: EvenOdd) -> tuple[int, int]:
     return split.even, split.odd
-
-
-def _sizes_at(place: int, total: int) -> tuple[int, int]:
-    return place, total - place
 
 
 # Learner -------------------------------------------------------------------------------------------------------------
@@ -326,37 +286,30 @@ class ActorNetwork(Protocol):
 
 
 class ActorCritic(nn.Module):
-    """Actor, critic and one exploration standard deviation per joint.
+    """Actor, critic and one exploration standard deviation per joint; joints that are mirror images share theirs.
 
     Attributes:
-        symmetric: whether the networks commute with the mirror; joints that are mirror images then share their std.
         further: observation terms besides those of `layout` that the networks read.
     """
 
-    def __init__(self, std: float = 1.0, *, symmetric: bool = True, further: tuple[Part, ...] = ()) -> None:
-        """Draw the weights of symmetric or plain networks, and set the std of all joints."""
+    def __init__(self, std: float = 1.0, *, further: tuple[Part, ...] = ()) -> None:
+        """Draw the weights, and set the std of all joints."""
         super().__init__()
-        self.symmetric, self.further = symmetric, further
-        self.actor = SymmetricActor(further) if symmetric else Actor(COMMAND_SIZE + size_of(further))
-        self.critic = SymmetricCritic(further) if symmetric else Critic(further)
+        self.further = further
+        self.actor, self.critic = SymmetricActor(further), SymmetricCritic(further)
         self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(std)).log())
-        last = self.actor.policy.layers[-1] if isinstance(self.actor, SymmetricActor) else self.actor.policy[-1]
-        for linear in (last.even, last.odd) if isinstance(last, SplitLinear) else (last,):
-            assert isinstance(linear, nn.Linear)
+        last = self.actor.policy.layers[-1]
+        assert isinstance(last, SplitLinear)
+        for linear in (last.even, last.odd):
             nn.init.uniform_(linear.weight, -_OUTPUT_BOUND, _OUTPUT_BOUND)
-            if linear.bias is not None:
-                nn.init.zeros_(linear.bias)
+        nn.init.zeros_(last.even.bias)
 
     def exploration(self) -> torch.Tensor:
         """Return the log of the standard deviation of every joint, shape (19,)."""
-        if not self.symmetric:
-            return self.log_std
         return 0.5 * (self.log_std + self.log_std[obs.action_mirror().index.to(self.log_std.device)])
 
     def prepare(self, observation: Observation) -> Observation:
         """Return an observation in the coordinates in which `prepared` of actor and critic read it."""
-        if not (isinstance(self.actor, SymmetricActor) and isinstance(self.critic, SymmetricCritic)):
-            return observation
         return Observation(
             self.actor._history(observation.history),
             self.actor._command(observation.command),

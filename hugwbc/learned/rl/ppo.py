@@ -1,4 +1,4 @@
-"""PPO with losses of estimation and symmetry: the whole algorithm, readable from top to bottom.
+"""PPO with a loss of estimation: the whole algorithm, readable from top to bottom.
 
 Proximal policy optimisation: Schulman et al., "Proximal Policy Optimization Algorithms", arXiv:1707.06347 (2017).
 Advantages: Schulman et al., "High-Dimensional Continuous Control Using Generalized Advantage Estimation", ICLR 2016.
@@ -6,7 +6,7 @@ Advantages: Schulman et al., "High-Dimensional Continuous Control Using Generali
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import torch
 from torch import nn
@@ -16,13 +16,11 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic, SymmetricCritic
+from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
 from hugwbc.learned.policy.observations import Observation
 
-OnSkip = Callable[[dict[str, torch.Tensor], dict[str, float]], None]
-
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "symmetry_loss", "kl")
+_LOSSES = ("value_loss", "policy_loss", "estimation_loss", "kl")
 _GROUPS = torch.tensor([min(gait, gait.mirrored()) for gait in Gait])  # of advantages: hops on either leg are alike
 
 
@@ -157,8 +155,7 @@ class PPO:
         """
         self.config = config
         self.device = torch.device(device)
-        symmetric = config.symmetry == "network"
-        self.network = ActorCritic(config.std_initial, symmetric=symmetric, further=further).to(self.device)
+        self.network = ActorCritic(config.std_initial, further=further).to(self.device)
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
         actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
@@ -223,7 +220,7 @@ class PPO:
         action = mean + noise * log_std.exp()
         r.action[t], r.mean[t] = action, mean
         r.log_prob[t] = log_probability(action, mean, log_std)
-        r.value[t] = self._value(r.critic[t])
+        r.value[t] = self.network.critic.prepared(r.critic[t])
         return action.cpu()
 
     @torch.no_grad()
@@ -242,24 +239,16 @@ class PPO:
     @torch.no_grad()
     def value(self, critic_observation: torch.Tensor) -> torch.Tensor:
         """Return the values of critic observations as the environment gives them, shape (n,)."""
-        critic = self.network.critic
-        rows = critic_observation.to(self.device)
-        return self._value(critic.prepare(rows) if isinstance(critic, SymmetricCritic) else rows)
-
-    def _value(self, prepared: torch.Tensor) -> torch.Tensor:
-        return self.network.critic.prepared(prepared)
+        return self.network.critic(critic_observation.to(self.device))
 
     # Learning -------------------------------------------------------------------------------------------------------
 
-    def update(
-        self, last: Observation, *, critic_only: bool = False, on_skip: OnSkip | None = None
-    ) -> dict[str, float]:
+    def update(self, last: Observation, *, critic_only: bool = False) -> dict[str, float]:
         """Learn from the stored iteration; return mean losses, KL divergence, learning rate and std.
 
         Args:
             last: observation after the last step.
             critic_only: whether to leave the actor as it is.
-            on_skip: called with the minibatch and the losses of an update that was left out.
         """
         for name, parameter in self.network.named_parameters():
             parameter.requires_grad_(name.startswith("critic.") or not critic_only)
@@ -285,8 +274,6 @@ class PPO:
                 count += 1
             else:
                 self.skipped += 1
-                if on_skip is not None:
-                    on_skip(minibatch, losses)
         std = self.network.exploration().detach().exp()
         return {name: sums.get(name, math.nan) / max(count, 1) for name in _LOSSES} | {
             "learning_rate": self.learning_rate,
@@ -305,21 +292,14 @@ class PPO:
         c, network = self.config, self.network
         mean, estimate = network.actor.prepared(b["history"], b["command"])
         log_std = network.exploration()
-        value = self._value(b["critic"])
+        value = network.critic.prepared(b["critic"])
         log_prob = log_probability(b["action"], mean, log_std)
 
         l_value = (value - b["returns"]).square().mean()
         l_policy = surrogate_loss(log_prob, b["log_prob"], b["advantage"], c.clip)
         l_estimation = (estimate - b["estimate"]).square().mean()
-        l_symmetry = self._symmetry_loss(b["history"], b["command"], mean)
         entropy = log_std.sum()
-        loss = (
-            l_value
-            + c.policy_weight * l_policy
-            + c.estimation_weight * l_estimation
-            + c.beta * l_symmetry
-            - c.entropy_weight * entropy
-        )
+        loss = l_value + c.policy_weight * l_policy + c.estimation_weight * l_estimation - c.entropy_weight * entropy
 
         with torch.no_grad():
             kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, log_std).mean()))
@@ -328,19 +308,8 @@ class PPO:
         if network.log_std.requires_grad:
             self._adapt_learning_rate(kl)
         applied = self._descend(loss)
-        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation, l_symmetry)]
+        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation)]
         return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied
-
-    def _symmetry_loss(self, history: torch.Tensor, command: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
-        """Return the mean over batch and joints of |pi(o) - F_a(pi(F_o(o)))|^2, with F the mirror maps.
-
-        The gradient flows through the mirrored branch only; the unmirrored mean is a constant target.
-        """
-        if self.config.symmetry != "loss":
-            return mean.new_zeros(())
-        command_mirror = obs.command_mirror(self.network.further)
-        mirrored, _ = self.network.actor(obs.history_mirror()(history), command_mirror(command))
-        return (mean.detach() - obs.action_mirror()(mirrored)).square().mean()
 
     def _adapt_learning_rate(self, kl: float) -> None:
         """Keep the KL divergence of an update near its target: step less after a large one, more after a small one."""

@@ -18,7 +18,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor, ActorCritic
 from hugwbc.learned.policy.records import settings_record, versions
-from hugwbc.learned.policy.snapshots import is_symmetric, load_into
+from hugwbc.learned.policy.snapshots import load_into
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
@@ -28,7 +28,6 @@ CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
 BEST_FOLDER = "best"
 _SEED_STEP = 1_000_003  # between the seeds of two processes
-MAX_DUMPS = 3  # of skipped minibatches in the folder of a run; each takes some 20 MB
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
 
@@ -131,7 +130,7 @@ class Trainer:
             observation = self.env.observe()
         collected = time.monotonic()
         critic_only = self.iteration - self.begin["iteration"] < self.config.critic_warm_up
-        losses = self.ppo.update(observation, critic_only=critic_only, on_skip=self._dump)
+        losses = self.ppo.update(observation, critic_only=critic_only)
         self.iteration += 1
         steps = horizon * self.config.env.count * distributed.size()
         # The curricula count steps, so that they do not depend on the length of an iteration.
@@ -252,18 +251,6 @@ class Trainer:
             "config": settings_record(self.config),
         }
 
-    def _dump(self, minibatch: dict[str, torch.Tensor], losses: dict[str, float]) -> None:
-        """Keep a minibatch whose update was skipped, so that the cause can be found."""
-        dumps = len(list(self.config.out.glob("skipped-*.safetensors")))
-        if dumps < MAX_DUMPS:
-            record = {
-                "iteration": self.iteration,
-                "steps": self.steps,
-                "losses": {k: str(v) for k, v in losses.items()},
-            }
-            path = distributed.rank_path(self.config.out / f"skipped-{self.iteration}-{self.ppo.skipped}.safetensors")
-            checkpoint.save_file(path, minibatch, "minibatch", record)
-
     # Restoring ------------------------------------------------------------------------------------------------------
 
     def _read_counters(self, metadata: dict[str, Any], path: pathlib.Path) -> None:
@@ -278,10 +265,6 @@ class Trainer:
         if not self.leads:
             tensors = _with_robots_of_rank(tensors, path, metadata.get("iteration"))
         groups = _by_group(tensors, path)
-        symmetric = is_symmetric(groups["network"])
-        if symmetric != self.ppo.network.symmetric:
-            kind, remedy = ("symmetric", "network") if symmetric else ("plain", "loss")
-            raise PolicyFileError(f"{path} has {kind} networks; continue from it with --ppo.symmetry {remedy}")
         try:
             load_into(self.ppo.network, groups["network"])
         except (RuntimeError, KeyError) as error:

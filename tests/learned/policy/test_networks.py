@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.networks import Actor, ActorCritic, Critic, SymmetricActor, SymmetricCritic
+from hugwbc.learned.policy.networks import Actor, ActorCritic, SymmetricActor, SymmetricCritic
 
 
 def _size(module: torch.nn.Module) -> int:
@@ -18,20 +18,18 @@ def test_sizes_are_the_papers() -> None:
     assert _size(actor.estimator) == 33 * 64 + 65 * 32 + 33 * 6
     # latent 32, estimate 6, frame 63, command 18
     assert _size(actor.policy) == 120 * 256 + 257 * 128 + 129 * 64 + 65 * 19
-    assert _size(Critic()) == (obs.CRITIC_SIZE + 1) * 512 + 513 * 256 + 257 * 128 + 129
     assert _size(Actor(13).policy) == 115 * 256 + 257 * 128 + 129 * 64 + 65 * 19
 
 
 def test_outputs_have_a_row_per_robot_and_begin_near_the_nominal_pose() -> None:
     torch.manual_seed(0)
-    for symmetric in (True, False):
-        network = ActorCritic(std=0.5, symmetric=symmetric)
-        action, estimate = network.actor(torch.randn(4, 315), torch.randn(4, 18))
-        assert action.shape == (4, 19) and estimate.shape == (4, 6)
-        assert action.abs().max() < 0.1
-        assert network.critic(torch.randn(4, obs.CRITIC_SIZE)).shape == (4,)
-        assert network.critic(torch.randn(4, obs.CRITIC_CORE_SIZE + 1)).shape == (4,)
-        assert network.exploration().tolist() == pytest.approx([math.log(0.5)] * 19)
+    network = ActorCritic(std=0.5)
+    action, estimate = network.actor(torch.randn(4, 315), torch.randn(4, 18))
+    assert action.shape == (4, 19) and estimate.shape == (4, 6)
+    assert action.abs().max() < 0.1
+    assert network.critic(torch.randn(4, obs.CRITIC_SIZE)).shape == (4,)
+    assert network.critic(torch.randn(4, obs.CRITIC_CORE_SIZE + 1)).shape == (4,)
+    assert network.exploration().tolist() == pytest.approx([math.log(0.5)] * 19)
 
 
 def test_the_policy_reads_the_newest_frame_and_leaves_the_estimator_alone() -> None:
@@ -82,10 +80,9 @@ def test_the_plain_form_of_the_symmetric_actor_is_the_same_function() -> None:
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("kind", [Critic, SymmetricCritic])
-def test_one_column_of_a_plane_stands_for_all_samples(kind: type[Critic | SymmetricCritic]) -> None:
+def test_one_column_of_a_plane_stands_for_all_samples() -> None:
     torch.manual_seed(2)
-    critic = kind()
+    critic = SymmetricCritic()
     lively(critic)
     core, height = torch.randn(5, obs.CRITIC_CORE_SIZE), torch.randn(5, 1)
     every = torch.cat((core, height.expand(-1, obs.TERRAIN_SIZE)), 1)

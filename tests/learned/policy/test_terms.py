@@ -76,20 +76,18 @@ def test_the_noise_is_the_declared_one(both):
     assert 0.15 < apart <= 2 * 2.0 * 0.05, "the difference of two draws of half-width 0.05 at scale 2"
 
 
-@pytest.mark.parametrize("symmetric", [True, False])
-def test_the_networks_mirror_the_terms_as_declared(symmetric):
+def test_the_networks_mirror_the_terms_as_declared():
     own = (TILT, KNEES)
-    network = ActorCritic(symmetric=symmetric, further=own)
+    network = ActorCritic(further=own)
     mirror = obs.command_mirror(own)
     assert mirror.sign[18:].tolist() == [-1.0, 1.0, 1.0] and mirror.index[18:].tolist() == [18, 20, 19]
     history, command = torch.randn(4, 315), torch.randn(4, 21)
     critic = torch.randn(4, 121 + 3 + 1)
-    if symmetric:
-        image = torch.cat((obs.critic_mirror(own)(critic[:, :124]), critic[:, 124:]), dim=1)
-        torch.testing.assert_close(network.critic(image), network.critic(critic), atol=1e-5, rtol=1e-5)
-        straight, _ = network.actor(history, command)
-        mirrored, _ = network.actor(obs.history_mirror()(history), mirror(command))
-        torch.testing.assert_close(mirrored, obs.action_mirror()(straight), atol=1e-5, rtol=1e-5)
+    image = torch.cat((obs.critic_mirror(own)(critic[:, :124]), critic[:, 124:]), dim=1)
+    torch.testing.assert_close(network.critic(image), network.critic(critic), atol=1e-5, rtol=1e-5)
+    straight, _ = network.actor(history, command)
+    mirrored, _ = network.actor(obs.history_mirror()(history), mirror(command))
+    torch.testing.assert_close(mirrored, obs.action_mirror()(straight), atol=1e-5, rtol=1e-5)
     plain = network.actor.plain()
     assert plain.command_size == 21
     torch.testing.assert_close(plain(history, command)[0], network.actor(history, command)[0], atol=1e-5, rtol=1e-4)
@@ -107,9 +105,8 @@ def test_ppo_learns_with_them(both):
     assert not torch.equal(first, learner.network.actor.plain().state_dict()["policy.0.weight"][:, -3:])
 
 
-@pytest.mark.parametrize("symmetric", [True, False])
-def test_a_network_without_them_goes_on_as_the_same_function(symmetric):
-    old, new = ActorCritic(symmetric=symmetric), ActorCritic(symmetric=symmetric, further=(TILT, KNEES))
+def test_a_network_without_them_goes_on_as_the_same_function():
+    old, new = ActorCritic(), ActorCritic(further=(TILT, KNEES))
     load_into(new, old.state_dict())
     history, command, own = torch.randn(4, 315), torch.randn(4, 18), torch.randn(4, 3)
     core, ground = torch.randn(4, 121), torch.randn(4, 221)

@@ -121,17 +121,6 @@ def test_non_finite_loss_is_skipped() -> None:
         torch.testing.assert_close(old, new.detach())
 
 
-def test_symmetry_loss_vanishes_for_a_symmetric_policy_only() -> None:
-    learner = make_learner(symmetry="loss")
-    history, command = torch.randn(6, 315), torch.randn(6, 18)
-    mean, _ = learner.network.actor(history, command)
-    assert learner._symmetry_loss(history, command, mean).item() > 0.0
-    for parameter in learner.network.actor.policy[-1].parameters():
-        torch.nn.init.zeros_(parameter)
-    mean, _ = learner.network.actor(history, command)
-    assert learner._symmetry_loss(history, command, mean).item() == 0.0
-
-
 def test_values_are_finer_than_the_reward_of_a_step() -> None:
     """A step of perfect tracking earns less than .1 and values are near 10: bfloat16 would round them to .06."""
     learner = make_learner()

@@ -26,7 +26,7 @@ from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.rl.evaluator import Evaluator
 from hugwbc.learned.rl.run_log import LOG_NAME
-from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, MAX_DUMPS, SNAPSHOT_NAME, Trainer, train
+from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
 CURRICULUM = CurriculumConfig(
@@ -153,7 +153,7 @@ def test_a_training_that_is_over_gives_its_robots_back_at_once(tmp_path: pathlib
         gc.enable()
 
 
-def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -> None:
+def test_a_bad_minibatch_is_skipped_and_the_run_goes_on(tmp_path: pathlib.Path) -> None:
     trainer = Trainer(config(tmp_path, 4))
     step = trainer.env.step
 
@@ -168,11 +168,6 @@ def test_a_bad_minibatch_is_dumped_and_the_run_goes_on(tmp_path: pathlib.Path) -
     row = trainer.iterate()
     assert trainer.ppo.skipped == PPO.epochs * PPO.minibatches
     assert torch.equal(weight, before)
-    dumps = sorted(tmp_path.glob("skipped-*.safetensors"))
-    assert len(dumps) == MAX_DUMPS
-    tensors, record = checkpoint.load_file(dumps[0], "minibatch")
-    assert tensors["history"].shape == (32, 315) and record["losses"]["policy_loss"] == "nan"
-    assert torch.isnan(tensors["advantage"]).any()
     trainer.env.step = step
     row = trainer.iterate()
     assert row["skipped"] == 4 and not torch.equal(weight, before)
