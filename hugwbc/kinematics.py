@@ -93,7 +93,12 @@ class Kinematics:
         self._ids: dict[str, int] = {}
 
     def update(self, state: RobotState) -> None:
-        """Set the configuration and compute frames and centre of mass; a missing position or velocity counts as 0."""
+        """Place the robot and compute its frames; a missing position or velocity counts as 0."""
+        self.place(state)
+        self._compute()
+
+    def place(self, state: RobotState) -> None:
+        """Set configuration and velocity, and compute nothing."""
         self._state = state
         self.q[:3] = 0.0 if state.position is None else state.position
         self.q[3:6], self.q[6] = state.orientation[1:], state.orientation[0]
@@ -101,7 +106,6 @@ class Kinematics:
         self.v[:3] = 0.0 if state.velocity is None else _into_body(state.orientation, state.velocity)
         self.v[3:6] = state.angular_velocity
         self.v[self._v_joints] = state.dq
-        self._compute()
 
     def _compute(self) -> None:
         """Placements, velocities, and accelerations at zero generalised acceleration, of all frames."""

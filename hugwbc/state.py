@@ -1,6 +1,7 @@
 """The state of the robot that sensors, an estimator or the simulation give to a controller."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -54,19 +55,20 @@ class RobotState:
         """Unit vector of gravity in the pelvis frame, shape (3,)."""
         return rotations.rotate_inverse(self.orientation, np.array([0.0, 0.0, -1.0]))
 
-    @property
+    @functools.cached_property
     def yaw(self) -> float:
         """Heading of the pelvis [rad]."""
         return float(rotations.yaw_of(self.orientation))
 
-    @property
+    @functools.cached_property
     def is_finite(self) -> bool:
         """Whether all numbers in the fields that are present are finite."""
         fields = [getattr(self, name) for name in _VECTORS]
         vectors = [value if value.ndim == 1 else value.ravel() for value in fields if value is not None]
-        return math.isfinite(self.time + self.age) and bool(np.isfinite(np.concatenate(vectors)).all())
+        together = np.concatenate(vectors)
+        return math.isfinite(self.time + self.age + together.dot(together))  # squares do not cancel
 
-    @property
+    @functools.cached_property
     def is_usable(self) -> bool:
         """Whether the state is finite and its orientation a unit quaternion to 5 %; a broken IMU may send zeros."""
         return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
@@ -90,7 +92,9 @@ def pelvis_from_torso_imu(
     Returns:
         Pelvis orientation, shape (4,), and pelvis angular velocity in the pelvis frame [rad/s], shape (3,).
     """
-    torso_in_pelvis = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), waist)
-    pelvis = rotations.multiply(orientation, rotations.conjugate(torso_in_pelvis))
-    rate = rotations.rotate(torso_in_pelvis, gyro) - np.array([0.0, 0.0, waist_rate])
-    return pelvis, rate
+    if not math.isfinite(waist):
+        return np.full(4, np.nan), np.full(3, np.nan)
+    back = np.array([math.cos(0.5 * waist), 0.0, 0.0, -math.sin(0.5 * waist)])
+    rate = rotations.rotation_z(waist).dot(gyro)
+    rate[2] -= waist_rate
+    return rotations.multiply(orientation, back), rate

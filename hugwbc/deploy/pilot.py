@@ -15,7 +15,7 @@ from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
 from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
 from hugwbc.runtime.contact import ContactParams
-from hugwbc.runtime.control_period import ArmSource, ControlPeriod
+from hugwbc.runtime.control_period import ArmSource, ControlPeriod, Due
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource
@@ -95,7 +95,7 @@ class Pilot:
         self._estimating = False
         self._last: JointCommand | None = None
         self._last_time: float | None = None
-        self._due = self._run_start = 0.0
+        self._due, self._run_start = Due(self.safe.period), 0.0
 
     @property
     def mode(self) -> Mode:
@@ -145,10 +145,10 @@ class Pilot:
     def _estimate(self, state: RobotState) -> None:
         control = self._control
         if self._estimating:
-            control.observe(state, driven=self.mode is Mode.RUN)
+            control.observe(state, state.time, driven=self.mode is Mode.RUN)
         elif state.is_usable:
             self._estimating = True
-            control.locate(state)
+            control.locate(state, state.time)
         self.estimate = control.estimate if self._estimating else state
 
     def _fault(self, message: StateMessage) -> str | None:
@@ -185,18 +185,16 @@ class Pilot:
     def _begin(self, state: RobotState) -> None:
         """Start the controller from a robot that stands still."""
         self.machine.enter(Mode.RUN, f"asked to run, with {100 * self.carried:.0f} % of the weight on the feet", state)
-        self._control.start(state)
+        self._control.start(state, state.time)
         self.estimate = self._control.estimate
-        self._run_start = self._due = state.time
+        self._run_start = state.time
+        self._due.restart(state.time)
 
     def _run(self, message: StateMessage) -> Decision:
         """Call the controller if its period is over; else repeat its last command."""
         time = message.state.time
-        if time < self._due - _ROUNDING and self._last is not None:
+        if not self._due(time) and self._last is not None:
             return Decision(time, self._last, new=False)
-        # After a gap the controller continues from now; it does not catch up.
-        on_time = time < self._due + self.safe.period - _ROUNDING
-        self._due = (self._due if on_time else time) + self.safe.period
         if self._steer is not None:
             self._steer(message.remote, time)
         self._world.advance(time)

@@ -62,13 +62,18 @@ class HandLoad:
         if not math.isfinite(told.sum() + (0.0 if seen is None else seen.sum())):
             return
         share = 1.0 - math.exp(-self._rate * dt)
-        self._told = self._told + share * (_bounded(told) - self._told)
+        if told.any() or self._told.any():
+            self._told = self._told + share * (_bounded(told) - self._told)
         self.force = _without_small(self._told, self._least)
         if seen is None:
             return
         self._felt = self._felt + share * (_bounded(seen) - self._told - self._felt)
         self._mean = self._mean + (1.0 - math.exp(-_LASTING * dt)) * (self._felt - self._mean)
-        lasting = np.minimum(_length(self._mean) / np.maximum(_length(self._felt), self._least), 1.0)
+        felt = _length(self._felt)
+        if (felt <= self._least).all():  # and what lasts of it is no more
+            self._stepped = 0.0
+            return
+        lasting = np.minimum(_length(self._mean) / np.maximum(felt, self._least), 1.0)
         pull = _without_small(lasting * self._felt, self._least)
         if not pull.any():
             self._stepped = 0.0
@@ -88,5 +93,7 @@ def _length(force: np.ndarray) -> np.ndarray:
 
 def _without_small(force: np.ndarray, least: float) -> np.ndarray:
     """Return forces without those of at most `least` [N]; from twice that on they count in full."""
+    if not force.any():
+        return _NONE
     counts = np.minimum(np.maximum(_length(force) / least - 1.0, 0.0), 1.0)
     return force * counts if counts.any() else _NONE

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc import rotations
-from hugwbc.kinematics import Kinematics
+from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY, RobotState
 
@@ -76,7 +76,7 @@ class Predictor:
     def __init__(self, kinematics: Kinematics, period: float) -> None:
         """Set up for a robot model whose commanded accelerations each hold for `period` [s]."""
         self._model = kinematics.model
-        self._columns = kinematics.columns
+        self._v_joints, self._q_joints = in_place(kinematics.columns), in_place(kinematics.columns + 1)
         self._period = period
         self._accelerations: collections.deque[np.ndarray] = collections.deque(maxlen=int(_LONGEST_AGE / period) + 1)
 
@@ -107,19 +107,19 @@ class Predictor:
         q, v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         q[:3], q[3:6], q[6] = state.position, state.orientation[1:], state.orientation[0]
         v[:3], v[3:6] = rotations.rotate_inverse(state.orientation, state.velocity), state.angular_velocity
-        q[self._columns + 1], v[self._columns] = state.q, state.dq
+        q[self._q_joints], v[self._v_joints] = state.q, state.dq
         steps = durations[:, None]
         gains = steps * np.array(list(self._accelerations)[-pieces:])
         velocities = np.cumsum(np.vstack((v, gains)), axis=0)  # at the borders of the pieces
-        # The mean velocity of a piece moves the position, so that constant accelerations give exact parabolas.
-        for way in steps * (velocities[:-1] + 0.5 * gains):
-            q = pin.integrate(self._model, q, way)
+        # The mean velocity of a piece moves the position, so that constant accelerations give exact parabolas. The axis
+        # of the rotation hardly turns within so short a time, so that the pieces may be added up.
+        q = pin.integrate(self._model, q, (steps * (velocities[:-1] + 0.5 * gains)).sum(axis=0))
         v = velocities[-1]
         orientation = q[[6, 3, 4, 5]]
         return dataclasses.replace(
             state,
-            q=q[self._columns + 1],
-            dq=v[self._columns],
+            q=q[self._q_joints],
+            dq=v[self._v_joints],
             orientation=orientation,
             angular_velocity=v[3:6],
             position=q[:3],

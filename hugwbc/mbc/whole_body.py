@@ -111,7 +111,7 @@ class WholeBodyController:
         self,
         params: ControllerParams | None = None,
         *,
-        period: float = 0.002,
+        period: float = 0.004,
         dynamics: Dynamics | None = None,
         robot: Robot | None = None,
     ) -> None:
@@ -119,7 +119,7 @@ class WholeBodyController:
 
         Args:
             params: gains, weights and limits; None for the defaults.
-            period: time between two calls of `act` [s]; 0.002 to 0.01, or 0.02 with reduced tracking.
+            period: time between two calls of `act` [s]: 0.002 to 0.01, or 0.02 with reduced tracking.
             dynamics: robot model; None for the shared one of `robot`.
             robot: robot that the controller is told, which may differ from the one that moves; None for that of
                 `dynamics`, or the H1.

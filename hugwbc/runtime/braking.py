@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import math
 
 import numpy as np
 
@@ -11,8 +12,11 @@ from hugwbc.gait import Gait
 from hugwbc.state import RobotState
 
 DECELERATION = np.array([1.0, 1.0, 2.0])  # of the commanded v_x, v_y [m/s^2] and omega [rad/s^2]
-SLOW = np.array([0.15, 0.15, 0.3])  # [m/s], [m/s], [rad/s]; a slower robot may stand
+SLOW = (0.15, 0.15, 0.3)  # [m/s], [m/s], [rad/s]; a slower robot may stand
 LONGEST = 4.0  # [s] at rest by the command, after which the robot stands however fast it seems to be
+
+
+_Velocity = tuple[float, float, float] | None
 
 
 class Braking:
@@ -34,7 +38,8 @@ class Braking:
         """Start from a standing robot."""
         self.active = False
         self._last = Command()
-        self._velocities: collections.deque[np.ndarray] = collections.deque()
+        self._velocities: collections.deque[_Velocity] = collections.deque()  # of the last stride
+        self._sum = [0.0, 0.0, 0.0]
         self._at_rest = 0.0  # [s] since the commanded velocity is 0
 
     def __call__(self, command: Command, state: RobotState, dt: float) -> Command:
@@ -47,13 +52,9 @@ class Braking:
         """
         moving = self._last.gait is not Gait.STANDING
         if moving:
-            self._velocities.append(_velocity(state))
-            while len(self._velocities) * dt > 1.0 / self._last.f + dt:
-                self._velocities.popleft()
+            self._note(_velocity(state), 1.0 / self._last.f + dt, dt)
         if command.gait is not Gait.STANDING or not moving:
             self._last, self.active, self._at_rest = command, False, 0.0
-            if not moving:
-                self._velocities.clear()
             return command
         self.active = True
         braked = self._slower(command, dt)
@@ -81,15 +82,26 @@ class Braking:
         stride = 1.0 / self._last.f
         if len(self._velocities) * dt < stride:
             return False
-        mean = np.mean(self._velocities, axis=0)
-        if np.isnan(mean).any():
+        if any(velocity is None for velocity in self._velocities):
             return self._at_rest >= stride
-        return bool((np.abs(mean) <= SLOW).all())
+        return all(abs(total) <= slow * len(self._velocities) for total, slow in zip(self._sum, SLOW, strict=True))
+
+    def _note(self, velocity: _Velocity, longest: float, dt: float) -> None:
+        """Add a velocity to those of the last `longest` seconds and to their sum; floats are faster than arrays."""
+        self._velocities.append(velocity)
+        if velocity is not None:
+            self._sum = [total + each for total, each in zip(self._sum, velocity, strict=True)]
+        while len(self._velocities) * dt > longest:
+            old = self._velocities.popleft()
+            if old is not None:
+                self._sum = [total - each for total, each in zip(self._sum, old, strict=True)]
 
 
-def _velocity(state: RobotState) -> np.ndarray:
-    """Return the velocity in the heading frame [m/s] and the yaw rate [rad/s], shape (3,); NaN where it is unknown."""
+def _velocity(state: RobotState) -> _Velocity:
+    """Return the velocity in the heading frame [m/s] and the yaw rate [rad/s]; None where it is unknown."""
     if state.velocity is None or not state.is_usable:
-        return np.full(3, np.nan)
-    forward, left, _ = rotations.rotation_z(-state.yaw) @ state.velocity
-    return np.array([forward, left, rotations.rotate(state.orientation, state.angular_velocity)[2]])
+        return None
+    x, y, _ = state.velocity.tolist()
+    cosine, sine = math.cos(state.yaw), math.sin(state.yaw)
+    turn = float(rotations.rotate(state.orientation, state.angular_velocity)[2])
+    return cosine * x + sine * y, cosine * y - sine * x, turn

@@ -2,9 +2,11 @@
 
 The generalised momentum p = M(q) v of the robot changes by what is known (motors, gravity, Coriolis terms) and by what
 is not: external forces. Its residual (De Luca and Mattone, "Actuator failure detection and isolation using generalized
-momenta", ICRA 2003) is a first-order low-pass of the generalised external force, without any joint acceleration:
+momenta", ICRA 2003) is a first-order low-pass of the generalised external force:
 
-    r = k (p(t) - p(0) - integral of (tau + C^T v - g + r) dt)
+    dr/dt = k (dp/dt - (tau + C^T v - g) - r) = k (M dv/dt + C v + g - tau - r)
+
+The right-hand form takes one pass of recursive Newton-Euler, with dv/dt the difference between two readings.
 
 What the arms feel of it acts on the hands (`hugwbc.runtime.hand_force`). Both feet share what the pelvis and the legs
 feel by least squares, as if nothing touched the hands. Soles that part cannot both stand: the slower one, with more
@@ -13,6 +15,7 @@ vertical axis.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +27,7 @@ from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
 _WRENCH = 5  # numbers of a wrench: force, moments about y and z
+_TRANSMITTED = [0, 1, 2, 4, 5, 6, 7, 8, 10, 11]  # of the twelve rows of both soles: all but the moment about x
 _RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits no force along itself
 
 
@@ -31,7 +35,7 @@ _RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits
 class ContactParams:
     """Settings of the observer."""
 
-    rate: float = 150.0
+    rate: float = 180.0
     """Bandwidth of the residual [1/s]: an impact is seen after 1/rate, and noise of joint velocities grows with it."""
     touch: float = 100.0
     """Normal force above which a foot that was in the air stands [N]."""
@@ -60,6 +64,8 @@ class ContactObserver:
         force: ground reaction on each foot, world frame [N], shape (2, 3).
         contact: which feet stand, shape (2,), bool.
         hands: the observer of the forces on the hands.
+        sole_jacobians: of the last reading, linear, then angular velocity in world axes, shape (2, 6, 25).
+        sole_velocity: of the last reading [m/s, rad/s], shape (2, 6).
     """
 
     def __init__(
@@ -75,16 +81,17 @@ class ContactObserver:
         self.params = params or ContactParams()
         self._kinematics = kinematics or Kinematics(robot)
         model, robot = self._kinematics.model, self._kinematics.robot
-        self._columns = self._kinematics.columns
+        self._columns = in_place(self._kinematics.columns)
         self._robot = robot
         self.hands = HandForceObserver(self._kinematics, self.params.hands)
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
-        legs = self._columns[robot.legs]
+        legs = self._kinematics.columns[robot.legs]
         self._rows = in_place(np.concatenate((np.arange(6), legs)))
         self._weight = np.concatenate((np.full(6, self.params.base_weight), np.ones(legs.size)))
         self._tau, self._still = np.zeros(model.nv), np.zeros(model.nv)
         self._ridge = _RIDGE * np.eye(_FEET * _WRENCH)
-        self._jacobians = np.zeros((_FEET * _WRENCH, model.nv))
+        self.sole_jacobians = np.zeros((_FEET, 6, model.nv))
+        self.sole_velocity = np.zeros((_FEET, 6))
         self.reset(None)
 
     def reset(self, state: RobotState | None) -> None:
@@ -93,16 +100,14 @@ class ContactObserver:
         self.force = np.tile((0.0, 0.0, 0.5 * weight), (_FEET, 1))
         self.contact = np.ones(_FEET, dtype=bool)
         self.residual = np.zeros(self._kinematics.model.nv)
-        self._start = np.zeros(self._kinematics.model.nv)
+        self._velocity = np.zeros(self._kinematics.model.nv)
         self.hands.reset()
         if state is not None:
-            self._kinematics.update(state)
-            self._start = self._momentum(self._gravity())
-            pin.computeJointJacobians(self._kinematics.model, self._kinematics.data, self._kinematics.q)
+            self._kinematics.place(state)
+            self._move(self._still)
+            self._velocity = self._kinematics.v.copy()
             # The residual of a stand at rest: what carries the weight, as the legs tell it.
             self.residual = np.concatenate([(*force, 0.0, 0.0) for force in self.force]) @ self._wrench_jacobians()
-        # r(0) = k (p - p(0) - integral): an integral of -r / k starts the filter at this residual.
-        self._integral = -self.residual / self.params.rate
 
     def update(self, state: RobotState, torque: np.ndarray, dt: float) -> np.ndarray:
         """Take in one reading.
@@ -115,26 +120,26 @@ class ContactObserver:
         Returns:
             Which feet stand, shape (2,), bool.
         """
-        self._kinematics.update(state)
+        self._kinematics.place(state)
         return self.infer(torque, dt)
 
     def infer(self, torque: np.ndarray, dt: float) -> np.ndarray:
-        """Do the same at the state to which the kinematics has been updated, and leave its joint Jacobians there."""
+        """Do the same at the state where the kinematics has been placed, and leave its frames and Jacobians there."""
         kinematics, params = self._kinematics, self.params
-        model, data, q, v = kinematics.model, kinematics.data, kinematics.q, kinematics.v
-        gravity = self._gravity()
-        momentum = self._momentum(gravity)
-        coriolis = pin.computeCoriolisMatrix(model, data, q, v)  # and the Jacobians
-        friction = params.friction * self._robot.friction_torque(v[self._columns])
-        self._tau[self._columns] = torque - friction
-        self._integral = self._integral + dt * (self._tau + v @ coriolis - gravity + self.residual)
-        self.residual = params.rate * (momentum - self._start - self._integral)
+        v = kinematics.v
+        motion = self._move((v - self._velocity) / dt if dt > 0.0 else self._still)
+        self._velocity = v.copy()
+        if dt > 0.0:
+            friction = params.friction * self._robot.friction_torque(v[self._columns])
+            self._tau[self._columns] = torque - friction
+            share = 1.0 - math.exp(-params.rate * dt)
+            self.residual = self.residual + share * (motion - self._tau - self.residual)
         self.hands.infer(self.residual, dt)
         jacobians = self._wrench_jacobians()
         wrenches, felt = self._weight * jacobians[:, self._rows], self._weight * self.residual[self._rows]
         normal = wrenches @ wrenches.T + self._ridge
         self.force = np.linalg.solve(normal, wrenches @ felt).reshape(_FEET, _WRENCH)[:, :3]
-        left, right = jacobians[:3] @ v, jacobians[_WRENCH : _WRENCH + 3] @ v
+        left, right = self.sole_velocity[:, :3]
         parting, loaded = left - right, int(self.force[1, 2] > self.force[0, 2])
         # The residual shows the load of a leg that lifts off for some milliseconds more: it is faster, yet has more.
         slower = int(right @ right < left @ left)
@@ -145,19 +150,18 @@ class ContactObserver:
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact
 
-    def _gravity(self) -> np.ndarray:
-        """Return the generalised forces that hold the robot against gravity [N, N*m], shape (25,)."""
-        return pin.computeGeneralizedGravity(self._kinematics.model, self._kinematics.data, self._kinematics.q).copy()
-
-    def _momentum(self, gravity: np.ndarray) -> np.ndarray:
-        """Return M(q) v [kg*m/s, kg*m^2/s], shape (25,): the forces of an acceleration v of a robot at rest."""
+    def _move(self, acceleration: np.ndarray) -> np.ndarray:
+        """Return the generalised forces of a motion [N, N*m], shape (25,), and compute frames, Jacobians and soles."""
         kinematics = self._kinematics
-        return pin.rnea(kinematics.model, kinematics.data, kinematics.q, self._still, kinematics.v) - gravity
+        model, data, q, v = kinematics.model, kinematics.data, kinematics.q, kinematics.v
+        forces = pin.rnea(model, data, q, v, acceleration).copy()
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        for jacobian, sole in zip(self.sole_jacobians, self._soles, strict=True):
+            jacobian[:] = pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED)
+        self.sole_velocity = self.sole_jacobians @ v
+        return forces
 
     def _wrench_jacobians(self) -> np.ndarray:
-        """Rows that turn the wrenches of both feet into generalised forces, from the joint Jacobians, (10, 25)."""
-        model, data, rows = self._kinematics.model, self._kinematics.data, self._jacobians
-        for first, sole in zip((0, _WRENCH), self._soles, strict=True):
-            jacobian = pin.getFrameJacobian(model, data, sole, pin.LOCAL_WORLD_ALIGNED)
-            rows[first : first + 3], rows[first + 3 : first + _WRENCH] = jacobian[:3], jacobian[4:]
-        return rows
+        """Rows that turn the wrenches of both feet into generalised forces, shape (10, 25)."""
+        return self.sole_jacobians.reshape(-1, self._tau.size)[_TRANSMITTED]

@@ -1,6 +1,8 @@
 """One period of control, the same in simulation and on a robot: estimate, arms, controller behind the safety filter."""
 
+import dataclasses
 import time
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +18,51 @@ from hugwbc.scripts.command_source import CommandSource, SeeingSource
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
+
+LONGEST_UPDATE = 0.004  # [s] between two updates of the estimator, if the controller's period is longer
+_ROUNDING = 1e-9  # [s]
+
+
+class Due:
+    """Tells when the next period begins. After a gap in time it goes on from now; it does not catch up.
+
+    Attributes:
+        period: [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        self.restart(0.0)
+
+    def restart(self, first: float) -> None:
+        """Let the first period begin at a time [s]."""
+        self._next = first
+
+    def __call__(self, now: float) -> bool:
+        """Return whether a period begins now [s], and wait for the next one if so."""
+        if now < self._next - _ROUNDING:
+            return False
+        on_time = now < self._next + self.period - _ROUNDING
+        self._next = (self._next if on_time else now) + self.period
+        return True
+
+
+def joined(readings: Sequence[RobotState]) -> RobotState:
+    """Return the newest of some readings, with what is integrated averaged over all: gyro, accelerometer, torques."""
+    last, count = readings[-1], len(readings)
+    gyros, accelerometers, torques = (
+        [value for reading in readings if (value := getattr(reading, name)) is not None]
+        for name in ("imu_gyro", "imu_accelerometer", "torque")
+    )
+    if count == 1 or not len(gyros) == len(accelerometers) == len(torques) == count:
+        return last
+    # `sum` adds a few arrays faster than `np.mean`.
+    return dataclasses.replace(
+        last,
+        imu_gyro=sum(gyros[1:], gyros[0]) / count,
+        imu_accelerometer=sum(accelerometers[1:], accelerometers[0]) / count,
+        torque=sum(torques[1:], torques[0]) / count,
+    )
 
 
 class ArmSource(Protocol):
@@ -94,18 +141,24 @@ class ControlPeriod:
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
         self._source, self._sight = source, sight
+        self._update_due = Due(min(self.safe.period, LONGEST_UPDATE))
+        self._unseen: list[RobotState] = []  # by the estimator
         self._seeing = source if isinstance(source, SeeingSource) else None
         self._arms = robot.arms
         self._commanded_arms: np.ndarray | None = None
         self._free_arms = UpperBody.none()
 
-    def locate(self, reading: RobotState) -> None:
-        """Start the estimate from the reading of a robot that stands at rest."""
-        self.estimate = reading if self.estimator is None else self.estimator.reset(reading)
+    def locate(self, reading: RobotState, now: float) -> None:
+        """Start the estimate from the reading of a robot that stands at rest, which arrives now [s]."""
+        self._update_due.restart(now + self._update_due.period)
+        self._unseen.clear()
+        self.estimate = reading
+        if self.estimator is not None:
+            self.estimate = self.estimator.reset(reading, self._update_due.period)
 
-    def start(self, reading: RobotState) -> None:
-        """Start a run from the reading of a robot that stands at rest."""
-        self.locate(reading)
+    def start(self, reading: RobotState, now: float) -> None:
+        """Start a run from the reading of a robot that stands at rest, which arrives now [s]."""
+        self.locate(reading, now)
         self.safe.reset(self.estimate)
         self.hands, self.ik_s, self._commanded_arms = None, 0.0, None
         if self.upper_body is not None:
@@ -114,17 +167,22 @@ class ControlPeriod:
             self._seeing.restart()
             self._sight.reset()
 
-    def observe(self, reading: RobotState, *, driven: bool = True) -> None:
-        """Take a reading.
+    def observe(self, reading: RobotState, now: float, *, driven: bool = True) -> None:
+        """Take a reading. The estimator is updated once a period, or every `LONGEST_UPDATE`.
 
         Args:
             reading: newer than all before.
+            now: time at which it arrives, on the robot's clock [s]; the stamp of a reading may be wrong.
             driven: whether the controller's last command acts, so that its plan tells of the motion.
         """
         if self.estimator is None:
             self.estimate = reading
-        else:
-            self.estimate = self.estimator.update(reading, self.plan.acceleration if driven else None)
+            return
+        self._unseen.append(reading)
+        if self._update_due(now):
+            planned = self.plan.acceleration if driven else None
+            self.estimate = self.estimator.update(joined(self._unseen), planned)
+            self._unseen.clear()
 
     def decide(self, t: float) -> JointCommand:
         """Return the joint command for the next period, which begins at time t of the run [s]."""

@@ -11,7 +11,7 @@ from hugwbc.runtime.trace import CONTACT_FORCE
 from hugwbc.state import RobotState
 
 DEGREES = 5  # of freedom of the normalised error: roll, pitch, and the velocity
-_EVERY = 5  # physics steps between two normalised errors, whose covariance takes time to invert
+_EVERY = 5  # samples between two normalised errors, whose covariance takes time to invert
 _ROUNDING = 1e-6  # [s]
 
 
@@ -65,7 +65,7 @@ class EstimateWatch:
             self._truths.popleft()
         if not self._truths or self._truths[0].time > estimate.time + _ROUNDING or estimate.position is None:
             return
-        true = self._truths[0]
+        true = self._truths.popleft()  # the same estimate is shown again until the next one
         assert true.position is not None and true.velocity is not None and true.foot_force is not None
         assert estimate.velocity is not None
         level = rotations.rotation_z(-true.yaw)

@@ -2,7 +2,6 @@
 
 import collections
 import dataclasses
-import math
 
 import numpy as np
 import pinocchio as pin
@@ -24,7 +23,9 @@ _GYRO_BIAS, _ACCELEROMETER_BIAS = slice(_MOTION, _MOTION + 3), slice(_MOTION + 3
 LARGEST_READING = 1e4
 _LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is integrated for this time only
 _SAME_TIME = 1e-6  # [s]
-_PLANS = 256  # plans that are kept: half a second of control periods
+_PLANS = 256  # that are kept: half a second of the shortest control periods
+_READING = 0.002  # [s] between two readings, whose errors the standard deviations describe
+_STEADY = 1e-9  # relative change of a covariance below which it has converged
 _DOWN = np.array([0.0, 0.0, -GRAVITY])
 
 
@@ -96,6 +97,7 @@ class JointFilter:
     def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
         """Start from one reading."""
         self.q, self.dq = np.array(q, dtype=float), np.array(dq, dtype=float)
+        self._steady: tuple[float, bool] | None = None  # time step, and whether without a plan, of the steady gains
         # Covariances of (q, q), (q, dq), (dq, dq).
         self._qq, self._qv, self._vv = (np.full_like(self.q, value) for value in (self._noise[0], 0.0, self._noise[1]))
 
@@ -108,11 +110,21 @@ class JointFilter:
             dt: since the last reading [s].
             planned: accelerations that a controller planned for this time [rad/s^2], shape (19,).
         """
-        noise_q, noise_v = self._noise
-        drive = self._acceleration * (dt**2 if planned is None else self._unplanned * dt**2)
+        kind = round(dt, 6), planned is None
+        if kind != self._steady:
+            self._set_gains(dt, kind)
         predicted_q, predicted_dq = self.q + dt * self.dq, self.dq
         if planned is not None:
             predicted_q, predicted_dq = predicted_q + 0.5 * dt**2 * planned, predicted_dq + dt * planned
+        error_q, error_v = q - predicted_q, dq - predicted_dq
+        gain_qq, gain_qv, gain_vq, gain_vv = self._gains
+        self.q = predicted_q + gain_qq * error_q + gain_qv * error_v
+        self.dq = predicted_dq + gain_vq * error_q + gain_vv * error_v
+
+    def _set_gains(self, dt: float, kind: tuple[float, bool]) -> None:
+        """Advance the covariances, which do not depend on the readings: after a while they and the gains are steady."""
+        noise_q, noise_v = self._noise
+        drive = self._acceleration * (dt**2 if kind[1] else self._unplanned * dt**2)
         sq = self._qq + dt * (2.0 * self._qv + dt * (self._vv + 0.25 * drive)) + noise_q
         qv = self._qv + dt * (self._vv + 0.5 * drive)
         sv = self._vv + drive + noise_v
@@ -121,10 +133,11 @@ class JointFilter:
         inverse = 1.0 / (sq * sv - qv * qv)
         cross = qv * inverse
         gain_qq, gain_vv = 1.0 - noise_q * sv * inverse, 1.0 - noise_v * sq * inverse
-        error_q, error_v = q - predicted_q, dq - predicted_dq
-        self.q = predicted_q + gain_qq * error_q + noise_q * cross * error_v
-        self.dq = predicted_dq + noise_v * cross * error_q + gain_vv * error_v
+        before = self._vv
         self._qq, self._qv, self._vv = noise_q * gain_qq, noise_q * noise_v * cross, noise_v * gain_vv
+        self._gains = gain_qq, noise_q * cross, noise_v * cross, gain_vv
+        if np.abs(self._vv - before).max() < _STEADY * noise_v:
+            self._steady = kind
 
 
 class StateEstimator:
@@ -160,7 +173,8 @@ class StateEstimator:
         self.params = params or EstimatorParams()
         self._robot = robot or load_robot()
         self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
-        self._columns = kinematics.columns
+        self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
+        self._pelvis = kinematics.frame_id("pelvis")
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
         self._lever = pin.skew(self._imu_in_torso)
@@ -191,18 +205,19 @@ class StateEstimator:
         """Inferred force on each hand from outside, world frame [N], shape (2, 3)."""
         return self._observer.hands.force
 
-    def reset(self, state: RobotState) -> RobotState:
+    def reset(self, state: RobotState, period: float = _READING) -> RobotState:
         """Start from a robot that stands at rest.
 
         Args:
             state: a reading. Its orientation is where the filter starts, and its position, if it has one; else the
                 robot stands above the origin.
+            period: usual time between two updates [s].
 
         Returns:
             The first estimate.
         """
         params = self.params
-        self.guard.reset(state)
+        self.guard.reset(state, period)
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
         soles = np.array([self._placement(frame) for frame in self._sole_frames])
@@ -252,7 +267,7 @@ class StateEstimator:
         self._time = state.time
         self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
         self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
-        self._kinematics.update(self._estimate(state))
+        self._kinematics.place(self._estimate(state))
         contact = self._observer.infer(torque, dt)
         self._measure_legs()
         stands, stood = contact.tolist(), self.contact.tolist()
@@ -300,19 +315,18 @@ class StateEstimator:
 
     def _measure_legs(self) -> None:
         """Read the sole centres seen from the IMU [m], shape (2, 3), and in the world their covariances and turning."""
-        model, data = self._kinematics.model, self._kinematics.data
         imu, pelvis = self._placement(self._imu), self._kinematics.q[:3]
-        waist = self._kinematics.rotation("pelvis")[:, 2]
-        self._soles, self._soles_noise, self._turning = np.zeros((_FEET, 3)), [], np.zeros(_FEET)
-        for foot, index in enumerate(self._sole_frames):
-            sole = self._placement(index)
-            jacobian = pin.getFrameJacobian(model, data, index, pin.LOCAL_WORLD_ALIGNED)[:3, 6:]
-            # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
-            jacobian[:, self._columns[self._robot.waist] - 6] = _cross(sole - pelvis, waist)
-            self._soles[foot] = self._R.T @ (sole - imu)
-            self._soles_noise.append(self.params.encoder**2 * jacobian @ jacobian.T + self._model_noise)
-            velocity = pin.getFrameVelocity(model, data, index, pin.LOCAL_WORLD_ALIGNED)
-            self._turning[foot] = math.sqrt(velocity.angular @ velocity.angular)
+        waist = self._kinematics.data.oMf[self._pelvis].rotation[:, 2]
+        soles = np.array([self._placement(frame) for frame in self._sole_frames])
+        jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
+        # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
+        for foot in range(_FEET):
+            jacobians[foot, :, self._waist_column] = _cross(soles[foot] - pelvis, waist)
+        self._soles = (soles - imu) @ self._R
+        noise = self.params.encoder**2
+        self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
+        turning = self._observer.sole_velocity[:, 3:]
+        self._turning = np.sqrt((turning * turning).sum(axis=1))
 
     def _predict(self, gyro: np.ndarray, accelerometer: np.ndarray, dt: float) -> None:
         """Integrate readings without their biases over `dt` [s]."""
@@ -331,10 +345,11 @@ class StateEstimator:
         self._v += dt * acceleration
         self._R = self._R @ pin.exp3(gyro * dt)
         self._P = transition @ self._P @ transition.T
-        self._P[:_MOTION, :_MOTION] += (self.params.gyro * dt) ** 2 * (lever @ lever.T)
+        # Errors are independent from reading to reading, of which an update averages several.
+        self._P[:_MOTION, :_MOTION] += self.params.gyro**2 * _READING * dt * (lever @ lever.T)
         drive = self._drive * dt
-        drive[_VELOCITY] = (self.params.accelerometer * dt) ** 2
-        drive[9:_MOTION].reshape(_FEET, 3)[:] = ((self._foot_velocities() * dt) ** 2)[:, None]
+        drive[_VELOCITY] = self.params.accelerometer**2 * _READING * dt
+        drive[9:_MOTION].reshape(_FEET, 3)[:] = (self._foot_velocities() ** 2 * _READING * dt)[:, None]
         self._P.ravel()[:: _SIZE + 1] += drive  # its diagonal
 
     def _foot_velocities(self) -> np.ndarray:
@@ -390,7 +405,7 @@ class StateEstimator:
             position=self._p - self._R @ self._imu_in_torso,
             velocity=self._v + self._R @ (self._lever @ gyro),
             foot_force=self._observer.force,
-            hand_force=self._observer.hands.force.copy(),
+            hand_force=self._observer.hands.force,
             imu_gyro=state.imu_gyro,
             imu_accelerometer=state.imu_accelerometer,
             torque=state.torque,

@@ -13,11 +13,12 @@ feel, such as along a stretched arm.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 import pinocchio as pin
 
-from hugwbc.kinematics import Kinematics
+from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES
 
 _HANDS = len(SIDES)
@@ -51,8 +52,9 @@ class HandForceObserver:
         self._kinematics, robot = kinematics, kinematics.robot
         self._hands = [kinematics.frame_id(f"{side}_hand") for side in SIDES]
         joints = robot.arms.reshape(_HANDS, -1)
-        self._columns = [kinematics.columns[arm] for arm in joints]
-        self._weights = [1.0 / (robot.friction[arm] ** 2 + self.params.torque**2) for arm in joints]
+        self._columns = kinematics.columns[joints]
+        self._arms = [in_place(columns) for columns in self._columns]
+        self._weights = 1.0 / (robot.friction[joints] ** 2 + self.params.torque**2)
         self._prior = np.eye(3) / self.params.prior**2
         self.reset()
 
@@ -68,9 +70,13 @@ class HandForceObserver:
             dt: since the last reading [s].
         """
         model, data = self._kinematics.model, self._kinematics.data
-        share = min(self.params.rate * dt, 1.0)
-        for hand, (frame, columns, weights) in enumerate(zip(self._hands, self._columns, self._weights, strict=True)):
-            arm = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3, columns]
-            weighted = arm * weights
-            force = np.linalg.solve(weighted @ arm.T + self._prior, weighted @ residual[columns])
-            self.force[hand] += share * (force - self.force[hand])
+        share = 1.0 - math.exp(-self.params.rate * dt)
+        arms = np.array(
+            [
+                pin.getFrameJacobian(model, data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, arm]
+                for hand, arm in zip(self._hands, self._arms, strict=True)
+            ]
+        )
+        weighted = arms * self._weights[:, None]
+        normal, felt = weighted @ arms.transpose(0, 2, 1) + self._prior, weighted @ residual[self._columns][..., None]
+        self.force = self.force + share * (np.linalg.solve(normal, felt)[..., 0] - self.force)

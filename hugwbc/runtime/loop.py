@@ -84,12 +84,12 @@ class ControlLoop:
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
         self.simulation.reset()
-        self.control.start(self.simulation.sense())
+        self.control.start(self.simulation.sense(), self.simulation.time)
 
     def decide(self, t: float) -> JointCommand:
         """Return the joint command for the next period, from what the sensors say at time t [s]."""
         if self.control.estimator is None:  # a push or a viewer may have changed the state since the last step
-            self.control.observe(self.simulation.sense())
+            self.control.observe(self.simulation.sense(), self.simulation.time)
         if self._following is not None:
             self._following.follow(self.simulation.state())
         return self.control.decide(t)
@@ -104,7 +104,7 @@ class ControlLoop:
     def _observed_step(self, command: JointCommand, timestep: float) -> RobotState:
         """Make one physics step, show the estimator its reading, and return the true state."""
         state = self.simulation.step(command, timestep)
-        self.control.observe(self.simulation.sense())
+        self.control.observe(self.simulation.sense(), self.simulation.time)
         return state
 
     def moment(self) -> Moment:

@@ -53,8 +53,8 @@ class GuardParams:
     all_loss: float = 0.2
 
 
-_HISTORY = 750  # readings: a stride and a half at 500 Hz
-_LEAST_LEAD = 150  # readings between now and the past that is repeated
+_HISTORY = 1.5  # [s], a stride and a half
+_LEAST_LEAD = 0.3  # [s] between now and the past that is repeated
 _SPEED_WEIGHT = 0.05  # [s], of a velocity against a position where the past is compared with the present
 _LEAP = 0.02  # [rad], what it costs to leave the past where it is being repeated
 _FADE = 0.1  # [s], in which the difference between a joint's last reading and that of the past fades
@@ -77,12 +77,26 @@ class ReadingGuard:
         p = self.params
         self._low, self._high = robot.lower - p.beyond, robot.upper + p.beyond
         self._fastest, self._strongest = p.speed * robot.velocity_limit, p.torque * robot.torque_limit
-        self._records, self._end = np.zeros((2 * _HISTORY, 6 + 3 * joints)), _HISTORY
-        self._past = self._records[:_HISTORY]  # the latest readings, a view
+        # Of all numbers of a reading: the bounds, and how far each may be from where the last reading leads.
+        self._highest = np.concatenate(
+            (np.full(3, p.gyro), np.full(3, p.accelerometer), self._high, self._fastest, self._strongest)
+        )
+        self._lowest = -self._highest
+        self._lowest[self._q] = self._low
+        self._room = np.full(self._highest.size, np.inf)
+        self._room[self._gyro], self._room[self._q] = p.gyro_jump, p.position_jump
         self.reset(None)
 
-    def reset(self, state: RobotState | None) -> None:
-        """Forget the past, and take a robot that stands still as the first reading."""
+    def reset(self, state: RobotState | None, period: float = 0.002) -> None:
+        """Forget the past, and take a robot that stands still as the first reading.
+
+        Args:
+            state: that reading; None for the next one.
+            period: usual time between two readings [s].
+        """
+        self._history, self._least_lead = round(_HISTORY / period), round(_LEAST_LEAD / period)
+        self._records, self._end = np.zeros((2 * self._history, self._torque.stop)), self._history
+        self._past = self._records[: self._history]  # the latest readings, a view
         self.rejected: dict[str, int] = {}
         self._length = 0
         self._last: np.ndarray | None = None  # as it was given to the estimator
@@ -90,7 +104,7 @@ class ReadingGuard:
         self._equal = np.zeros(1 + len(self._robot.joint_names), dtype=int)  # in succession, of each device
         self._gone = np.zeros(1 + len(self._robot.joint_names))  # [s] since the last good reading, of each device
         self._analogue, self._offset = -1, np.zeros(len(self._robot.joint_names))
-        self._time, self._period, self._refused, self._lost = None if state is None else state.time, 0.002, 0, ""
+        self._time, self._period, self._refused, self._lost = None if state is None else state.time, period, 0, ""
         self._attitude = None if state is None else (state.orientation, state.angular_velocity)
 
     def admit(self, state: RobotState) -> RobotState:
@@ -108,16 +122,35 @@ class ReadingGuard:
             if not np.isfinite(raw).all():
                 return state
             self._last, self._raw = raw, raw
+        if timely and self._is_sound(raw):
+            self._take(state, raw, raw)
+            return dataclasses.replace(state, time=time, lost=self._lost) if self._lost else state
         bad = self._judge(raw, timely)
         if not bad.any() and np.isfinite(raw[self._torque]).all():
             self._analogue = -1
             self._gone[:] = 0.0
             given = raw if (np.abs(raw[self._torque]) <= self._strongest).all() else self._patched(raw, bad)
-            self._remember(given)
-            self._last, self._raw = given, raw
-            self._attitude = state.orientation, state.angular_velocity
+            self._take(state, raw, given)
             return dataclasses.replace(state, time=time, lost=self._lost) if self._lost else state
         return self._coast(state, raw, bad, time)
+
+    def _take(self, state: RobotState, raw: np.ndarray, given: np.ndarray) -> None:
+        """Note a reading whose devices all work, and the numbers that the estimator is given."""
+        self._remember(given)
+        self._last, self._raw = given, raw
+        self._attitude = state.orientation, state.angular_velocity
+
+    def _is_sound(self, raw: np.ndarray) -> bool:
+        """Return whether nothing at all is wrong with a reading, after one with which nothing was: the usual case."""
+        last, before = self._last, self._raw
+        assert last is not None and before is not None
+        if self._analogue >= 0 or self._equal.any() or self._gone.any() or (raw == before).any():
+            return False
+        change = raw - last
+        change[self._q] -= self._period * last[self._dq]
+        # A comparison with NaN is false.
+        sound = (np.abs(change) <= self._room) & (raw <= self._highest) & (raw >= self._lowest)
+        return bool(sound.all())
 
     def _clock(self, time: float) -> tuple[float, bool]:
         """Return the time of a reading [s], and whether its stamp can be true."""
@@ -224,21 +257,21 @@ class ReadingGuard:
     def _remember(self, given: np.ndarray) -> None:
         """Append a good reading to the past, which moves along its memory and now and then back to its beginning."""
         if self._end == len(self._records):
-            self._records[:_HISTORY], self._end = self._past, _HISTORY
+            self._records[: self._history], self._end = self._past, self._history
         self._records[self._end] = given
         self._end += 1
-        self._past = self._records[self._end - _HISTORY : self._end]
-        self._length = min(self._length + 1, _HISTORY)
+        self._past = self._records[self._end - self._history : self._end]
+        self._length = min(self._length + 1, self._history)
 
     def _next_analogue(self, raw: np.ndarray, bad: np.ndarray) -> int:
         """Return the row of the past that is most like the present; -1 if there is not enough past."""
-        first, last = _HISTORY - self._length, _HISTORY - _LEAST_LEAD
-        if last - first < _LEAST_LEAD:
+        first, last = self._history - self._length, self._history - self._least_lead
+        if last - first < self._least_lead:
             return -1
         following = self._analogue + 1
         if bad.all():
             if self._analogue >= 0:
-                return min(following, _HISTORY - 1)
+                return min(following, self._history - 1)
             present, joints = self._last, np.ones(bad.size - 1, dtype=bool)
         else:
             present, joints = raw, ~bad[1:]

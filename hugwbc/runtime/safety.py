@@ -19,6 +19,7 @@ from hugwbc.runtime.payload import PayloadObserver
 from hugwbc.state import RobotState
 
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
+_LIMITED = ("positions_limited", "speeds_limited", "torques_limited")
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
 
 
@@ -192,7 +193,10 @@ class SafetyFilter:
         self.config = config or SafetyConfig()
         self.robot = robot or load_robot()
         self.name, self.period = controller.name, controller.period
-        self._q_low, self._q_high = target_limits(self.robot)
+        lowest, highest = target_limits(self.robot)
+        # Of position and velocity targets and of feed-forward torques.
+        self._high = np.array((highest, self.robot.velocity_limit, self.robot.torque_limit))
+        self._low = np.array((lowest, -self.robot.velocity_limit, -self.robot.torque_limit))
         self._arm_limits = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]
         self._handover = Handover(self.robot.arms)
         self.payload = PayloadObserver()
@@ -306,6 +310,8 @@ class SafetyFilter:
         return guarded
 
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
+        if upper_body is self._last_upper:  # free arms, or a source that repeats itself
+            return upper_body
         vectors = (upper_body.q, upper_body.dq, upper_body.ddq, upper_body.tau)
         sizes = {np.shape(vector) for vector in (*vectors, upper_body.mask)}
         numbers = np.isfinite(np.concatenate(vectors)).all() if sizes == {self.robot.arms.shape} else False
@@ -333,7 +339,9 @@ class SafetyFilter:
             if self._missing_s > self.config.hold_s:
                 self.controller.reset(state)
             output = self.controller.act(state, command, upper_body)
-            usable = {vector.shape for vector in vars(output).values()} == {self.robot.kp.shape} and output.is_finite
+            usable = {np.shape(getattr(output, name)) for name in _VECTORS} == {
+                self.robot.kp.shape
+            } and output.is_finite
         except Exception as error:  # the last line of defence of a running robot
             self._count("failures", f"{self.name} raised {type(error).__name__}: {error}")
             output, usable = None, False
@@ -360,19 +368,15 @@ class SafetyFilter:
 
     def limited(self, output: JointCommand) -> JointCommand:
         """Return a finite joint command within all limits, and count what was changed."""
-        robot = self.robot
-        q = _clip(output.q, self._q_low, self._q_high)
-        dq = _clip(output.dq, -robot.velocity_limit, robot.velocity_limit)
-        tau = _clip(output.tau, -robot.torque_limit, robot.torque_limit)
-        for counter, before, after in (
-            ("positions_limited", output.q, q),
-            ("speeds_limited", output.dq, dq),
-            ("torques_limited", output.tau, tau),
-        ):
-            if (before != after).any():
-                joint = robot.joint_names[int(np.argmax(np.abs(before - after)))]
-                self._count(counter, f"{counter.replace('_', ' ')}, first at {joint}")
-        return JointCommand(q=q, dq=dq, kp=output.kp, kd=output.kd, tau=tau)
+        before = np.array((output.q, output.dq, output.tau))
+        after = _clip(before, self._low, self._high)
+        changed = before != after
+        if changed.any():
+            for counter, joints, way in zip(_LIMITED, changed, np.abs(before - after), strict=True):
+                if joints.any():
+                    joint = self.robot.joint_names[int(np.argmax(way))]
+                    self._count(counter, f"{counter.replace('_', ' ')}, first at {joint}")
+        return JointCommand(q=after[0], dq=after[1], kp=output.kp, kd=output.kd, tau=after[2])
 
 
 def _clip(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

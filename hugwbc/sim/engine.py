@@ -125,7 +125,7 @@ class Engine(abc.ABC):
         # Readings of the physics steps that the latency spans, oldest first, and the current one.
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._force_until: dict[int, float] = {}
-        self._command = JointCommand.position(self.robot, self.robot.nominal)
+        self._take(JointCommand.position(self.robot, self.robot.nominal))
         self._build(seed, scene)
 
     @classmethod
@@ -226,15 +226,14 @@ class Engine(abc.ABC):
         With a delay, the drives follow the command that many physics steps later; only the first command after a reset
         acts at once. A command that is not finite is counted, and the previous command is held instead.
         """
-        if command.is_finite:
-            self._command = command
-        else:
+        if not command.is_finite:
             self.rejected_commands += 1
-        command = self._command
-        kp, kd = self.variation.gain * command.kp, self.variation.gain * command.kd
-        given = (kp, kd, command.tau + kp * command.q + kd * command.dq)
+        elif command is not self._command:
+            self._take(command)
+        given = self._given
         if self._faults is not None:
-            given = self._faults.drive(self.time, given)
+            kp, kd, constant = given
+            given = self._faults.drive(self.time, (kp.copy(), kd.copy(), constant.copy()))
         if not self._pending:
             self._pending.extend([given] * self._delay)
         for _ in range(max(1, round(duration / self.timestep))):
@@ -243,6 +242,12 @@ class Engine(abc.ABC):
             self._advance(*self._pending.popleft())
             self._readings.append(self._reading())
         return self._sensors.truth(self._readings[-1])
+
+    def _take(self, command: JointCommand) -> None:
+        """Turn a command into what the drives follow until the next one: stiffness, damping and constant torque."""
+        self._command, gain = command, self.variation.gain
+        kp, kd = gain * command.kp, gain * command.kd
+        self._given = kp, kd, command.tau + kp * command.q + kd * command.dq
 
     def apply_force(self, force: np.ndarray, duration: float, link: str = "torso_link") -> None:
         """Pull a link with a force in the world frame [N], shape (3,), for a duration [s]."""
@@ -291,7 +296,7 @@ class Engine(abc.ABC):
         self._force_until.clear()
         self._pending.clear()
         self.diverged = False
-        self._command = JointCommand.position(self.robot, q)
+        self._take(JointCommand.position(self.robot, q))
 
     def _start_sensors(self) -> None:
         """Draw the sensors' errors of a new run and take the first reading."""

@@ -153,6 +153,11 @@ class Sensors:
         self._rng = np.random.default_rng(seed)
         robot = robot or load_robot()
         self._waist, self._joints = robot.waist, len(robot.joint_names)
+        # Of all that is drawn for a reading: joint positions, velocities, torques, then vectors of the IMU.
+        p, joints = profile, np.ones(self._joints)
+        vectors = np.repeat((p.gyro, p.attitude, p.accelerometer, p.gyro_walk, p.accelerometer_walk), 3)
+        self._deviations = np.concatenate((p.encoder * joints, p.joint_velocity * joints, p.torque * joints, vectors))
+        self._ends, self._noisy = self._joints * np.arange(1, 4), bool(self._deviations.any())
         self.reset()
 
     def reset(self) -> None:
@@ -191,11 +196,17 @@ class Sensors:
             now: time at which the reading is used [s]; None for its own.
         """
         p, qpos, qvel = self.profile, reading.qpos, reading.qvel
-        self._let_biases_walk(reading.time)
-        q = qpos[7:] + self._encoder_offset + self._normal(p.encoder, self._joints)
-        dq = qvel[6:] + self._normal(p.joint_velocity, self._joints)
-        gyro = reading.imu_gyro + self._gyro_bias + self._normal(p.gyro, 3)
-        turn = np.concatenate(([1.0], 0.5 * (self._attitude_bias + self._normal(p.attitude, 3))))
+        # One draw of all numbers takes as long as one of each sensor's.
+        errors = (
+            self._deviations * self._rng.standard_normal(self._deviations.size) if self._noisy else self._deviations
+        )
+        of_encoders, of_velocities, of_torques, of_imu = np.split(errors, self._ends)
+        of_gyro, of_attitude, of_accelerometer, gyro_walk, accelerometer_walk = of_imu.reshape(5, 3)
+        self._let_biases_walk(reading.time, gyro_walk, accelerometer_walk)
+        q = qpos[7:] + self._encoder_offset + of_encoders
+        dq = qvel[6:] + of_velocities
+        gyro = reading.imu_gyro + self._gyro_bias + of_gyro
+        turn = np.concatenate(([1.0], 0.5 * (self._attitude_bias + of_attitude)))
         # A constant error of roll and pitch is one about the world's axes.
         attitude = rotations.multiply(_unit(turn), reading.imu_orientation)
         orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
@@ -209,19 +220,18 @@ class Sensors:
             foot_force=reading.foot_force if p.foot_force else None,
             hand_force=reading.hand_force if p.hand_force else None,
             imu_gyro=gyro,
-            imu_accelerometer=reading.accelerometer + self._accelerometer_bias + self._normal(p.accelerometer, 3),
-            torque=self._torque_scale * reading.torque + self._normal(p.torque, self._joints),
+            imu_accelerometer=reading.accelerometer + self._accelerometer_bias + of_accelerometer,
+            torque=self._torque_scale * reading.torque + of_torques,
             time=reading.time,
             age=0.0 if now is None else now - reading.time,
         )
 
-    def _let_biases_walk(self, time: float) -> None:
+    def _let_biases_walk(self, time: float, gyro: np.ndarray, accelerometer: np.ndarray) -> None:
+        """Let the biases walk since the last reading, by steps of one second's deviation, shapes (3,)."""
         step = 0.0 if self._time is None else math.sqrt(max(time - self._time, 0.0))
         self._time = time
-        if step > 0.0:
-            self._gyro_bias = self._gyro_bias + step * self._normal(self.profile.gyro_walk, 3)
-            walk = self._normal(self.profile.accelerometer_walk, 3)
-            self._accelerometer_bias = self._accelerometer_bias + step * walk
+        self._gyro_bias = self._gyro_bias + step * gyro
+        self._accelerometer_bias = self._accelerometer_bias + step * accelerometer
 
     def _normal(self, deviation: float, size: int) -> np.ndarray:
         return self._rng.normal(0.0, deviation, size) if deviation else np.zeros(size)

@@ -152,6 +152,7 @@ class Simulation(Engine):
         if self._scene_objects is not None and self.gripper is not None:
             self.gripper.reset()
         self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
+        self._gains: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self._clear(joints.copy())
         if self._footing is not None:
             mujoco.mj_kinematics(self.model, self.data)
@@ -169,8 +170,10 @@ class Simulation(Engine):
 
     def _advance(self, kp: np.ndarray, kd: np.ndarray, constant: np.ndarray) -> None:
         drives = self._layout.ctrl
-        self.model.actuator_biasprm[drives, 1] = -self.variation.strength * kp
-        self.model.actuator_biasprm[drives, 2] = -self.variation.strength * kd
+        if kp is not self._gains[0] or kd is not self._gains[1]:
+            self._gains = kp, kd
+            self.model.actuator_biasprm[drives, 1] = -self.variation.strength * kp
+            self.model.actuator_biasprm[drives, 2] = -self.variation.strength * kd
         self.data.ctrl[drives] = constant
         if self._limit is not None:
             self._limit.write(self.data.qvel[self._layout.rates], self.model.actuator_forcerange[drives])
@@ -198,11 +201,11 @@ class Simulation(Engine):
         integrated over a walk, it drifts by 0.05 m/s in every second.
         """
         orientation, velocity = self._sensed("imu_orientation"), self._velocity_of_imu()
-        if np.dot(orientation, self._imu_orientation) < 0.0:
+        if orientation.dot(self._imu_orientation) < 0.0:
             orientation = -orientation
         middle = orientation + self._imu_orientation
         force = (velocity - self._imu_velocity) / self.timestep + _UPWARDS
-        self._accelerometer = rotations.rotate_inverse(middle / math.sqrt(np.dot(middle, middle)), force)
+        self._accelerometer = rotations.rotate_inverse(middle / math.sqrt(middle.dot(middle)), force)
         self._imu_orientation, self._imu_velocity = orientation, velocity
 
     def _velocity_of_imu(self) -> np.ndarray:

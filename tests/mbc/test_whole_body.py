@@ -28,7 +28,7 @@ def test_it_is_a_controller():
     controller = WholeBodyController()
     assert isinstance(controller, Controller)
     assert controller.name == "qp"
-    assert controller.period == 0.002
+    assert controller.period == 0.004
 
 
 @pytest.mark.parametrize("period", [0.0, -0.002, math.nan, math.inf])
@@ -108,10 +108,10 @@ def test_it_counts_force_plans_that_failed(standing_state, monkeypatch):
     monkeypatch.setattr(RigidBodyMpc, "_run", lambda *_: None)
     controller = WholeBodyController()
     controller.reset(standing_state)
-    for _ in range(101):  # the first tick finds that the robot stands still; 0.2 s of stance, a plan every 10 ms
+    for _ in range(51):  # the first tick finds that the robot stands still; 0.2 s of stance, a plan every 8 ms
         controller.act(standing_state, Command(gait=Gait.JUMPING), NONE)
     diagnostics = controller.diagnostics
-    assert diagnostics.mode is Mode.LEAPING and diagnostics.failed_plans == 20
+    assert diagnostics.mode is Mode.LEAPING and diagnostics.failed_plans == 25
     assert diagnostics.output is Output.SOLUTION
     vertical = [force[2] for force in diagnostics.contact_forces.values()]
     assert sum(vertical) == pytest.approx(ROBOT.mass * 9.81, rel=0.2), "an even push instead"
@@ -133,7 +133,7 @@ def test_nan_states_hold_then_damp_and_recovery_is_complete(standing_state):
     assert np.all(last.tau == 0.0) and np.all(last.kp == 0.0) and np.all(last.kd > 0.0)
     recovered = controller.act(standing_state, Command(), NONE)
     assert controller.diagnostics.output is Output.SOLUTION
-    assert recovered.tau == pytest.approx(good.tau, abs=1.0)
+    assert recovered.tau == pytest.approx(good.tau, abs=2.0)
 
 
 @pytest.mark.parametrize("norm", [0.0, 0.9, 1.1])

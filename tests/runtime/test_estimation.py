@@ -182,7 +182,7 @@ def test_it_follows_the_walking_robot(exact, speed_error):
     """The controller reads the truth, so that the estimator's errors do not feed back."""
     robot, sensing = load_robot("h1"), "exact" if exact else "robot"
     simulation = Simulation(sensing=sensing, seed=2, robot=robot, actuators=Actuators(), ground=Ground.named("firm"))
-    controller, estimator = WholeBodyController(robot=robot), StateEstimator(robot=robot)
+    controller, estimator = WholeBodyController(robot=robot, period=0.002), StateEstimator(robot=robot)
     state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
     controller.reset(state)
     estimator.reset(dataclasses.replace(simulation.sense(), position=state.position))

@@ -162,7 +162,8 @@ def test_the_arms_of_every_controller_are_driven_alike():
         safe, state = SafetyFilter(controller), Simulation(sensing="exact").reset()
         safe.reset(state)
         commands.append(safe.act(state, Command(), arms))
-    for name, first in vars(commands[0]).items():
+    for field in dataclasses.fields(JointCommand):
+        first = getattr(commands[0], field.name)
         for other in commands[1:]:
-            np.testing.assert_array_equal(getattr(other, name)[ROBOT.arms], first[ROBOT.arms])
+            np.testing.assert_array_equal(getattr(other, field.name)[ROBOT.arms], first[ROBOT.arms])
     assert np.abs(commands[0].tau[ROBOT.arms]).max() > 1.0

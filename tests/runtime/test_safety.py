@@ -275,7 +275,8 @@ def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(
         expected = behind(filtered, arms, plain.period)
         if expected is not filtered:
             faded, expected = faded + 1, plain.limited(expected)
-        for name, vector in vars(expected).items():
+        for field in dataclasses.fields(JointCommand):
+            name, vector = field.name, getattr(expected, field.name)
             np.testing.assert_array_equal(getattr(found, name), vector)
     assert safe.report() == plain.report()
     assert faded > 100 and safe.report().held > 0 and safe.report().damped > 0
