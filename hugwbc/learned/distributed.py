@@ -1,6 +1,7 @@
 """Several processes that learn as one: sums and means over a torchrun job; a single process exchanges nothing."""
 
 import contextlib
+import math
 import os
 import pathlib
 from collections.abc import Iterable, Iterator
@@ -83,7 +84,9 @@ def average_gradients(parameters: Iterable[torch.nn.Parameter]) -> None:
         gradient.copy_(part.view_as(gradient))
 
 
-def standardised(values: torch.Tensor, groups: torch.Tensor | None = None, count: int = 1) -> torch.Tensor:
+def standardised(
+    values: torch.Tensor, groups: torch.Tensor | None = None, count: int = 1, clip: float = math.inf
+) -> torch.Tensor:
     """Standardise values by the mean and the standard deviation over all processes.
 
     Args:
@@ -92,16 +95,23 @@ def standardised(values: torch.Tensor, groups: torch.Tensor | None = None, count
             and standard deviation. The latter counts as at least `LEAST_SPREAD` of that of all values together: in a
             group where nothing is left to learn, the rest is noise.
         count: number of groups.
+        clip: how many mean absolute deviations of its group a value may be away from the group's mean; what is farther
+            is cut off first.
     """
+    where = torch.zeros_like(values, dtype=torch.long) if groups is None else groups
+
+    def sums(numbers: torch.Tensor) -> torch.Tensor:
+        return total(numbers.new_zeros(count).index_add_(0, where, numbers))
+
+    members = sums(torch.ones_like(values)).clamp(min=1.0)
+    centred = values - (sums(values) / members)[where]
+    if math.isfinite(clip):
+        bound = clip * (sums(centred.abs()) / members)[where]
+        values = torch.maximum(torch.minimum(centred, bound), -bound)
+        centred = values - (sums(values) / members)[where]
     whole = values - mean(values.mean())
     spread = (total(whole.square().sum()) / (size() * values.numel() - 1)).sqrt()
     if groups is None:
         return whole / (spread + 1e-8)
-
-    def sums(numbers: torch.Tensor) -> torch.Tensor:
-        return total(torch.zeros(count, device=values.device).index_add_(0, groups, numbers))
-
-    members = sums(torch.ones_like(values)).clamp(min=1.0)
-    centred = values - (sums(values) / members)[groups]
     spreads = (sums(centred.square()) / members).sqrt()
-    return centred / (torch.maximum(spreads, LEAST_SPREAD * spread)[groups] + 1e-8)
+    return centred / (torch.maximum(spreads, LEAST_SPREAD * spread)[where] + 1e-8)

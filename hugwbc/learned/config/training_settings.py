@@ -1,6 +1,7 @@
 """Settings of the learner, of a training run, and of the other stages of a recipe."""
 
 import dataclasses
+import math
 import pathlib
 from typing import Annotated, Literal
 
@@ -32,6 +33,9 @@ class PPOConfig:
     lam: PositiveShare = 0.95
     """Trace decay lambda of the generalised advantage estimate. With the discount it gives credit over 1 / (1 - gamma
     lam) = 17 control steps, two thirds of a hop's cycle."""
+    advantage_clip: Annotated[float, Field(gt=0, allow_inf_nan=True)] = math.inf
+    """Largest advantage of a gait, in mean absolute deviations. Few steps, such as those before a fall, have advantages
+    ten times as large as all others, and alone make half of the gradient's noise (docs/log/signal.md)."""
     clip: PositiveShare = 0.2
     """Largest change of the probability ratio that the surrogate rewards."""
     policy_weight: NotNegative = 1.0

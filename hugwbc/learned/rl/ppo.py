@@ -261,7 +261,9 @@ class PPO:
         batch["returns"] = advantage.flatten() + batch["value"]
         explained = explained_variance(batch["value"], batch["returns"])
         # By gait: over all, the rare falls of a hard gait would hide the small errors of an easy one.
-        batch["advantage"] = distributed.standardised(advantage.flatten(), batch.pop("group"), len(_GROUPS))
+        batch["advantage"] = distributed.standardised(
+            advantage.flatten(), batch.pop("group"), len(_GROUPS), c.advantage_clip
+        )
         old_log_std = self.network.exploration().detach().clone()
         sums: dict[str, float] = {}
         count = 0
