@@ -68,7 +68,7 @@ class Command:
         h: pelvis height above the ground below it, minus the nominal 0.98 m [m].
         p: pelvis pitch, forward positive [rad].
         w: waist yaw, the angle of the torso joint [rad].
-        gait: one of the gaits.
+        gait: one of the gaits; its name is understood as well.
     """
 
     v_x: float = 0.0
@@ -80,6 +80,10 @@ class Command:
     p: float = 0.0
     w: float = 0.0
     gait: Gait = Gait.STANDING
+
+    def __post_init__(self) -> None:
+        if isinstance(self.gait, str):
+            object.__setattr__(self, "gait", Gait.parse(self.gait))
 
     def array(self) -> np.ndarray:
         """Return the eight numbers in the order of `COMMAND_NAMES`, shape (8,)."""

@@ -87,6 +87,11 @@ class HandTargets:
             None if value is None else position(f"{side} hand target", value)
             for side, value in (("left", left), ("right", right))
         ]
+        for side, point in zip(("left", "right"), points, strict=True):
+            if frame != "world" and point is not None and (away := float(np.linalg.norm(point))) > FARTHEST_HAND:
+                raise TargetError(
+                    f"the {side} hand target is {away:.1f} m from the pelvis; give metres, up to {FARTHEST_HAND:g} m"
+                )
         if together and (left is None or right is None):
             raise TargetError("hands that hold one object both need a target; give left and right, or together=False")
         directions = [

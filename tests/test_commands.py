@@ -121,3 +121,9 @@ def test_sample_all_is_valid_uniform_independent_and_seeded() -> None:
     np.testing.assert_allclose((values.mean(0) - low) / (high - low), 0.5, atol=0.01)
     off_diagonal = np.corrcoef(values.T) - np.eye(8)
     assert np.abs(off_diagonal).max() < 0.04
+
+
+def test_a_gait_is_understood_by_its_name() -> None:
+    assert Command(v_x=0.5, gait="walking").gait is Gait.WALKING
+    with pytest.raises(UnknownNameError, match="walking"):
+        Command(gait="walkng")

@@ -72,18 +72,20 @@ def test_reach_while_walking(run):
 
 
 def test_walk_with_a_cup(run):
-    out = run("04_walk_with_a_cup.py", "--duration", "4")
-    assert number(r"cup ([\d.]+) cm from its place on average", out) < 2.0
-    assert number(r"walked ([\d.]+) m", out) > 0.3
+    out = run("04_walk_with_a_cup.py")
+    assert number(r"The cup rose by ([\d.]+) cm", out) > 3
+    assert number(r"moved by ([\d.]+) m", out) > 0.3
+    assert number(r"tilted by ([\d.]+) degrees", out) < 45
+    assert "fetching the cup: done" in out
 
 
 def test_pick_from_the_floor(run):
-    out = run("05_pick_from_the_floor.py", "--duration", "3", "--height", "0.7")
-    assert number(r"arms alone: ([\d.]+) cm short, commanded h 0.00 m", out) > 10
-    assert number(r"whole body: ([\d.]+) cm short", out) < 5
-    assert number(r"whole body.*commanded h -([\d.]+) m", out) > 0.1
-    assert out.count("stayed up for 3.0 s") == 2
-    assert number(r"brought the hands ([\d.]+) cm nearer", out) > 10
+    out = run("05_pick_from_the_floor.py")
+    alone, helped = out.split("whole body:")
+    assert "arms alone: not done: reach: timeout of 4 s: the right hand is" in alone and "tolerance" in alone
+    assert number(r"lifted by ([\d.]+) cm", alone) < 1
+    assert number(r"lifted by ([\d.]+) cm", helped) > 20
+    assert number(r"lowest h -([\d.]+) m", helped) > 0.1
 
 
 def test_carry_a_box(run):
@@ -183,7 +185,7 @@ BAD_VALUES = {
     "01_hold_and_reach.py": ("--duration", "0"),
     "02_walk_with_qp.py": ("--v-x", "nan"),
     "03_reach_while_walking.py": ("--duration", "1"),
-    "04_walk_with_a_cup.py": ("--duration", "2"),
+    "04_walk_with_a_cup.py": ("--duration", "nan"),
     "05_pick_from_the_floor.py": ("--height", "nan"),
     "06_carry_a_box.py": ("--controller", "foo"),
     "07_compare_controllers.py": ("--script", "none"),

@@ -104,3 +104,9 @@ def test_squeezing_forces_point_at_each_other_and_balance():
         squeeze((0.3, 0.2, 0.1), (0.3, 0.2, 0.1), 30.0)
     with pytest.raises(TargetError, match="squeezing force is -1"):
         squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), -1.0)
+
+
+def test_a_target_out_of_any_reach_is_refused_with_its_distance() -> None:
+    with pytest.raises(TargetError, match=r"the left hand target is 37\.4 m from the pelvis; give metres"):
+        HandTargets.of((30, 20, 10), None)
+    HandTargets.of((30, 20, 1), None, "world")

@@ -24,7 +24,7 @@ from hugwbc.behaviours.fetch_cup import fetch_cup
 from hugwbc.behaviours.hands import glide
 from hugwbc.behaviours.hold import carry, lift, place, release, squeeze
 from hugwbc.behaviours.named import BEHAVIOUR_NAMES, load_behaviour, load_plan
-from hugwbc.behaviours.reach import grip, move_hands, press, reach, wipe
+from hugwbc.behaviours.reach import grip, press, reach, wipe
 from hugwbc.behaviours.source import BehaviourSource, Status
 from hugwbc.behaviours.walk import face, pull, push, stand, walk_to
 from hugwbc.scripts.view import Action, Grip, SeenObject, SeenObjects, View
@@ -53,7 +53,6 @@ __all__ = [
     "lift",
     "load_behaviour",
     "load_plan",
-    "move_hands",
     "parallel",
     "place",
     "press",

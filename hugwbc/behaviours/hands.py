@@ -160,6 +160,13 @@ def frame_of(name: str) -> HandFrame:
     return name if name in HAND_FRAMES else "world"  # type: ignore[return-value]
 
 
+def check_frame(view: View, name: str) -> None:
+    """Let a behaviour fail that names neither a frame nor an object."""
+    if name not in HAND_FRAMES and name not in view.objects:
+        names = ", ".join((*HAND_FRAMES, *view.objects))
+        raise Failure(f"there is no frame or object '{name}'; there are: {names}")
+
+
 def placed(view: View, frame: str, point: object) -> np.ndarray | None:
     """Return a point of a frame or an object in the frame in which it is sent [m], shape (3,); None for None."""
     if point is None:

@@ -25,24 +25,21 @@ from hugwbc.behaviours.hands import (
     HAND_SPEED,
     TIP,
     Pressing,
+    check_frame,
     check_near,
     crouch,
     frame_of,
     glide,
     hands_in,
-    held_targets,
-    in_frame,
     move,
     one_hand,
     placed,
     points_in,
     points_of,
-    shifted,
     targets,
     turned,
 )
 from hugwbc.commands import Command
-from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import STRONGEST, HandTargets, direction
@@ -81,8 +78,10 @@ def reach(
         tolerance: distance at which a hand has arrived [m].
         timeout: after which it fails [s].
     """
-    HandTargets.of(left, right, left_direction=left_direction, right_direction=right_direction, together=together)
+    check_frame(view, frame)
     sent, others = frame_of(frame), view.last.hands
+    pointing = {"left_direction": left_direction, "right_direction": right_direction}
+    HandTargets.of(left, right, sent, together=together, **pointing)
     stays = [None, None]
     if others is not None and others.joints is None:  # a hand without a point stays
         points = points_in(view, points_of(view, others), sent)
@@ -96,40 +95,6 @@ def reach(
 
     check_near(view, aim(view))
     return move(view, aim, speed=speed, tolerance=tolerance)
-
-
-@step
-def move_hands(
-    view: View,
-    by: Point | None = None,
-    *,
-    to: Point | None = None,
-    frame: Name = "heading",
-    speed: HandSpeed = HAND_SPEED,
-    tolerance: Tolerance = 0.06,
-    timeout: Seconds = 10.0,
-) -> Course:
-    """Move the hands that have targets, as they are to each other; directions, forces and the rest stay.
-
-    Args:
-        view: now.
-        by: displacement [m], or
-        to: where the middle of the hands goes [m].
-        frame: of the displacement or point: "pelvis", "heading", "steady", "world", or the name of an object.
-        speed: highest speed of a hand [m/s].
-        tolerance: distance at which a hand has arrived [m].
-        timeout: after which it fails [s].
-    """
-    if (by is None) is (to is None):
-        raise ConfigError("move_hands needs either by or to; give one of them")
-    hands = in_frame(view, held_targets(view), frame_of(frame))
-    if to is None:
-        way = turned(view, frame, by)
-    else:
-        way = placed(view, frame, to) - np.nanmean(hands.array(), axis=0)  # type: ignore[operator]
-    goal = shifted(hands, np.asarray(way))
-    check_near(view, goal)
-    return move(view, lambda _: goal, speed=speed, tolerance=tolerance)
 
 
 @step

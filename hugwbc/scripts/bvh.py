@@ -60,13 +60,10 @@ class BodyClip:
         return float(np.median(sum(np.linalg.norm(self.joints[b] - self.joints[a], axis=-1) for a, b in pairs)))
 
 
-def load_bvh(path: pathlib.Path) -> BodyClip:
+def load_bvh(path: str | pathlib.Path) -> BodyClip:
     """Read a BVH file of a person.
 
     The axis that points up is the one along which the shoulders are above the feet.
-
-    Raises:
-        MotionFileError: if the file cannot be read, lacks a joint, or does not hold a motion.
     """
     path = pathlib.Path(path)
     try:
@@ -101,11 +98,7 @@ def load_bvh(path: pathlib.Path) -> BodyClip:
 
 
 def find_joints(path: pathlib.Path, names: list[str]) -> dict[str, tuple[str, str]]:
-    """Return the file's names of the left and the right of `JOINTS`, with or without a prefix such as `mixamorig:`.
-
-    Raises:
-        MotionFileError: if a joint is missing; the message names which, and what it may be called.
-    """
+    """Return the file's names of the left and the right of `JOINTS`, with or without a prefix such as `mixamorig:`."""
     plain = {_plain(name): name for name in reversed(names)}
     found, missing = {}, []
     for joint, patterns in _NAMES.items():

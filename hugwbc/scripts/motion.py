@@ -100,21 +100,18 @@ class ArmMotion:
         columns = [np.interp(index, np.arange(len(self.positions)), column) for column in self.positions.T]
         return ArmMotion(self.name, fps, np.stack(columns, axis=1), self.unused)
 
-    def save(self, path: pathlib.Path) -> None:
+    def save(self, path: str | pathlib.Path) -> None:
         """Write a motion file, whose name should end in .npz; its folder is created."""
         content = io.BytesIO()
         names = np.array(load_robot().arm_names)
         np.savez(content, fps=np.array(self.fps), joint_names=names, positions=self.positions)
-        write_whole(path, content.getvalue())
+        write_whole(pathlib.Path(path), content.getvalue())
 
 
-def load_motion(path: pathlib.Path) -> ArmMotion:
+def load_motion(path: str | pathlib.Path) -> ArmMotion:
     """Read a motion file; positions outside the joint limits are clamped to them.
 
     Joints that are not of the arms are logged as a warning: the robot's legs and waist do not follow a motion.
-
-    Raises:
-        MotionFileError: if the file cannot be read, lacks a field or an arm joint, or does not hold a motion.
     """
     motion = _read_motion(path)
     if motion.unused:
@@ -122,7 +119,7 @@ def load_motion(path: pathlib.Path) -> ArmMotion:
     return motion
 
 
-def _read_motion(path: pathlib.Path) -> ArmMotion:
+def _read_motion(path: str | pathlib.Path) -> ArmMotion:
     path = pathlib.Path(path)
     if path.suffix.lower() not in _READABLE:
         valid = f"valid for arms: {' and '.join(_READABLE)}, for the whole body with play --motion: .bvh; convert it"
@@ -153,12 +150,7 @@ def _read_motion(path: pathlib.Path) -> ArmMotion:
 
 
 def _read_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Return the fields of a motion from a table.
-
-    Raises:
-        MotionFileError: if it cannot be read, lacks the times, has a line that is not one number for each column, or
-            times that do not rise in equal steps.
-    """
+    """Return the fields of a motion from a table."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin with a byte order mark
             rows = list(csv.reader(file))
@@ -201,11 +193,7 @@ def is_frame_rate(value: np.ndarray) -> bool:
 
 
 def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Read all arrays of an .npz file by name.
-
-    Raises:
-        MotionFileError: if the file cannot be read, is not an .npz file, or holds pickled objects.
-    """
+    """Read all arrays of an .npz file by name."""
     try:
         with pathlib.Path(path).open("rb") as stream:
             # NumPy takes any other file for a pickle and advises to allow pickles.
@@ -225,11 +213,7 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
 
 
 def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
-    """Return joint names as text.
-
-    Raises:
-        MotionFileError: if a name occurs twice.
-    """
+    """Return joint names as text."""
     found = [str(name) for name in np.ravel(names)]
     twice = [name for name, count in collections.Counter(found).items() if count > 1]
     if twice:
@@ -243,12 +227,8 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_LISTED]) + more
 
 
-def load_motions(folder: pathlib.Path) -> list[ArmMotion]:
-    """Read all motion files of a folder, in the order of their names; what is not used is logged as by `load_motion`.
-
-    Raises:
-        MotionFileError: if the folder has no motion files, or one cannot be used.
-    """
+def load_motions(folder: str | pathlib.Path) -> list[ArmMotion]:
+    """Read all motion files of a folder, ordered by name; what is not used is logged as by `load_motion`."""
     paths = sorted(pathlib.Path(folder).glob("*.npz"))
     if not paths:
         raise MotionFileError(f"{folder} holds no motion files; give a folder with .npz files")

@@ -41,7 +41,7 @@ class Recorded(HandPath):
         return np.array([np.interp(t, time, points[:, axis]) for axis in range(3)])
 
 
-def read_path(path: pathlib.Path) -> Recorded:
+def read_path(path: str | pathlib.Path) -> Recorded:
     """Read a recorded path from a CSV file with a header line and the columns t, x, y, z [s, m].
 
     Empty lines are skipped.

@@ -99,7 +99,8 @@ class HandMotion:
     def __post_init__(self) -> None:
         if self.left is None and self.right is None:
             raise TargetError("neither hand has a path; give at least one, or no hands at all")
-        self.at(0.0)
+        start = self.at(0.0)
+        HandTargets.of(start.left, start.right, self.frame)
 
     def at(self, t: float) -> HandTargets:
         """Return the targets at time `t` [s] since the motion's start."""

@@ -91,12 +91,8 @@ def _named(values: np.ndarray) -> dict[str, float]:
     return dict(zip(PARTS, map(float, values), strict=True))
 
 
-def load_whole_body_motion(path: pathlib.Path) -> WholeBodyMotion:
-    """Read a BVH file and retarget it to the H1.
-
-    Raises:
-        MotionFileError: if the file cannot be used.
-    """
+def load_whole_body_motion(path: str | pathlib.Path) -> WholeBodyMotion:
+    """Read a BVH file and retarget it to the H1."""
     return retarget(load_bvh(path))
 
 

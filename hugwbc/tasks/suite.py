@@ -8,7 +8,6 @@ one task would then invalidate the results of all others.
 
 import functools
 import importlib
-import inspect
 import pathlib
 from importlib.metadata import EntryPoint
 
@@ -36,14 +35,6 @@ def registered_tasks() -> dict[str, EntryPoint]:
     """Return the tasks that other packages register, by name."""
     ours = {name: f"hugwbc.tasks.{name}:TASK" for name in TASK_NAMES}
     return {name: entry for name, entry in extensions.registered(GROUP, "task", ours).items() if name not in ours}
-
-
-def file_of(name: str) -> pathlib.Path | None:
-    """Return the Python file of a task from outside this package; None for one of the suite."""
-    if name in TASK_NAMES:
-        return None
-    entry = registered_tasks().get(name)
-    return pathlib.Path(name if entry is None else inspect.getfile(importlib.import_module(entry.module)))
 
 
 def load_task(name: str) -> Task:

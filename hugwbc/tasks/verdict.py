@@ -77,11 +77,6 @@ def _without_numbers(problem: str) -> str:
     return problem.partition(" at ")[0]
 
 
-def reached(value: float, wanted: float) -> float:
-    """Return the progress of a quantity from 0 to a value."""
-    return value / wanted
-
-
 def within(value: float, allowed: float) -> float:
     """Return the progress of an error against its tolerance: 1 within it, less beyond it."""
     if not np.isfinite(value):

@@ -18,7 +18,6 @@ from hugwbc.behaviours import (
     fetch_cup,
     grip,
     lift,
-    move_hands,
     place,
     press,
     reach,
@@ -68,7 +67,7 @@ def test_a_button_that_is_too_stiff_fails_with_what_happened() -> None:
 def test_hands_reach_and_move_on_while_the_body_stands_lower() -> None:
     def steps(view: View) -> Course:
         view = yield from reach(view, left=(0.35, 0.25, 0.1), right=(0.35, -0.25, 0.1))
-        view = yield from move_hands(view, (0.0, 0.0, 0.1))
+        view = yield from reach(view, left=(0.35, 0.25, 0.2), right=(0.35, -0.25, 0.2))
         view = yield from stand(view, 0.5, h=-0.05)
         return (yield from reach(view, right=(0.35, -0.25, 0.3)))
 

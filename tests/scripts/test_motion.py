@@ -164,7 +164,7 @@ def test_bad_tables_are_refused(lines: tuple[str, ...], message: str, tmp_path: 
 
 
 def test_other_kinds_of_files_are_refused(tmp_path: pathlib.Path) -> None:
-    with pytest.raises(MotionFileError, match=r"'\.fbx' is no kind .* arms: \.npz and \.csv, for the whole body"):
+    with pytest.raises(MotionFileError, match=r"'\.fbx' is not a motion file type; valid for arms: \.npz and \.csv, for the whole body"):
         load_motion(tmp_path / "dance.fbx")
 
 
@@ -180,7 +180,7 @@ def test_archives_made_to_harm_are_refused(tmp_path: pathlib.Path) -> None:
     shape = b"{'descr': '<f8', 'fortran_order': False, 'shape': (%d,)}\n" % 2**70
     huge = member(tmp_path / "huge.npz", "x.npy", b"\x93NUMPY\x01\x00" + len(shape).to_bytes(2, "little") + shape)
     pickled = member(tmp_path / "pickled.npz", "x.pkl", pickle.dumps({}))
-    for path, message in ((bomb, "unpacks to"), (huge, "cannot read"), (pickled, "'x.pkl' is no array")):
+    for path, message in ((bomb, "unpacks to"), (huge, "cannot read"), (pickled, "'x.pkl' is not a NumPy array")):
         with pytest.raises(MotionFileError, match=message):
             load_motion(path)
 

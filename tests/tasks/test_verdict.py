@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hugwbc.tasks import Ending, Milestone
-from hugwbc.tasks.verdict import FELL, at_end, judged, longest, reached, within
+from hugwbc.tasks.verdict import FELL, at_end, judged, longest, within
 
 HALF = Milestone("half of it is missing", lambda record: 0.5)
 DONE = Milestone("never missing", lambda record: 1.0)
@@ -45,7 +45,6 @@ def test_an_error_is_within_what_is_allowed_or_the_less_the_larger():
     assert within(0.1, 0.1) == 1.0 and within(0.0, 0.1) == 1.0
     assert 0.0 < within(0.4, 0.1) < within(0.2, 0.1) < 1.0
     assert within(float("nan"), 0.1) == 0.0
-    assert reached(1.0, 4.0) == 0.25
 
 
 def test_the_longest_time_is_that_without_a_break():
