@@ -14,6 +14,7 @@ from hugwbc.viz.show import fate, run_script, watch
 
 TABLE = Table(name="table", position=(0.65, -0.2), size=(0.4, 0.6), height=0.9)
 CUP = Cylinder(name="cup", on="table", position=(-0.15, 0.0), radius=0.035, height=0.1, mass=0.2, colour="#b5533c")
+SCENE = Scene((TABLE, CUP))
 BEHIND = (-0.4, 0.0)  # [m], where the robot walks to
 
 
@@ -33,11 +34,11 @@ def main(duration: float = 18.0, show: bool = False) -> None:
         duration: how long to run [s].
         show: show the robot live in the browser.
     """
-    source, simulation = BehaviourSource(fetch), Simulation(scene=Scene((TABLE, CUP)))
+    source, simulation = BehaviourSource(fetch), Simulation(scene=SCENE)
     trace = watch(
         load_controller("qp"), source, simulation, UpperBodySource(), duration=duration, show=show, replay="out/04.html"
     )
-    cup = trace.object_pose[:, simulation.scene.body_names.index("cup")]
+    cup = trace.object_pose[:, SCENE.body_names.index("cup")]
     tilt = np.degrees(np.arccos(1.0 - 2.0 * (cup[:, 4] ** 2 + cup[:, 5] ** 2)))
     rise, way = cup[:, 2].max() - cup[0, 2], np.hypot(*(cup[-1, :2] - cup[0, :2]))
     print(f"The cup rose by {100 * rise:.0f} cm, moved by {way:.2f} m, and tilted by {tilt.max():.0f} degrees at most.")

@@ -80,8 +80,9 @@ def reach(
     """
     check_frame(view, frame)
     sent, others = frame_of(frame), view.last.hands
-    pointing = {"left_direction": left_direction, "right_direction": right_direction}
-    HandTargets.of(left, right, sent, together=together, **pointing)
+    HandTargets.of(  # checks them
+        left, right, sent, left_direction=left_direction, right_direction=right_direction, together=together
+    )
     stays = [None, None]
     if others is not None and others.joints is None:  # a hand without a point stays
         points = points_in(view, points_of(view, others), sent)
