@@ -9,7 +9,7 @@ import secrets
 from typing import Any
 
 
-def write_whole(path: pathlib.Path, content: bytes | str) -> None:
+def write_whole(path: str | pathlib.Path, content: bytes | str) -> None:
     """Replace a file atomically: readers see either the old or the new content, whatever happens meanwhile.
 
     If several processes write it at once, one of them wins.
@@ -22,7 +22,7 @@ def write_whole(path: pathlib.Path, content: bytes | str) -> None:
         OSError: if the file cannot be written.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
-    path = path.resolve()  # a symbolic link stays a link
+    path = pathlib.Path(path).resolve()  # a symbolic link stays a link
     if path.exists() and not path.is_file():
         path.write_bytes(data)
         return

@@ -9,7 +9,7 @@ from hugwbc.evaluation.intervals import Estimate, wilson_percentage
 FALLS = "falls"
 
 
-class Verdict(enum.Enum):
+class Comparison(enum.Enum):
     """How a figure compares with another one."""
 
     BETTER = "better"
@@ -60,12 +60,12 @@ class Figure:
         return self.estimate.value / paper, None if low is None else low / paper, None if high is None else high / paper
 
     @property
-    def verdict(self) -> Verdict:
-        """Verdict against the paper, whose own uncertainty is not known."""
+    def against_paper(self) -> Comparison:
+        """The comparison with the paper, whose own uncertainty is not known."""
         if self.ratio is None:
-            return Verdict.NONE
+            return Comparison.NONE
         value, low, high = self.ratio
-        return _verdict(value - 1.0, None if low is None else low - 1.0, None if high is None else high - 1.0, self)
+        return _compared(value - 1.0, None if low is None else low - 1.0, None if high is None else high - 1.0, self)
 
 
 def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figure:
@@ -79,20 +79,20 @@ def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figur
     return Figure(table, FALLS, "% of episodes", wilson_percentage(list(fell)), reference=reference)
 
 
-def against(figure: Figure, other: Figure) -> Verdict:
+def against(figure: Figure, other: Figure) -> Comparison:
     """Compare two controllers' measured figures, which differ clearly only if their intervals do not overlap."""
     mine, theirs = figure.estimate, other.estimate
     if mine is None or theirs is None or mine.value is None or theirs.value is None:
-        return Verdict.NONE
+        return Comparison.NONE
     low = None if mine.low is None or theirs.high is None else mine.low - theirs.high
     high = None if mine.high is None or theirs.low is None else mine.high - theirs.low
-    return _verdict(mine.value - theirs.value, low, high, figure)
+    return _compared(mine.value - theirs.value, low, high, figure)
 
 
-def _verdict(excess: float, low: float | None, high: float | None, figure: Figure) -> Verdict:
+def _compared(excess: float, low: float | None, high: float | None, figure: Figure) -> Comparison:
     """Judge by how much a figure exceeds another one, given the bounds of that excess."""
     if figure.higher_is_better:
         excess, low, high = -excess, None if high is None else -high, None if low is None else -low
     if excess <= 0.0:
-        return Verdict.BETTER if high is not None and high < 0.0 else Verdict.UNCLEAR_BETTER
-    return Verdict.WORSE if low is not None and low > 0.0 else Verdict.UNCLEAR_WORSE
+        return Comparison.BETTER if high is not None and high < 0.0 else Comparison.UNCLEAR_BETTER
+    return Comparison.WORSE if low is not None and low > 0.0 else Comparison.UNCLEAR_WORSE

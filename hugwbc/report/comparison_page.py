@@ -80,7 +80,7 @@ def report_html(
 
 
 def write_report(
-    path: pathlib.Path,
+    path: str | pathlib.Path,
     title: str,
     traces: Sequence[Trace],
     tables: Sequence[Table] = (),

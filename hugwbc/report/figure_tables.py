@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Sequence
 
-from hugwbc.evaluation.figures import Figure, Verdict, against
+from hugwbc.evaluation.figures import Comparison, Figure, against
 from hugwbc.evaluation.tables import Cell, Marked, Table
 
 CSV_COLUMNS = (
@@ -55,8 +55,8 @@ def _cell(figure: Figure | None) -> Cell:
         parts.append(f"[{_number(figure.estimate.low, 2)}, {_number(figure.estimate.high, 2)}]")
     if figure.ratio is not None:
         parts.append(times(figure.ratio[0]))
-    marks = {Verdict.WORSE: ("worse", "worse"), Verdict.UNCLEAR_WORSE: ("unclear", "worse?")}
-    mark, word = marks.get(figure.verdict, ("", ""))
+    marks = {Comparison.WORSE: ("worse", "worse"), Comparison.UNCLEAR_WORSE: ("unclear", "worse?")}
+    mark, word = marks.get(figure.against_paper, ("", ""))
     return Marked(" ".join([*parts, word]).strip(), mark)
 
 
@@ -80,16 +80,16 @@ def comparison_sentence(figures: Sequence[Figure], first: str, second: str) -> s
     """
     parts = []
     for name in dict.fromkeys((first, second)):
-        verdicts = [f.verdict for f in figures if f.controller == name and f.verdict is not Verdict.NONE]
-        good = sum(verdict in (Verdict.BETTER, Verdict.UNCLEAR_BETTER) for verdict in verdicts)
+        verdicts = [f.against_paper for f in figures if f.controller == name and f.against_paper is not Comparison.NONE]
+        good = sum(verdict in (Comparison.BETTER, Comparison.UNCLEAR_BETTER) for verdict in verdicts)
         if verdicts:
             parts.append(f"{name} is as good as the paper or better in {good} of {len(verdicts)} figures")
     others = {(f.table, f.quantity): f for f in figures if f.controller == second}
     mine = [f for f in figures if f.controller == first and (f.table, f.quantity) in others]
     duel = [against(figure, others[figure.table, figure.quantity]) for figure in mine]
-    count = sum(verdict is not Verdict.NONE for verdict in duel)
+    count = sum(verdict is not Comparison.NONE for verdict in duel)
     if first != second and count:
-        better, worse = (sum(verdict is kind for verdict in duel) for kind in (Verdict.BETTER, Verdict.WORSE))
+        better, worse = (sum(verdict is kind for verdict in duel) for kind in (Comparison.BETTER, Comparison.WORSE))
         parts.append(f"{first} is clearly better than {second} in {better} of {count} figures, and worse in {worse}")
     return "; ".join(parts) + "." if parts else "There is nothing to compare with."
 
@@ -104,6 +104,6 @@ def figures_csv(figures: Sequence[Figure]) -> str:
         measured = (None, None, None) if estimate is None else (estimate.low, estimate.high, estimate.samples)
         source = "measured" if estimate else "published" if figure.controller else "paper alone"
         head = (figure.table, figure.quantity, figure.unit, figure.controller, source, figure.value, *measured)
-        row = (*head, figure.paper, figure.reference, *(figure.ratio or (None, None, None)), figure.verdict.value)
+        row = (*head, figure.paper, figure.reference, *(figure.ratio or (None, None, None)), figure.against_paper.value)
         writer.writerow(["" if cell is None else f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row])
     return file.getvalue()

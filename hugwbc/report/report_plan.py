@@ -27,7 +27,7 @@ from hugwbc.viz.framing import check_count
 
 
 @dataclasses.dataclass(frozen=True)
-class Cell:
+class Entry:
     """One experiment with one controller."""
 
     experiment: Experiment[Any]
@@ -88,10 +88,10 @@ class ReportPlan:
         return [spec for spec in shipped if spec.training not in trainings]
 
     @functools.cached_property
-    def cells(self) -> list[Cell]:
+    def entries(self) -> list[Entry]:
         """What to run, all controllers side by side, so that an early stop leaves pairs."""
         return [
-            Cell(experiment, spec, dataclasses.replace(settings, seed=self.seed))
+            Entry(experiment, spec, dataclasses.replace(settings, seed=self.seed))
             for name, experiment in EXPERIMENTS.items()
             if (section := experiment.section) and (not self.experiments or name in self.experiments)
             if not section.unavailable()
@@ -113,11 +113,11 @@ class ReportPlan:
             store: where the rows are kept.
             on_progress: called with the part that is done, and the part that was only read.
         """
-        total, done, read = sum(cell.work for cell in self.cells), 0.0, 0.0
+        total, done, read = sum(entry.work for entry in self.entries), 0.0, 0.0
         results: list[Result] = []
-        for cell in self.cells:
-            share = cell.work / total
-            result, part = _run(cell, execution, store, on_progress, (done, read), share)
+        for entry in self.entries:
+            share = entry.work / total
+            result, part = _run(entry, execution, store, on_progress, (done, read), share)
             results.append(result)
             done, read = done + share, read + share * part
             on_progress(done, read)
@@ -144,20 +144,20 @@ class ReportPlan:
             notes += [f"The section '{s.title}' is missing: {reason}." for s in sections if (reason := s.unavailable())]
         trainings = {spec.training for spec in (*self.specs, *self.further)}
         missing = [words for training, words in TRAINED.items() if training not in trainings]
-        if missing and any(cell.experiment.section.ablation for cell in self.cells if cell.experiment.section):
+        if missing and any(entry.experiment.section.ablation for entry in self.entries if entry.experiment.section):
             notes.append(f"Of the paper's ablation there is no policy {', nor '.join(missing)}: see `--ablation`.")
         return notes
 
 
 def _run(
-    cell: Cell,
+    entry: Entry,
     execution: Execution,
     store: Store,
     on_progress: Callable[[float, float], object],
     before: tuple[float, float],
     share: float,
 ) -> tuple[Result, float]:
-    """Run a cell that is a share of the whole; return its result, and the part of its rows that was only read."""
+    """Run a entry that is a share of the whole; return its result, and the part of its rows that was only read."""
     read = 1.0
 
     def advance(finished: float, stored: float) -> None:
@@ -166,6 +166,6 @@ def _run(
         on_progress(before[0] + share * finished, before[1] + share * stored)
 
     result = run_experiment(
-        cell.experiment, cell.settings, cell.spec, execution=execution, store=store, on_progress=advance
+        entry.experiment, entry.settings, entry.spec, execution=execution, store=store, on_progress=advance
     )
     return result, read

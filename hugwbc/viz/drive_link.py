@@ -5,28 +5,34 @@ page therefore has its own web socket on the same port, behind the same checks (
 is held; the answer is what to display. A page that falls silent is gone (`DriveLink.silence`).
 """
 
+import contextlib
 import dataclasses
 import http
 import json
 import pathlib
 import threading
 import time
-from collections.abc import Callable
+import types
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
+import websockets
 import websockets.asyncio.server as server
 import websockets.exceptions
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from hugwbc.errors import ConfigError
 from hugwbc.viz.drive_keys import HELP, KEY_CODES, Touched, actions
-from hugwbc.viz.page_guard import Handler
+from hugwbc.viz.page_guard import refusal
 
+Handler = Callable[[server.ServerConnection], Awaitable[None]]
 SOCKET = "/drive"
 SILENT_TIME = 0.35  # [s]; while a page says nothing for longer, its robot waits at rest
 LONGEST_MESSAGE = 4096  # characters
 _FOLDER = pathlib.Path(__file__).parent
 _FILES = {"/drive.js": "text/javascript; charset=utf-8", "/drive.css": "text/css; charset=utf-8"}
+_starting = threading.Lock()
 _TAGS = '<link rel="stylesheet" href="/drive.css"><script src="/drive.js"></script>'
 
 
@@ -60,6 +66,46 @@ class DriveLink:
         self._using = threading.Lock()
         self.dark: bool | None = None
         self.clock = time.monotonic
+
+    @contextlib.contextmanager
+    def serving(self, *, any_host: bool) -> Iterator[None]:
+        """Let a viser server that starts within this context offer our part, and refuse what `refusal` refuses.
+
+        viser 1.1 starts its server in its constructor and has no option to check requests. A proxy would not help, as
+        viser would still listen on a port of its own. While the context lasts, the one module of viser that serves
+        therefore finds a `serve` that checks first; the library `websockets` stays as it is.
+
+        Args:
+            any_host: whether requests may call this machine by any name.
+        """
+        from viser.infra import _infra
+
+        infra: Any = _infra
+        started = False
+
+        def serve(handler: Handler, *arguments: Any, process_request: Callable, **named: Any) -> server.serve:  # noqa: ANN401
+            nonlocal started
+            started = True
+
+            def checked(connection: server.ServerConnection, request: Request) -> Response | None:
+                reason = refusal(request.headers, any_host=any_host)
+                if reason is not None:
+                    return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
+                return self.answer(request, lambda asked: process_request(connection, asked))
+
+            return server.serve(self.handler(handler), *arguments, process_request=checked, **named)
+
+        checking = types.SimpleNamespace(
+            server=types.SimpleNamespace(serve=serve, ServerConnection=server.ServerConnection)
+        )
+        with _starting:
+            infra.websockets = types.SimpleNamespace(**{**vars(websockets), "asyncio": checking})
+            try:
+                yield
+            finally:
+                infra.websockets = websockets
+        if not started:
+            raise ConfigError("this viser starts its server in another way; install the version of constraints.txt")
 
     def say(self, **status: Any) -> None:  # noqa: ANN401  JSON
         """Replace what the pages display, as JSON."""

@@ -26,7 +26,7 @@ from hugwbc.viz.drive_link import SILENT_TIME, DriveLink
 from hugwbc.viz.live_meshes import colour_meshes
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.marks import HAND_FORCE_SCALE
-from hugwbc.viz.page_guard import HOST, check_host, guarded, page_address
+from hugwbc.viz.page_guard import HOST, check_host, page_address
 from hugwbc.viz.shapes import rgb_of, shapes_of
 
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
@@ -86,7 +86,7 @@ class LivePage:
         gaits = [gait.label for gait in Gait]
         self.link = DriveLink({"title": title, "gaits": gaits, "commands": commands, "tasks": list(tasks)})
         # viser prints the address; what is printed is for the caller to decide.
-        with guarded(self.link, any_host=expose), contextlib.redirect_stdout(io.StringIO()):
+        with self.link.serving(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
         self.source = LiveSource()
         self.pushes: list[np.ndarray] = []

@@ -99,7 +99,7 @@ def write_replay(
     chapters: Sequence[Chapter] = (),
 ) -> None:
     """Write `replay_html` to a file."""
-    write_whole(pathlib.Path(path), replay_html(traces, title=title, fps=fps, chapters=chapters))
+    write_whole(path, replay_html(traces, title=title, fps=fps, chapters=chapters))
 
 
 def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:

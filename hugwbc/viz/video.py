@@ -49,7 +49,7 @@ _SHARED = ("timestep", "iterations", "ls_iterations", "integrator", "jacobian") 
 
 
 def write_video(
-    path: pathlib.Path,
+    path: str | pathlib.Path,
     traces: Sequence[Trace],
     *,
     hide: Sequence[str] = (),
@@ -137,7 +137,7 @@ def write_captions(picture: np.ndarray, caption: Mapping[str, Any]) -> np.ndarra
     return np.asarray(image)
 
 
-def _put(film: pathlib.Path, path: pathlib.Path) -> str | None:
+def _put(film: pathlib.Path, path: str | pathlib.Path) -> str | None:
     """Move a finished video to its path; return None, or the reason why that failed."""
     try:
         write_whole(path, film.read_bytes())

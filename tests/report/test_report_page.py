@@ -44,16 +44,16 @@ def test_every_training_has_its_paper_column_before_its_policies():
 def test_a_profile_has_every_section_for_every_controller(profile):
     plan = ReportPlan(profile, ("learned", "qp"), seed=3)
     available = {experiment.name for experiment, section in sections() if not section.unavailable()}
-    assert {cell.experiment.name for cell in plan.cells} == available
-    assert [cell.spec for cell in plan.cells if not cell.experiment.section.ablation][:2] == plan.specs
-    assert {cell.settings.seed for cell in plan.cells} == {3}
+    assert {entry.experiment.name for entry in plan.entries} == available
+    assert [entry.spec for entry in plan.entries if not entry.experiment.section.ablation][:2] == plan.specs
+    assert {entry.settings.seed for entry in plan.entries} == {3}
 
 
 def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
     record = {"config": {"env": {"intervention": "motion"}}}
     save_policy(tmp_path / "mine" / "policy.safetensors", Actor(), EnvConfig().contract(), record)
     plan = ReportPlan("quick", ("qp",), ablation=(str(tmp_path / "mine"),))
-    theirs = [cell.experiment.name for cell in plan.cells if cell.spec.name == "learned"]
+    theirs = [entry.experiment.name for entry in plan.entries if entry.spec.name == "learned"]
     assert theirs == ["intervention"] * 3 + ["foot-displacement"]
     (note,) = [note for note in plan._notes([]) if "ablation" in note and "no policy" in note]
     assert "no policy trained with noise, nor trained without intervention" in note

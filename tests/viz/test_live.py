@@ -27,7 +27,7 @@ from hugwbc.viz.drive import Drive
 from hugwbc.viz.drive_link import DriveLink
 from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage
 from hugwbc.viz.live_meshes import colour_meshes
-from hugwbc.viz.page_guard import check_host, guarded, page_address, refusal
+from hugwbc.viz.page_guard import check_host, page_address, refusal
 from hugwbc.viz.shapes import shapes_of
 
 BROWSER = shutil.which("chromium")
@@ -495,7 +495,7 @@ def test_the_page_of_viser_has_our_part_in_it_and_our_files_are_served(port):
 
 
 def test_a_server_that_the_guard_does_not_see_is_refused():
-    with pytest.raises(ConfigError, match="another way"), guarded(DriveLink({}), any_host=False):
+    with pytest.raises(ConfigError, match="another way"), DriveLink({}).serving(any_host=False):
         pass
 
 
