@@ -1,6 +1,10 @@
 """Measure the speed of training and its environment, of controllers, of an episode and of the hand IK."""
 
+import collections
+import cProfile
 import dataclasses
+import pathlib
+import pstats
 import time
 from collections.abc import Callable
 
@@ -26,6 +30,7 @@ from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
+_PACKAGE = pathlib.Path(__file__).parents[1]
 WARM_UP_STEPS = 20
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
 QP_COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
@@ -191,6 +196,36 @@ def episode_speed(controller: Controller, duration: float) -> EpisodeSpeed:
     mujoco.mj_step(standing.model, standing.data, max(1, round(duration / standing.timestep)))
     end = time.process_time()
     return EpisodeSpeed(duration / (middle - begin), (middle - begin) / (end - middle))
+
+
+def period_shares(controller: Controller, duration: float) -> dict[str, float]:
+    """Return the share of each room in the time of an episode of walking, with everything in the loop.
+
+    Args:
+        controller: the controller.
+        duration: simulated time [s].
+    """
+    conditions, profile = Conditions(), cProfile.Profile()
+    simulation, estimator = conditions.simulation(duration, (0,)), conditions.estimator()
+    profile.runcall(rollout, controller, Constant(WALK), simulation, duration=duration, estimator=estimator)
+    seconds: dict[str, float] = collections.Counter()
+    for (file, *_), (_, _, own, _, callers) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
+        if _room(file):
+            seconds[_room(file)] += own
+            continue
+        for (caller, *_), (_, _, part, _) in callers.items():  # a library's time is that of the room that calls it
+            seconds[_room(caller) or "libraries"] += part
+    total = sum(seconds.values())
+    return {room: part / total for room, part in sorted(seconds.items(), key=lambda item: -item[1])}
+
+
+def _room(file: str) -> str:
+    """Return the room of a source file; empty for one of another package."""
+    path = pathlib.Path(file)
+    if not path.is_relative_to(_PACKAGE):
+        return ""
+    parts = path.relative_to(_PACKAGE).parts
+    return parts[0] if len(parts) > 1 else "core"
 
 
 def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:

@@ -19,6 +19,8 @@ class BenchOptions(BenchSettings):
 
     json: pathlib.Path | None = None
     """Write the figures to this file; without a path, to standard output."""
+    profile: bool = False
+    """Print only where the time of an episode goes, by room, for both controllers."""
 
 
 def run(words: Sequence[str]) -> int:
@@ -26,6 +28,9 @@ def run(words: Sequence[str]) -> int:
     options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
     options.check()
     check_writable(options.json)
+    if options.profile:
+        write_json(options.json, _profile(options))
+        return 0
     with progress("benchmark") as advance:
         figures = run_benchmarks(options, advance)
     workspace = figures.workspace
@@ -38,6 +43,18 @@ def run(words: Sequence[str]) -> int:
     say("\n\n".join(blocks), options.json)
     write_json(options.json, dataclasses.asdict(figures))
     return 0
+
+
+def _profile(options: BenchOptions) -> dict[str, dict[str, float]]:
+    """Profile an episode of each controller, and print the share of each room."""
+    from hugwbc.benchmarks.speed import period_shares
+    from hugwbc.runtime.controllers import load_controller
+
+    shares = {name: period_shares(load_controller(name), options.seconds) for name in ("qp", "learned")}
+    rooms = dict.fromkeys(room for found in shares.values() for room in found)
+    rows = [(room, *(f"{found.get(room, 0.0):.0%}" for found in shares.values())) for room in rooms]
+    say(format_table(("walking, share of the time", *shares), rows), options.json)
+    return shares
 
 
 def _describe(figures: BenchFigures) -> str:
