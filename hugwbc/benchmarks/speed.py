@@ -208,7 +208,7 @@ def period_shares(controller: Controller, duration: float) -> dict[str, float]:
     conditions, profile = Conditions(), cProfile.Profile()
     simulation, estimator = conditions.simulation(duration, (0,)), conditions.estimator()
     profile.runcall(rollout, controller, Constant(WALK), simulation, duration=duration, estimator=estimator)
-    seconds: dict[str, float] = collections.Counter()
+    seconds: dict[str, float] = collections.defaultdict(float)
     for (file, *_), (_, _, own, _, callers) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         if _room(file):
             seconds[_room(file)] += own

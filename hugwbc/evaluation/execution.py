@@ -130,7 +130,7 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise WorkerError(
-            f"no Dask scheduler answers at {address} ({error}); start one with `dask scheduler`, and workers with "
-            "`dask worker ADDRESS`, each with this version of hugwbc"
+            f"no Dask scheduler answers at {address} ({error}); valid is tcp://HOST:PORT; start one with "
+            "`dask scheduler`, and workers with `dask worker ADDRESS`, each with this version of hugwbc"
         ) from error
     return client, (KilledWorker, FutureCancelledError, CommClosedError, concurrent.futures.CancelledError)

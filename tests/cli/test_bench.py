@@ -36,7 +36,7 @@ def test_bench_reports_all_speeds(capsys):
         assert speed["factor"] > 0.0 and speed["physics"] > 1.0
     assert set(figures["qp"]) == {"standing", "walking", "jumping"}
     for speed in figures["qp"].values():
-        assert speed["unsolved"] == 0.0 and speed["ticks"] == 50
+        assert speed["unsolved"] == 0.0 and speed["ticks"] == 25
     for times in (
         figures["policy_tick_ms"],
         figures["ik_tick_ms"],

@@ -134,7 +134,7 @@ def test_the_curriculum_moves_as_in_the_training_unless_it_is_switched_off():
 
 
 def test_bad_calls_are_refused():
-    with pytest.raises(ConfigError, match=r"env\.count"):
+    with pytest.raises(ConfigError, match=r"EnvConfig\.count is 0"):
         H1VectorEnv(0)
     with pytest.raises(ConfigError, match="render_mode"):
         H1Env(render_mode="human")
