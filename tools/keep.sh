@@ -121,7 +121,7 @@ rm -rf "$OUT/run" "$OUT/run2" "$OUT/recipe"
 SHORT="--env.count 16 --evaluation-steps 0"
 try train $HUGWBC train --out "$OUT/run" --steps 2e3 $SHORT
 try train-resume $HUGWBC train --out "$OUT/run" --steps 4e3 --resume $SHORT
-try train-processes "${PYTHON%/*}/torchrun" --standalone --nproc-per-node 2 -m hugwbc.cli train --out "$OUT/run2" --steps 4e3 $SHORT
+try train-processes $HUGWBC train --processes 2 --out "$OUT/run2" --steps 4e3 $SHORT
 try train-recipe $HUGWBC train --recipe h1 --smoke --out "$OUT/recipe"
 try check-ancestry $HUGWBC check --policy "$OUT/recipe"
 needs onnxruntime export $HUGWBC export --policy h1 --out "$OUT/h1.onnx"

@@ -20,7 +20,7 @@ from hugwbc.evaluation.metrics import percentiles
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy.observations import JOINTS
+from hugwbc.learned.policy.critic_observations import JOINTS
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.rollout import rollout

@@ -3,7 +3,9 @@
 import argparse
 import dataclasses
 import math
+import os
 import pathlib
+import sys
 import time
 from collections.abc import Mapping, Sequence
 
@@ -18,7 +20,8 @@ LINE_INTERVAL = 10.0  # [s] between two lines of figures
 _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
-With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`."""
+With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`.
+With --processes N, N processes on this machine train as one, each with --env.count robots and --threads threads."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +40,7 @@ class RecipeOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
+    words = _share(words)
     if any(word.partition("=")[0] == "--recipe" for word in words):
         return _run_recipe(parse(RecipeOptions, words, "train", RecipeOptions.__doc__))
     config = _parse(words)
@@ -53,6 +57,20 @@ def run(words: Sequence[str]) -> int:
     if trainer.leads:
         say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
     return 0
+
+
+def _share(words: Sequence[str]) -> Sequence[str]:
+    """Return the other words; with --processes N above 1, torchrun takes this process's place and starts N of them."""
+    parser = argparse.ArgumentParser(prog="hugwbc train", add_help=False, allow_abbrev=False)
+    parser.add_argument("--processes", type=int, default=1)
+    given, others = parser.parse_known_args(words)
+    cores = os.cpu_count() or 1
+    if not 1 <= given.processes <= cores:
+        raise ConfigError(f"processes is {given.processes}; give 1 to {cores}, the cores of this machine")
+    if given.processes > 1:
+        torchrun = ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={given.processes}"]
+        os.execv(sys.executable, [sys.executable, *torchrun, "-m", "hugwbc.cli", "train", *others])  # noqa: S606
+    return others
 
 
 def _parse(words: Sequence[str]) -> TrainConfig:

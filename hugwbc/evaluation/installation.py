@@ -157,7 +157,7 @@ def check_environment() -> str:
 
     from hugwbc.learned.config import EnvConfig
     from hugwbc.learned.env.humanoid_env import HumanoidEnv
-    from hugwbc.learned.policy.observations import JOINTS
+    from hugwbc.learned.policy.critic_observations import JOINTS
 
     count, steps = 8, 20
     histories = []

@@ -13,8 +13,8 @@ from gymnasium.vector.utils import batch_space
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.policy import observations as obs
-from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.terms import further_terms
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs

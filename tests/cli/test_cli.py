@@ -43,6 +43,7 @@ BAD_INPUT = {
     "port": (["play", "--viewer", "live", "--port", "99999"], "give 1 to 65535, or 0 for any that is free"),
     "seed of the noise": (["compare", "--controllers", "hold", "--seed", "-1"], "seed is -1; give 0"),
     "training folder": (["train", "--out", "/dev/null/run"], "cannot write to /dev/null/run"),
+    "processes": (["train", "--processes", "0"], "processes is 0; give 1 to"),
     "training field": (["train", "--ppo.gamma", "2"], "gamma is 2.0; it should be less than or equal to 1"),
     "policy of the QP": (["play", "--controller", "qp", "--policy", "h1"], "controller 'qp' takes no policy"),
     "policy of no controller": (["compare", "--controllers", "hold", "--policy", "h1"], "--policy is for learned"),

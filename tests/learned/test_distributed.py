@@ -18,7 +18,7 @@ from safetensors.torch import load_file, save_file
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.rl.ppo import PPO
 
 torch.set_num_threads(1)
@@ -82,13 +82,12 @@ def test_two_processes_learn_as_one(tmp_path: pathlib.Path) -> None:
 
 
 @pytest.mark.slow
-def test_torchrun_trains_saves_and_resumes(tmp_path: pathlib.Path) -> None:
+def test_processes_train_save_and_resume_together(tmp_path: pathlib.Path) -> None:
     words = ["-m", "hugwbc.cli", "train", "--env.count", 4, "--ppo.horizon", 8, "--threads", 1, "--out", tmp_path]
     words += ["--evaluation-steps", 128, "--evaluation-robots", 4, "--evaluation-seconds", 0.1]
-    launcher = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    output = python(*launcher, *words, "--steps", 128)
+    output = python(*words, "--steps", 128, "--processes", 2)
     assert "stopped after 2 iterations, 128 steps" in output and output.count("stopped") == 1
-    python(*launcher, *words, "--steps", 256, "--resume")
+    python(*words, "--steps", 256, "--resume", "--processes", 2)
     assert load_policy(tmp_path).training["iteration"] == 4
     assert load_policy(tmp_path / "best").training["iteration"] in (2, 4)
     own, metadata = checkpoint.load_file(tmp_path / "checkpoint-rank1.safetensors", "robots")

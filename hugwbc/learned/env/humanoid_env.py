@@ -24,9 +24,9 @@ from hugwbc.learned.env.running_statistics import Statistics
 from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.env.terminations import FeetRule
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
-from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.terms import Sensed, further_terms, observe
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from hugwbc.learned.env.rough_ground import RoughGround
-from hugwbc.learned.policy.observations import Observation
+from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.robot import Robot
 from hugwbc.sim.batch import BatchSimulation
 

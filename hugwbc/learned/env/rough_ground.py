@@ -9,7 +9,7 @@ import torch
 
 from hugwbc.learned import distributed
 from hugwbc.learned.config import TerrainConfig
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.sim.batch import BatchSimulation
 from hugwbc.sim.terrain import level_terrain
 

@@ -18,7 +18,7 @@ from hugwbc.learned.config import RecordConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.starts import StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
-from hugwbc.learned.policy.observations import JOINTS
+from hugwbc.learned.policy.critic_observations import JOINTS
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 

@@ -11,7 +11,7 @@ from hugwbc.errors import PolicyFileError
 from hugwbc.learned.env.command_sampling import uniform
 from hugwbc.learned.env.readings import tensor
 from hugwbc.learned.env.rough_ground import RoughGround
-from hugwbc.learned.policy import checkpoint, observations as obs
+from hugwbc.learned.policy import checkpoint, critic_observations as obs
 from hugwbc.learned.policy.records import versions
 
 STARTS_FILE = "starts.safetensors"

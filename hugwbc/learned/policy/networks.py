@@ -13,7 +13,8 @@ from typing import Protocol
 import torch
 from torch import nn
 
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.layout import (
     ACTION_SIZE,
     COMMAND_SIZE,
@@ -26,7 +27,6 @@ from hugwbc.learned.policy.layout import (
     PROPRIOCEPTION_SIZE,
     Part,
 )
-from hugwbc.learned.policy.observations import Observation
 from hugwbc.learned.policy.symmetry import EvenOdd
 
 CRITIC_HIDDEN = (512, 256, 128)

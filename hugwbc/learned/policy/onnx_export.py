@@ -11,7 +11,7 @@ from torch import nn
 
 from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.files import write_whole
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, Actor
 from hugwbc.learned.policy.policy import LearnedController
 

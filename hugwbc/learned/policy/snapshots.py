@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import torch
 
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.networks import ActorCritic
 from hugwbc.learned.policy.symmetry import EvenOdd
 

@@ -15,9 +15,9 @@ from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env.readings import StepResult
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
-from hugwbc.learned.policy.observations import Observation
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "kl")

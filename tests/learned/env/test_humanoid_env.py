@@ -10,7 +10,7 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, LoadConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import read
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirror
 from hugwbc.robot import load_robot, robot_names
 from hugwbc.state import RobotState

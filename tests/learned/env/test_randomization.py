@@ -9,7 +9,7 @@ import torch
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.randomization import Latency, draw_delays, randomize
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.robot import load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.batch import BatchSimulation

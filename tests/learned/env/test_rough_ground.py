@@ -6,7 +6,7 @@ import torch
 from hugwbc.learned.config import EnvConfig, RandomizationConfig, TerrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.rough_ground import RoughGround
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 
 ROUGH = TerrainConfig(roughness=0.05, levels=4)
 

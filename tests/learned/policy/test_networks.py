@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.networks import Actor, ActorCritic, SymmetricActor, SymmetricCritic
 
 

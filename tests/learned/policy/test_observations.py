@@ -4,7 +4,7 @@ import torch
 
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.terms import Sensed, observe
 from hugwbc.mirror import load_mirror, mirror_command
 from hugwbc.robot import load_robot

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from hugwbc.learned.policy import observations as obs
+from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.symmetry import EvenOdd, SignedPermutation
 
 MAPS = {

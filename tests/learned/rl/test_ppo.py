@@ -9,8 +9,8 @@ from torch.distributions import Independent, Normal, kl_divergence
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config import PPOConfig, TrainConfig
 from hugwbc.learned.env.readings import StepResult
+from hugwbc.learned.policy.critic_observations import CRITIC_SIZE, Observation
 from hugwbc.learned.policy.networks import SymmetricCritic
-from hugwbc.learned.policy.observations import CRITIC_SIZE, Observation
 from hugwbc.learned.rl import ppo
 from hugwbc.learned.rl.ppo import PPO
 
