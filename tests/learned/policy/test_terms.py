@@ -10,7 +10,7 @@ from hugwbc import Command, Gait, UpperBody
 from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
 from hugwbc.learned.config import EnvConfig, PPOConfig, RandomizationConfig
 from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.policy import load_policy, observations as obs
+from hugwbc.learned.policy import critic_observations as obs, load_policy
 from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS
 from hugwbc.learned.policy.networks import ActorCritic
 from hugwbc.learned.policy.snapshots import load_into
