@@ -30,13 +30,9 @@ INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb.
+    """Run one verb, given the words after `hugwbc`, by default those of this process; return the exit code.
 
-    Args:
-        argv: the words after `hugwbc`; None for the arguments of this process.
-
-    Returns:
-        The exit code: 0 for success, 1 for a failed check, 2 for bad input, 130 after Ctrl-C.
+    It is 0 for success, 1 for a failed check, 2 for bad input, 130 after Ctrl-C.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     if not words or words[0] in ("-h", "--help"):

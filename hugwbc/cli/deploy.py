@@ -138,11 +138,7 @@ def _deploy(
 
 
 def _await_robot(endpoint: Endpoint, net: str) -> None:
-    """Wait for the first state.
-
-    Raises:
-        DeploymentError: if none comes.
-    """
+    """Wait for the first state."""
     end = time.perf_counter() + _PATIENCE
     while not endpoint.receive(_POLL):
         if time.perf_counter() > end:

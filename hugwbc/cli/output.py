@@ -145,9 +145,6 @@ def output_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
     """Make a folder and check that files can be written to it, before the work whose results it will hold.
 
     At the end, folders that were made here and are still empty are removed: work that was refused leaves no trace.
-
-    Args:
-        path: path of the folder; missing folders above it are made as well.
     """
     with _removed_if_empty(path):
         try:

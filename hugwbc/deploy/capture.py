@@ -56,11 +56,7 @@ class Capture:
 
     @classmethod
     def of(cls, text: str) -> "Capture":
-        """Read a text.
-
-        Raises:
-            CaptureError: if it is not of this form.
-        """
+        """Read a text; one of another form raises a `CaptureError`."""
         content = _content(text, {"tick", "robot", "objects", "held"})
         objects, held, tick = content["objects"], content["held"], content["tick"]
         if type(tick) is not int or not 0 <= tick < 2**53:
@@ -120,11 +116,7 @@ def text_of_grips(grips: Iterable[Grip]) -> str:
 
 
 def grips_of(text: str) -> tuple[Grip, ...]:
-    """Read the grips that a text asks for.
-
-    Raises:
-        CaptureError: if it is not of this form.
-    """
+    """Read the grips that a text asks for; one of another form raises a `CaptureError`."""
     grips = _content(text, {"grips"})["grips"]
     if not isinstance(grips, list):
         raise CaptureError("'grips' is not a list")

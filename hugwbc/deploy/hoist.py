@@ -25,12 +25,7 @@ class Hoist:
     """
 
     def __init__(self, simulation: Simulation, height: float = LIFTED) -> None:
-        """Hang up a robot that has just been reset.
-
-        Args:
-            simulation: the robot.
-            height: where the winch goes first [m]; it begins with a robot that touches the ground.
-        """
+        """Hang up a robot that has just been reset and touches the ground; the winch first goes to a height [m]."""
         self._simulation = simulation
         self._row = simulation.link_names.index(_LINK)
         self._pulley = self._hook() + np.array([0.0, 0.0, _ROPE])

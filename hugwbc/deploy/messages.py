@@ -36,11 +36,7 @@ class Motors:
 
     @classmethod
     def of(cls, robot: Robot) -> "Motors":
-        """Read the slots from the robot's table.
-
-        Raises:
-            ModelError: if the table does not give each joint one slot.
-        """
+        """Read the slots from the robot's table."""
         table = robot_table(robot.name)["interface"]
         names = [name for name in table["motors"] if name is not None]
         if sorted(names) != sorted(robot.joint_names):
@@ -85,11 +81,7 @@ class Messages:
     """Packing and unpacking of a robot's messages. All joint vectors follow `Robot.joint_names`."""
 
     def __init__(self, robot: Robot) -> None:
-        """Read the motor slots of a robot.
-
-        Raises:
-            ModelError: if the robot's table lacks a joint's slot.
-        """
+        """Read the motor slots of a robot."""
         self._robot = robot
         self._motors = Motors.of(robot)
         self._waist = robot.waist
@@ -102,9 +94,7 @@ class Messages:
     def pack_command(self, command: JointCommand, answers: int = 0) -> bytes:
         """Return a joint command as a message with its check sum.
 
-        Args:
-            command: the joint command.
-            answers: tick of the state that it answers, which only a simulated robot reads (`reserve`).
+        Only a simulated robot reads which state it answers, by the state's tick (field `reserve`).
         """
         message, slots = record(COMMAND, self._blank), self._motors.slots
         for field in dataclasses.fields(command):
@@ -135,11 +125,8 @@ class Messages:
     def pack_state(self, reading: RobotState, tick: int, temperature: np.ndarray, remote: Remote) -> bytes:
         """Return a reading of a robot as a message with its check sum.
 
-        Args:
-            reading: with the raw readings of the IMU and the joint torques.
-            tick: the robot's clock [ms].
-            temperature: of the motors [degrees Celsius], shape (19,).
-            remote: the remote control.
+        The reading has the raw readings of the IMU and the joint torques; the temperatures are those of the motors
+        [degrees Celsius], shape (19,).
         """
         message, slots = record(STATE), self._motors.slots
         assert reading.imu_gyro is not None and reading.imu_accelerometer is not None and reading.torque is not None
@@ -161,12 +148,7 @@ class Messages:
         return sealed(message)
 
     def unpack_state(self, message: bytes, age: float = 0.0) -> StateMessage:
-        """Read a state message whose check sum is right.
-
-        Args:
-            message: the bytes of the structure.
-            age: assumed age of the reading [s].
-        """
+        """Read a state message whose check sum is right, with an assumed age of the reading [s]."""
         content, slots = record(STATE, message), self._motors.slots
         imu, motors = content["imu_state"], content["motor_state"][slots]
         q, dq, gyro = motors["q"].astype(float), motors["dq"].astype(float), imu["gyroscope"].astype(float)

@@ -117,15 +117,10 @@ class Pilot:
         self._world.take(capture)
 
     def observe(self, message: StateMessage, asked: Sequence[Request] = (), fault: str | None = None) -> Decision:
-        """Take a state, and decide.
+        """Take a state that is newer than all before, and return the joint command that holds from now on.
 
-        Args:
-            message: the state, newer than all before.
-            asked: what the operator has asked for by other means than the remote control, since the last state.
-            fault: what has failed outside, since the last state.
-
-        Returns:
-            The joint command that holds from now on.
+        Since the last state, the operator has asked for something by other means than the remote control, and a fault
+        outside has been found; both may be nothing.
         """
         state = message.state
         self._estimate(state)

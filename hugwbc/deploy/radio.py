@@ -34,13 +34,7 @@ class Channel(Generic[Content]):
     """
 
     def __init__(self, radio: Radio, rng: np.random.Generator, delay: float = 0.0) -> None:
-        """Begin empty.
-
-        Args:
-            radio: what happens to messages.
-            rng: draws losses and jitter.
-            delay: in addition to the radio's [s].
-        """
+        """Begin empty; the delay [s] comes in addition to the radio's."""
         self._radio, self._rng, self._delay = radio, rng, radio.delay + delay
         self._waiting: list[tuple[float, int, Content]] = []
         self._count = self.lost = 0

@@ -40,15 +40,7 @@ class Recorder:
     """
 
     def __init__(self, path: pathlib.Path, header: dict[str, Any]) -> None:
-        """Open a file.
-
-        Args:
-            path: of the file, which is replaced.
-            header: what is run, as JSON.
-
-        Raises:
-            ResultFileError: if the file cannot be written.
-        """
+        """Open a file, which is replaced, and write what is run as its header."""
         self.failure: str | None = None
         self._entries: queue.Queue[bytes | None] = queue.Queue(maxsize=_WAITING)
         try:
@@ -114,11 +106,7 @@ class Recording:
     """
 
     def __init__(self, path: pathlib.Path) -> None:
-        """Read the header.
-
-        Raises:
-            ResultFileError: if the file cannot be read, or is no recording.
-        """
+        """Read the header."""
         self._path = path
         if not path.is_file():
             raise ResultFileError(f"there is no recording {path}; give the path of a file that --record has written")
@@ -138,11 +126,7 @@ class Recording:
         )
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the entries; one that was cut off ends the recording.
-
-        Raises:
-            ResultFileError: if the entries are damaged.
-        """
+        """Yield the entries; one that was cut off ends the recording."""
         waiting = b""
         for data in self._data():
             waiting += data
@@ -193,17 +177,9 @@ def replay(
     age: float,
     on_decision: Callable[[Pilot], None] = lambda pilot: None,
 ) -> ReplayResult:
-    """Feed a recording to a new pilot and compare its commands with the recorded ones.
+    """Feed a recording to a new pilot, built as the recorded one was, and compare its commands with the recorded ones.
 
-    Args:
-        recording: the recording.
-        pilot: built as the recorded one was.
-        messages: the robot's messages.
-        age: how old a reading is when it arrives, as in the recording [s].
-        on_decision: called after each decision.
-
-    Raises:
-        ResultFileError: if the recording is damaged.
+    The age of a reading when it arrives [s] is that of the recording. `on_decision` is called after each decision.
     """
     intake = Intake(messages, pilot.limits, age)
     asked: list[Request] = []

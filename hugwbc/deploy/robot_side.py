@@ -51,11 +51,8 @@ class Outlet:
     def __init__(self, intake: Intake, late: float, period: float, damping: bytes) -> None:
         """Begin with nothing to send.
 
-        Args:
-            intake: tells whether states arrive.
-            late: longest time by which the pilot may lag behind [s].
-            period: the controller's [s]; a command that takes longer is a missed deadline.
-            damping: the message that damps the joints.
+        The pilot may lag behind by `late` [s]; a command that takes longer than the controller's period [s] is a missed
+        deadline; the message `damping` damps the joints.
         """
         self._intake, self._late, self._period, self._damping = intake, late, period, damping
         self._lock = threading.Lock()
@@ -71,13 +68,9 @@ class Outlet:
             self._unanswered.append((time, now))
 
     def put(self, message: bytes | None, time: float, *, new: bool, active: bool) -> None:
-        """Take the pilot's message for the state of a time [s].
+        """Take the pilot's message for the state of a time [s]; None sends nothing.
 
-        Args:
-            message: what to send from now on; None for nothing.
-            time: of the state.
-            new: whether the message was computed from this state.
-            active: whether it drives the joints, so that a fault must end it.
+        A new message was computed from this state; an active one drives the joints, so that a fault must end it.
         """
         with self._lock:
             while self._unanswered and self._unanswered[0][0] <= time:
@@ -143,16 +136,7 @@ class RobotSide:
         recorder: Recorder | None = None,
         tell: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """Connect the parts; `run` starts them.
-
-        Args:
-            pilot: decides.
-            robot: whose motor slots the messages have.
-            endpoint: the connection to the robot.
-            settings: how to run; None for the defaults.
-            recorder: records everything; None for no recording.
-            tell: called with the messages of the publisher's watchdogs.
-        """
+        """Connect the parts; `run` starts them. `tell` is called with the messages of the publisher's watchdogs."""
         self._tell = tell
         self.pilot, self.settings = pilot, settings or Settings()
         self._endpoint, self._recorder = endpoint, recorder
@@ -189,8 +173,7 @@ class RobotSide:
     def run(self) -> None:
         """Control the robot until the duration is over, or the operator ends it.
 
-        Raises:
-            KeyboardInterrupt: on Ctrl-C, after the joints have been damped.
+        Ctrl-C is raised after the joints have been damped.
         """
         with _quick_threads():
             if self.settings.lockstep:

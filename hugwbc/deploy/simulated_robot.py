@@ -225,12 +225,10 @@ class SimulatedRobot:
         )
 
     def run(self, duration: float, *, slower: float = 1.0, lockstep: bool = False) -> None:
-        """Run for a duration of the robot's clock [s].
+        """Run for a duration of the robot's clock [s], infinite for until Ctrl-C.
 
-        Args:
-            duration: how long [s]; infinite for until Ctrl-C.
-            slower: how many times slower than the wall clock; it may still be slower if the computer is.
-            lockstep: wait for the answer to each state while a robot side is connected.
+        It runs so many times slower than the wall clock, or still slower if the computer is. In lockstep it waits for
+        the answer to each state while a robot side is connected.
         """
         pace = self.simulation.timestep * slower
         slot, answered = time.perf_counter(), False

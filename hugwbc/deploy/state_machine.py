@@ -59,12 +59,7 @@ class StateMachine:
     """
 
     def __init__(self, robot: Robot, tell: Callable[[Event], None] | None = None) -> None:
-        """Begin idle.
-
-        Args:
-            robot: nominal pose and gains.
-            tell: called with each event.
-        """
+        """Begin idle; `tell` is called with each event."""
         self._robot, self._tell = robot, tell
         self.mode = Mode.IDLE
         self.events: list[Event] = []

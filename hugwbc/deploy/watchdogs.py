@@ -55,13 +55,7 @@ class Intake:
     """
 
     def __init__(self, messages: Messages, limits: Limits, age: float = 0.0) -> None:
-        """Begin without a state.
-
-        Args:
-            messages: unpacks them.
-            limits: when silence is too long.
-            age: assumed age of a reading at its arrival [s].
-        """
+        """Begin without a state; `age` is the assumed age of a reading at its arrival [s]."""
         self._messages, self._limits, self._age = messages, limits, age
         self.size = layout("LowState_").itemsize
         self.received = self.torn = self.wrong_sum = self.old = 0
@@ -74,9 +68,7 @@ class Intake:
     def accept(self, message: bytes, now: float) -> StateMessage | None:
         """Return a fresh, valid state with continuous time across a restart of the ticks; else None.
 
-        Args:
-            message: as it arrived.
-            now: on the clock of this side, at the robot's pace [s].
+        The time `now` is that of this side's clock, at the robot's pace [s].
         """
         self.received += 1
         if len(message) != self.size:
@@ -172,11 +164,7 @@ def start_refusal(state: RobotState, robot: Robot, limits: Limits) -> str | None
 def run_refusal(state: RobotState, carried: float, robot: Robot, limits: Limits) -> str | None:
     """Return why the controller must not start from a state; None if it may.
 
-    Args:
-        state: a reading.
-        carried: part of the weight that the feet carry.
-        robot: limits of the joints.
-        limits: what a start allows.
+    The feet carry a part of the weight, 0 to 1.
     """
     refusal = start_refusal(state, robot, limits)
     if refusal is not None:

@@ -101,12 +101,7 @@ def _numbers(kind: np.dtype, offset: int = 0) -> Iterator[tuple[int, int]]:
 
 
 def to_cdr(name: str, message: bytes) -> bytes:
-    """Return a message as it goes over the network.
-
-    Args:
-        name: its IDL class.
-        message: the bytes of the C structure.
-    """
+    """Return the bytes of a C structure as they go over the network; the name is that of its IDL class."""
     structure, stream = _places(name)
     cdr = np.zeros(int(stream[-1]) + 1, dtype=np.uint8)
     cdr[stream] = np.frombuffer(message, dtype=np.uint8)[structure]

@@ -110,11 +110,7 @@ class Conditions:
         return self.terrain_roughness == 0.0 and self.slope == 0.0
 
     def check_duration(self, duration: float) -> None:
-        """Check that the ground of an episode fits into memory.
-
-        Args:
-            duration: duration of the episode [s].
-        """
+        """Check that the ground of an episode of this duration [s] fits into memory."""
         if not self.is_level and duration > _LONGEST_ON_GROUND:
             raise ConfigError(
                 f"duration is {duration:g} s on rough or sloping ground; give up to {_LONGEST_ON_GROUND:g} s, in which "
@@ -134,12 +130,9 @@ class Conditions:
         return dataclasses.replace(self, friction=float(friction), payload=float(payload), gain=float(gain))
 
     def simulation(self, duration: float, seed: tuple[int, ...], scene: Scene | None = None) -> Engine:
-        """Return the simulation of one episode.
+        """Return the simulation of one episode; its duration [s] determines the size of the ground.
 
-        Args:
-            duration: duration of the episode [s], which determines the size of the ground.
-            seed: seed of the ground and of the sensor noise.
-            scene: objects around the robot.
+        The seed is that of the ground and of the sensor noise.
         """
         make = functools.partial(
             self.chosen.simulation_in,
@@ -163,11 +156,7 @@ class Conditions:
         return StateEstimator(robot=self.told_arena.known_robot) if self.chosen.estimates else None
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
-        """Return what moves the arms in one episode; None leaves them to the controller.
-
-        Args:
-            seed: seed of the targets.
-        """
+        """Return what moves the arms in one episode, with targets of a seed; None leaves them to the controller."""
         if self.intervention == "none":
             return None
         # These modules load torch, which only some evaluations need.

@@ -97,14 +97,7 @@ class Run:
 
 
 def simulate(controller: Controller, settings: Settings, plan: Plan, *, estimates: bool = False) -> Run:
-    """Run one episode in a simulation of its own; its seed is that of the settings and the plan's draw.
-
-    Args:
-        controller: the controller.
-        settings: settings of the experiment.
-        plan: plan of the episode.
-        estimates: whether to compare the state estimator with the truth.
-    """
+    """Run one episode in a simulation of its own; its seed is that of the settings and the plan's draw."""
     conditions, seed = plan.conditions or settings.conditions, (settings.seed, plan.draw)
     arms, estimator = conditions.arms(seed), conditions.estimator()
     watch = EstimateWatch(estimator) if estimates and estimator is not None else None

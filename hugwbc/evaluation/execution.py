@@ -26,12 +26,7 @@ class Execution:
     """
 
     def __init__(self, workers: int = 1, *, cluster: str | None = None) -> None:
-        """Keep the settings; nothing is started yet.
-
-        Args:
-            workers: number of processes.
-            cluster: address of a Dask scheduler, such as "tcp://127.0.0.1:8786".
-        """
+        """Keep the settings; nothing is started yet."""
         if workers < 1:
             raise ConfigError(f"workers is {workers}; give 1 or more")
         self.workers = workers
@@ -49,11 +44,7 @@ class Execution:
         self.close(wait=kind is None)
 
     def close(self, *, wait: bool = True) -> None:
-        """End processes and connections.
-
-        Args:
-            wait: whether to wait for submitted jobs; otherwise jobs that have not begun are dropped.
-        """
+        """End processes and connections; without `wait`, jobs that have not begun are dropped."""
         if self._client is not None:
             self._client.close()  # drops the jobs that are left
         elif self._executor is not None:
@@ -63,10 +54,7 @@ class Execution:
     def run(self, function: Callable[[Job], Outcome], jobs: Sequence[Job]) -> Iterator[Outcome]:
         """Yield the outcome of every job in the order in which the jobs finish.
 
-        Args:
-            function: called with each job. With more than one worker or on a cluster the function, the jobs and the
-                outcomes must be picklable.
-            jobs: arguments of the function.
+        With more than one worker or on a cluster the function, the jobs and the outcomes must be picklable.
         """
         if not jobs:
             return
@@ -116,9 +104,6 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
 
     Dask sends functions and arguments as pickles, which can run any code: connect only to a cluster that you trust as
     you trust yourself.
-
-    Args:
-        address: address of the scheduler.
     """
     try:
         from distributed import Client, KilledWorker

@@ -109,13 +109,8 @@ def run_experiment(
 ) -> Result:
     """Run the episodes of an experiment that are not stored, and return all rows and figures.
 
-    Args:
-        experiment: the experiment.
-        settings: its settings.
-        spec: the controller.
-        execution: where the episodes run; None for this process.
-        store: where the rows are kept; None keeps them in memory only.
-        on_progress: called with the part of the planned episodes that is done, and the part that was only read.
+    Without an execution they run in this process; without a store the rows are kept in memory only. `on_progress` is
+    called with the part of the planned episodes that is done, and the part that was only read.
     """
     settings = experiment.adapt(settings, spec)
     told, store = spec.told(settings.conditions.told_arena), store or Store(None)
@@ -154,12 +149,7 @@ def run_plans(
 ) -> Iterable[tuple[int, Row]]:
     """Run numbered plans, and yield number and row of each as they finish; the tags of a plan come first in its row.
 
-    Args:
-        episode: a function of a module, so that other processes find it.
-        settings: settings of the episodes.
-        spec: the controller.
-        plans: number and plan of each episode.
-        execution: where the episodes run; None for this process.
+    `episode` must be a function of a module, so that other processes find it.
     """
     digest = controller_digest(spec)
     jobs = [(episode, settings, spec, digest, index, plan) for index, plan in plans]

@@ -69,13 +69,7 @@ class Figure:
 
 
 def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figure:
-    """Return the percentage of episodes in which the robot fell.
-
-    Args:
-        table: title of the table.
-        fell: whether the robot fell, for each episode.
-        reference: that of the table's other figures.
-    """
+    """Return the percentage of episodes in which the robot fell."""
     return Figure(table, FALLS, "% of episodes", wilson_percentage(list(fell)), reference=reference)
 
 

@@ -36,11 +36,7 @@ class CheckOutcome:
 
 
 def run_checks(on_progress: Callable[[float], None] | None = None) -> list[CheckOutcome]:
-    """Run every check and return the outcomes; a failed check does not stop the others.
-
-    Args:
-        on_progress: called with the fraction done.
-    """
+    """Run every check and return the outcomes; a failed check does not stop the others."""
     outcomes = []
     for index, (name, check) in enumerate(CHECKS.items()):
         try:

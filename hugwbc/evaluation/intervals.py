@@ -48,9 +48,6 @@ def wilson_percentage(happened: Sequence[bool]) -> Estimate:
     """Return the percentage of episodes in which something happened, with its score interval (Wilson 1927).
 
     Unlike a bootstrap interval it has a width even if nothing happened: no fall in four episodes says little.
-
-    Args:
-        happened: one value for each episode.
     """
     return wilson_of(sum(happened), len(happened))
 
@@ -69,10 +66,7 @@ def wilson_of(times: int, count: int) -> Estimate:
 def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
     """Return the mean with its percentile bootstrap interval (Efron & Tibshirani 1993, chapter 13).
 
-    With few samples the interval is too narrow, as it cannot contain values that were not drawn.
-
-    Args:
-        samples: the values; None values are left out.
+    None is left out. With few samples the interval is too narrow, as it cannot contain values that were not drawn.
     """
     known = np.array([sample for sample in samples if sample is not None], dtype=float)
     if known.size == 0:
@@ -88,12 +82,8 @@ def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
 def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float | None]) -> Estimate:
     """Return the ratio of two means with its percentile bootstrap interval; both means are resampled.
 
-    Args:
-        samples: the values whose mean is divided; None is left out.
-        reference: the values of the mean that it is divided by, drawn independently of the others; None is left out.
-
-    Returns:
-        The ratio, None if one of the means is missing or the divisor is 0; without bounds if one has a single sample.
+    The two are drawn independently, and None is left out. The ratio is None if a mean is missing or the divisor is 0,
+    and has no bounds if one of the two has a single sample.
     """
     own, other = (np.array([v for v in values if v is not None], dtype=float) for values in (samples, reference))
     if not own.size or not other.size or other.mean() == 0.0:

@@ -269,12 +269,7 @@ class HandTravel:
 
 
 def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> HandTravel:
-    """Return the hands' errors before and after arrival.
-
-    Args:
-        trace: the run.
-        kept: samples that count, shape (T,), bool; None for all.
-    """
+    """Return the hands' errors before and after arrival, over the samples that are `kept`, shape (T,), bool."""
     there, error = arrived(trace), trace.hand_error
     counts = np.isfinite(error) & (np.ones(len(there), dtype=bool) if kept is None else kept)[:, None]
     away, near = counts & ~there, counts & there
@@ -328,10 +323,7 @@ def speed(trace: Trace, settle: float = SETTLE_S) -> float:
 def cost_of_transport(trace: Trace, mass: float, settle: float = SETTLE_S) -> float:
     """Return mechanical power / (mass * g * speed), dimensionless; NaN for a way shorter than `SHORTEST_WAY`.
 
-    Args:
-        trace: a walk straight ahead, so that the way is the distance from start to end.
-        mass: mass of robot and payload [kg].
-        settle: start of the run that is left out [s].
+    The walk must be straight, so that its way is the distance from start to end. The mass [kg] includes a payload.
     """
     pace = speed(trace, settle)
     way = pace * (trace.time[-1] - settle)
@@ -339,12 +331,7 @@ def cost_of_transport(trace: Trace, mass: float, settle: float = SETTLE_S) -> fl
 
 
 def limit_use(values: np.ndarray, limit: np.ndarray) -> dict[str, float]:
-    """Return the root mean square and the peak of |value| / limit, of the joint that uses most.
-
-    Args:
-        values: torques or speeds, shape (samples, 19).
-        limit: limits of the joints in the same unit, shape (19,).
-    """
+    """Return root mean square and peak of |value| / limit, of the joint that uses most; values of shape (T, 19)."""
     share = np.abs(values) / limit
     return {"rms": float(np.sqrt((share**2).mean(axis=0)).max()), "peak": float(share.max())}
 
@@ -380,14 +367,9 @@ def target_jerk(trace: Trace, settle: float = SETTLE_S) -> float:
 
 
 def jitter(positions: np.ndarray, dt: float) -> float:
-    """Return the mean squared jerk of joint positions [rad^2/s^6].
+    """Return the mean squared jerk of joint positions (T, joints), a sample every `dt` [s], in rad^2/s^6.
 
-    Args:
-        positions: joint positions, shape (samples, joints); NaN samples are left out.
-        dt: time between samples [s].
-
-    Returns:
-        The mean; NaN if no four consecutive samples are finite.
+    NaN samples are left out; NaN if no four consecutive samples are finite.
     """
     jerk = np.diff(positions, n=3, axis=0) / dt**3
     known = jerk[np.isfinite(jerk)]

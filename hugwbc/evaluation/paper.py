@@ -32,14 +32,10 @@ def _tables() -> Mapping[str, Any]:
 
 
 def single_command_errors(gait: Gait, intervention: str = "none") -> Mapping[str, float]:
-    """Return the paper's single-command tracking errors of a gait by name; errors that it does not report are missing.
+    """Return the paper's single-command tracking errors of a gait by name, as far as it reports them.
 
-    The paper has one column for hopping on either leg, and no intervention for it. Its table with intervention does not
-    split E_vx by speed; that figure is returned as the error at low speed.
-
-    Args:
-        gait: gait of the robot.
-        intervention: what moves the arms: "none", "noise" or "motion".
+    The paper has one column for hopping on either leg, and no intervention (none, noise or motion) for it. Its table
+    with intervention does not split E_vx by speed; that figure is returned as the error at low speed.
     """
     if intervention == "none":
         return _tables()["single_command_tracking"]["hopping" if gait.hops else gait.label]
@@ -48,23 +44,15 @@ def single_command_errors(gait: Gait, intervention: str = "none") -> Mapping[str
 
 
 def intervention_errors(gait: Gait, intervention: str, training: str = "noise") -> Mapping[str, float]:
-    """Return the paper's tracking errors with the arms under external control by name, with E_vx at all speeds.
+    """Return the paper's errors with the arms moved by an intervention, by name, with E_vx at all speeds.
 
-    Args:
-        gait: gait of the robot; the paper has no figures of hopping.
-        intervention: what moves the arms in the test: "none", "noise" or "motion".
-        training: what moved them in training, one of `TRAININGS`.
+    The training is one of `TRAININGS`. There are no figures of hopping.
     """
     return _tables()["intervention_tracking"].get(gait.label, {}).get(training, {}).get(intervention, {})
 
 
 def foot_displacement(intervention: str, training: str = "noise") -> Mapping[str, float]:
-    """Return the paper's foot displacement in 20 s of standing [m], by command: h, p and w.
-
-    Args:
-        intervention: what moves the arms in the test: "none", "noise" or "motion".
-        training: what moved them in training, one of `TRAININGS`.
-    """
+    """Return the paper's foot displacement in 20 s of standing [m], by command: h, p and w."""
     return _tables()["foot_displacement_standing"][training].get(intervention, {})
 
 

@@ -29,12 +29,7 @@ def segment_spans(script: Script) -> list[tuple[str, float, float]]:
 
 
 def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
-    """Return a table with a row for each segment: hand errors after arrival, and the command with the largest error.
-
-    Args:
-        script: the script that was played.
-        traces: the runs, at least one.
-    """
+    """Return a table with a row for each segment: hand errors after arrival, and the command with the largest error."""
     reaching = any(np.isfinite(trace.hand_error).any() for trace in traces)
     parts = ("largest error", "hands there [cm]", "hands on the way [cm]", "on the way for [s]")[: 4 if reaching else 1]
     rows: list[list[Cell]] = []
@@ -96,8 +91,7 @@ def _pose(trace: Trace) -> tuple[float, float, float]:
 def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what became of every controller, and the smallest and the largest error of each kind that differs.
 
-    Args:
-        controllers: the "controllers" of `comparison.comparison_summary` or `task_summary`, at least one.
+    It reads the "controllers" of `comparison.comparison_summary` or `task_summary`.
     """
     fates: dict[str, list[str]] = {}
     for name, figures in controllers.items():

@@ -103,12 +103,7 @@ INTERVAL_NOTE = (
 
 
 def figures_text(figures: Sequence[Figure], controller: str) -> str:
-    """Return the measured figures of a controller as tables for the terminal, with the paper's where it has any.
-
-    Args:
-        figures: figures of one controller, and perhaps some that were not measured, which are left out.
-        controller: heading of the measured column.
-    """
+    """Return the measured figures of a controller as tables for the terminal, with the paper's where it has any."""
     measured = [figure for figure in figures if figure.estimate is not None]
     texts = []
     for title in dict.fromkeys(figure.table for figure in measured):

@@ -27,14 +27,7 @@ class Episode:
     """
 
     def __init__(self, task: Task, simulation: Simulation, controller: Controller, arms: UpperBodySource) -> None:
-        """Begin.
-
-        Args:
-            task: gives the judge.
-            simulation: a robot among the objects of the task's scene.
-            controller: any object with the members of `Controller`.
-            arms: turns hand targets into arm targets.
-        """
+        """Begin, with a robot among the objects of the task's scene; the task judges."""
         if simulation.scene is None:
             raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
         self.simulation, self.shapes = simulation, shapes_of(simulation.scene)

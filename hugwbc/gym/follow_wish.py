@@ -27,11 +27,7 @@ class FollowWish:
     """
 
     def __init__(self, nearest: Nearest) -> None:
-        """Start from a standing robot whose arms are its controller's.
-
-        Args:
-            nearest: called when a gripper should close.
-        """
+        """Start from a standing robot whose arms are its controller's; a gripper closes on what is `nearest`."""
         self.wish = Wish()
         self._nearest = nearest
 

@@ -14,11 +14,7 @@ _TASK_CLASS = "hugwbc.gym.task_env:TaskEnv"
 
 
 def register() -> None:
-    """Register all environments with gymnasium; registered ones stay unchanged.
-
-    Raises:
-        ImportError: if gymnasium is not installed.
-    """
+    """Register all environments with gymnasium; registered ones stay unchanged."""
     try:
         from gymnasium.envs import registration
     except ImportError as error:

@@ -91,11 +91,7 @@ class H1StableBaselinesEnv(VecEnv):
         return [getattr(self.robots, attr_name)] * len(self._indices(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> None:  # noqa: ANN401
-        """Refuse to change one robot's attribute: all robots are one environment.
-
-        Raises:
-            AttributeError: always.
-        """
+        """Refuse to change one robot's attribute: all robots are one environment."""
         raise AttributeError(f"{attr_name} cannot be set: all robots are one environment; give it a config instead")
 
     def env_method(

@@ -44,13 +44,7 @@ class ObservationLayout:
     """
 
     def __init__(self, robot: Robot, bodies: tuple[str, ...], shapes: Shapes) -> None:
-        """Set the order.
-
-        Args:
-            robot: whose joints are observed.
-            bodies: names of the bodies of the scene.
-            shapes: what is told of the objects, of any episode.
-        """
+        """Set the order, for the joints of a robot and the bodies of a scene with the shapes of any episode."""
         self._nominal, self._bodies = robot.nominal, bodies
         sizes = {name: len(numbers) for name, numbers in dimensions(shapes).items()}
         parts = _ROBOT_FIELDS | {f"object/{name}": _OBJECT for name in bodies}

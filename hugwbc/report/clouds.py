@@ -14,17 +14,9 @@ SAMPLES = 400
 
 
 def hand_clouds(level: float, samples: int = SAMPLES, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Sample hand positions under the noise of a curriculum level.
+    """Return positions of both hands in the pelvis frame under the noise of a curriculum level [m], (samples, 3).
 
     The arms follow alpha * noise + (1 - alpha) * policy, the paper's blend; the nominal posture stands for the policy.
-
-    Args:
-        level: the paper's alpha, in [0, 1].
-        samples: number of postures.
-        seed: seed of the noise.
-
-    Returns:
-        Positions of the left and the right hand in the pelvis frame [m], each of shape (samples, 3).
     """
     source = NoiseTargets(samples, NOISE_INTERVAL, torch.Generator().manual_seed(seed))
     # The robots change targets at different times. After two intervals, none of them is at its nominal start any more.

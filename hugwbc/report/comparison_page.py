@@ -20,12 +20,7 @@ from hugwbc.viz.replay import write_replay
 
 
 def summary_table(title: str, summaries: Mapping[str, Mapping]) -> Table:
-    """Return a table with a column for each run and a row for each number of its summary, named by its path.
-
-    Args:
-        title: title of the table.
-        summaries: the summary of each run: numbers, or mappings of numbers to any depth.
-    """
+    """Return a table with a column for each run and a row for each number of its summary, named by its path."""
     flat = {name: dict(_flatten(summary)) for name, summary in summaries.items()}
     paths = list(dict.fromkeys(path for values in flat.values() for path in values))
     rows = [(path, *(flat[name].get(path) for name in flat)) for path in paths]
@@ -50,16 +45,9 @@ def report_html(
     links: Mapping[str, str] | None = None,
     chapters: Sequence[Chapter] = (),
 ) -> str:
-    """Return the page, which loads nothing.
+    """Return the page, which loads nothing: a lead, the ways, a subtitle, links, tables, and plots of 1 to 4 runs.
 
-    Args:
-        title: title of the page.
-        traces: one to four runs, plotted in the colours of `LABEL_COLOURS`.
-        tables: tables above the plots.
-        lead: what to know first, above the picture of the ways.
-        subtitle: a sentence below it.
-        links: texts and addresses of other pages, such as the replay of the same runs.
-        chapters: stretches of time that are shaded in the plots.
+    The chapters are shaded in the plots.
     """
     sections = [
         ("Commanded and measured", tracking_panels(traces, chapters)),
@@ -100,12 +88,8 @@ def write_comparison(
 ) -> list[pathlib.Path]:
     """Write summary.json, report.html and replay.html of a comparison and return their paths.
 
-    Args:
-        folder: folder of the files.
-        summary: `evaluation.comparison.comparison_summary` or `task_summary`.
-        figures: `evaluation.comparison.figure_table` or `task_table`.
-        traces: 1 to 4 runs.
-        script: the script that was played, for figures of its segments; None leaves them out.
+    Summary and figures are those of `evaluation.comparison`, for a script or a task. With a script, the report has
+    figures of its segments.
     """
     title = f"hugwbc compare: {summary.get('task') or summary['script']}"
     write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")
@@ -137,11 +121,7 @@ def link_video(report: pathlib.Path, video: pathlib.Path) -> None:
 
 
 def safety_tables(counters: Mapping[str, Mapping[str, Any]]) -> list[Table]:
-    """Return the table of what the safety filters changed, without rows of zeros; empty if they changed nothing.
-
-    Args:
-        counters: the fields of each controller's `SafetyReport`, by its name.
-    """
+    """Return the table of what the safety filters changed, without rows of zeros; empty if they changed nothing."""
     shown = {name: {k: v for k, v in one.items() if k not in ("messages", "ticks")} for name, one in counters.items()}
     table = summary_table("What the safety filter changed", shown)
     rows = []

@@ -19,10 +19,6 @@ def comparison_table(figures: Sequence[Figure], note: str = "") -> Table:
     A measured cell shows the value, its interval and the ratio to the paper's value. It is marked "worse" if it is
     worse than the paper's, and "worse?" if it is worse by less than its uncertainty. Where the paper prints several
     policies, each of them stands before the controllers that are compared with it.
-
-    Args:
-        figures: all figures of the table.
-        note: a sentence below the table.
     """
     units = {figure.quantity: figure.unit for figure in figures}
     columns: dict[str, list[Cell]] = {"": [f"{name} [{unit}]" if unit else name for name, unit in units.items()]}
@@ -73,10 +69,7 @@ def _number(value: float, digits: int = 3) -> str:
 def comparison_sentence(figures: Sequence[Figure], first: str, second: str) -> str:
     """Return how many figures are as good as the paper's, and how many of each controller are clearly the better ones.
 
-    Args:
-        figures: figures of all tables.
-        first: label of one controller.
-        second: label of the other one; the same label for a report on a single controller.
+    The two controllers, given by their labels, may be the same.
     """
     parts = []
     for name in dict.fromkeys((first, second)):

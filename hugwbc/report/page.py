@@ -11,12 +11,7 @@ _LONG_TEXT = 24  # characters; a column with a longer text wraps its lines
 
 
 def page_html(title: str, body: Sequence[str]) -> str:
-    """Return a page.
-
-    Args:
-        title: title of the page, as plain text.
-        body: parts of the page, as HTML.
-    """
+    """Return a page, given its title as plain text and its parts as HTML."""
     return _TEMPLATE.replace("@TITLE@", html.escape(title)).replace("@BODY@", "\n".join(part for part in body if part))
 
 
@@ -29,10 +24,6 @@ def folded(title: str, content: str) -> str:
     """Return a section that opens at a click, or by a link to its anchor (`anchor(title)`).
 
     The anchor is inside, because browsers open what hides the target of a link.
-
-    Args:
-        title: heading, as plain text.
-        content: the section, as HTML.
     """
     return (
         f"<details><summary><h2>{html.escape(title)}</h2></summary>\n"

@@ -106,13 +106,7 @@ class ReportPlan:
         return next((path for path in records if path.is_file()), None)
 
     def run(self, execution: Execution, store: Store, on_progress: Callable[[float, float], object]) -> Report:
-        """Run what is not stored yet, and build the report.
-
-        Args:
-            execution: where the episodes run.
-            store: where the rows are kept.
-            on_progress: called with the part that is done, and the part that was only read.
-        """
+        """Run what is not stored yet, and build the report."""
         total, done, read = sum(entry.work for entry in self.entries), 0.0, 0.0
         results: list[Result] = []
         for entry in self.entries:

@@ -12,11 +12,7 @@ _STAGE = "stage"  # column of a recipe's record: the name of the stage, text
 
 
 def read_training(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Read the columns of numbers of a training record by name, with NaN for empty cells.
-
-    Args:
-        path: path of the file.
-    """
+    """Read the columns of numbers of a training record by name, with NaN for empty cells."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))

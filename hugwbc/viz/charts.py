@@ -19,11 +19,8 @@ FEET = ("left", "right")
 def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], np.ndarray], label: str) -> Panel:
     """Draw heat maps of all ordered pairs of quantities: a row for each first name, a column for each second.
 
-    Args:
-        title: title of the picture.
-        names: names of the quantities.
-        maps: a square map for each pair (first, second), with its rows from bottom to top; NaN cells are crossed out.
-        label: label of the colour bar, which goes from 0 to `_TOP`.
+    A map is square, with its rows from bottom to top; NaN cells are crossed out. The label is that of the colour bar,
+    which goes from 0 to `_TOP`.
     """
 
     def draw(axes: Axes) -> None:
@@ -53,14 +50,7 @@ def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], n
 
 
 def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
-    """Draw one closed curve for each name over the directions; angle 0 (ahead) points up, angles grow to the left.
-
-    Args:
-        title: title of the picture.
-        angles: directions [rad].
-        series: values of each name at the angles; None leaves a gap.
-        unit: unit of the values.
-    """
+    """Draw one closed curve for each name over directions [rad]; 0 (ahead) points up, angles grow to the left."""
 
     def draw(axes: PolarAxes) -> None:
         axes.set_theta_zero_location("N")
@@ -75,12 +65,7 @@ def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[flo
 
 
 def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
-    """Return the start and the length of every stretch of samples in which something is on.
-
-    Args:
-        time: times of the samples, evenly spaced, shape (T,).
-        on: whether it is on at each sample, shape (T,), bool.
-    """
+    """Return start and length of every stretch of evenly spaced samples in which something is on, shape (T,), bool."""
     changes = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
     step = time[1] - time[0] if len(time) > 1 else 1.0
     return [(float(time[a]), float((b - a) * step)) for a, b in zip(changes[::2], changes[1::2], strict=True)]
@@ -115,13 +100,7 @@ def gait_diagram(
 
 
 def hand_cloud(title: str, left: np.ndarray, right: np.ndarray) -> Panel:
-    """Draw hand positions as seen from behind, with y to the left and z up [m].
-
-    Args:
-        title: title of the picture.
-        left: positions of the left hand in the pelvis frame [m], shape (n, 3).
-        right: positions of the right hand in the pelvis frame [m], shape (n, 3).
-    """
+    """Draw hand positions (n, 3) in the pelvis frame as seen from behind, with y to the left and z up [m]."""
 
     def draw(axes: Axes) -> None:
         for points, colour, name in ((left, LABEL_COLOURS[0], FEET[0]), (right, LABEL_COLOURS[1], FEET[1])):
@@ -144,15 +123,10 @@ def curves(
     named: bool = False,
     bottom: float | None = None,
 ) -> Panel:
-    """Draw one curve for each name, in the colours of `LABEL_COLOURS`.
+    """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and a dashed reference line.
 
-    Args:
-        title: title of the picture.
-        series: x and y values of each name.
-        labels: labels of the x and the y axis.
-        dashed: x and y values of a reference line; None for no line.
-        named: whether the picture has a legend with the names.
-        bottom: lower end of the vertical axis; None to fit the values.
+    The labels are those of the two axes; a `named` picture has a legend; `bottom` is the lower end of the vertical
+    axis.
     """
 
     def draw(axes: Axes) -> None:

@@ -48,14 +48,10 @@ class Drive:
         perform: Perform | None = None,
         tell: Tell = print,
     ) -> None:
-        """Connect a robot to its page.
+        """Connect a robot, in a loop whose source is the page's, to that page.
 
-        Args:
-            loop: the control loop, whose source is the page's.
-            page: the live page.
-            folder: where records are written; None to offer none.
-            perform: does the tasks that the page offers, with the loop's controller; None if it offers none.
-            tell: receives a line for each fall and each record and, at the end, how the drive went.
+        Records go to the folder; without one none are offered. `perform` does the tasks that the page offers, with the
+        loop's controller. `tell` receives a line for each fall and each record and, at the end, how the drive went.
         """
         self.loop, self.page, self.folder, self.tell = loop, page, folder, tell
         self.perform = perform

@@ -108,9 +108,7 @@ class Touched:
 def actions(presses: object, tasks: Sequence[str] = ()) -> list[str]:
     """Return the known actions among what was pressed: codes of keys and buttons, or names of actions.
 
-    Args:
-        presses: what the page says, whatever it is.
-        tasks: names of tasks; the action for one is `TASK` and its name.
+    The presses are what a page says, whatever it is. The action for a task is `TASK` and its name.
     """
     known = (*ACTIONS, *(f"{TASK}{name}" for name in tasks))
     if not isinstance(presses, Sequence) or isinstance(presses, str):

@@ -53,11 +53,7 @@ class DriveLink:
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
-        """Set up without a page.
-
-        Args:
-            about: what a page displays that never changes, as JSON.
-        """
+        """Set up without a page; `about` is what a page displays that never changes, as JSON."""
         self._about = about
         self._status: dict[str, Any] = {}
         self._pages: dict[int, _Page] = {}
@@ -74,9 +70,6 @@ class DriveLink:
         viser 1.1 starts its server in its constructor and has no option to check requests. A proxy would not help, as
         viser would still listen on a port of its own. While the context lasts, the one module of viser that serves
         therefore finds a `serve` that checks first; the library `websockets` stays as it is.
-
-        Args:
-            any_host: whether requests may call this machine by any name.
         """
         from viser.infra import _infra
 

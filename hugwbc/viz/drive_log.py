@@ -46,9 +46,6 @@ class DriveLog:
 
         A segment begins where the gait or the use of the hands changes, and where one ramp no longer describes the
         commands to `SHARE_TOLERANCE` of their ranges. A script begins at rest, wherever the drive was.
-
-        Args:
-            about: description for people.
         """
         if len(self._samples) < 2:
             raise ConfigError("the drive was not recorded for long enough; record at least a second")

@@ -32,23 +32,13 @@ def chapter_spans(chapters: Sequence[Chapter], begin: float, end: float) -> list
 
 
 def moment(trace: Trace, sample: int) -> Moment:
-    """Return what a picture of one sample of a run shows.
-
-    Args:
-        trace: the run.
-        sample: index of the sample.
-    """
+    """Return what a picture of one sample of a run shows."""
     recorded = [name for name in MOMENT_FIELDS if len(getattr(trace, name))]
     return Moment(**{name: getattr(trace, name)[sample] for name in recorded})
 
 
 def check_count(count: int, what: str = "runs to draw") -> None:
-    """Refuse a number of runs, or of controllers, that a picture cannot show in different colours.
-
-    Args:
-        count: how many there are.
-        what: what is counted, for the message.
-    """
+    """Refuse a number of runs that a picture cannot show in different colours; `what` they are is for the message."""
     if not 1 <= count <= len(LABEL_COLOURS):
         raise ConfigError(f"{count} {what}; give 1 to {len(LABEL_COLOURS)}")
 
@@ -67,32 +57,20 @@ def lanes(count: int) -> np.ndarray:
 
 
 def frame_samples(time: np.ndarray, fps: float, end: float) -> np.ndarray:
-    """Return the index of the last sample at or before each frame of a film, shape (frames,).
+    """Return the index of the last sample at or before each frame of a film up to an end [s], shape (frames,).
 
-    A run that ended early stays at its last sample.
-
-    Args:
-        time: times of the samples [s], shape (T,).
-        fps: frames per second.
-        end: time of the last frame [s]; the first frame is at the first sample.
+    The first frame is at the first sample. A run that ended early stays at its last sample.
     """
     frames = time[0] + np.arange(int((end - time[0]) * fps + 1e-6) + 1) / fps
     return np.clip(np.searchsorted(time, frames + 1e-9, side="right") - 1, 0, len(time) - 1)
 
 
 def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return where to look, and from how far, so that all robots stay in the picture.
+    """Return where to look, and from how far, so that all robots stay in the picture until an end [s].
 
-    Both paths are smoothed. A run that has ended is left behind while another continues.
-
-    Args:
-        traces: the runs, in the order of their lanes.
-        fps: frames per second.
-        end: time of the last frame [s].
-
-    Returns:
-        The mean position of the robots in their lanes [m], shape (frames, 2), and the factor by which the camera has to
-        stand back because the robots have drifted apart, at least 1, shape (frames,).
+    These are the mean position of the robots in their lanes [m], shape (frames, 2), and the factor, at least 1, by
+    which the camera has to stand back because they have drifted apart, shape (frames,). Both paths are smoothed. A run
+    that has ended is left behind while another continues.
     """
     samples = [frame_samples(trace.time, fps, end) for trace in traces]
     ways = np.stack([trace.qpos[sample, :2] for trace, sample in zip(traces, samples, strict=True)])

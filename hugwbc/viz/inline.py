@@ -33,13 +33,9 @@ def in_notebook() -> bool:
 
 
 def show(*traces: Trace) -> Any:  # noqa: ANN401  what a notebook displays
-    """Replay runs side by side, inline in a notebook, elsewhere in the browser.
+    """Replay one to four runs side by side, inline in a notebook, elsewhere in the browser.
 
-    Args:
-        traces: one to four runs.
-
-    Returns:
-        What a notebook displays, or the path of the page.
+    Return what a notebook displays, or the path of the page.
     """
     title = f"hugwbc replay: {', '.join(trace.name for trace in traces)}"
     if in_notebook():

@@ -315,12 +315,10 @@ class LivePage:
             simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
 
     def show(self, simulation: Engine, task: str = "", speed: float = 1.0) -> None:
-        """Draw the robot, show its state, and take the person's requests.
+        """Draw the robot and its objects, show its state, and take the person's requests.
 
-        Args:
-            simulation: the robot, among the objects that the page shows.
-            task: name of the task that the robot does; empty while the person drives.
-            speed: simulated time over real time.
+        The task is the one that the robot does, empty while the person drives; the speed is simulated time over real
+        time.
         """
         self._steer()
         if self.link.dark is not None and self.link.dark != self._dark:

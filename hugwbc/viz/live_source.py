@@ -92,11 +92,7 @@ class LiveSource:
         self._paused = on
 
     def halt(self, reason: str) -> None:
-        """Request a stand, because nobody drives.
-
-        Args:
-            reason: what has happened, for people.
-        """
+        """Request a stand, because nobody drives; the reason is for people."""
         with self._asking:
             self.wanted = dataclasses.replace(
                 self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING

@@ -105,12 +105,7 @@ class Marks:
         return Mark(True, self._data.xpos[body].copy(), self._data.xquat[body].copy())
 
     def footprint(self, qpos: np.ndarray, foot: int) -> Mark:
-        """Return the mark that a foot leaves on level ground.
-
-        Args:
-            qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (26,).
-            foot: 0 for the left foot, 1 for the right foot.
-        """
+        """Return the mark that a foot (0 left, 1 right) leaves on level ground, given `Moment.qpos`."""
         self._data.qpos[self._layout.qpos] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         centre, turn = self._sole(foot)
@@ -211,13 +206,9 @@ def _forces(moment: Moment) -> dict[str, Mark]:
 
 
 def hull_edges(points: np.ndarray) -> list[tuple[int, int]]:
-    """Return the edges of the convex hull of points seen from above, by Andrew's monotone chain.
+    """Return the edges of the convex hull of at least two points seen from above, by Andrew's monotone chain.
 
-    Args:
-        points: at least two points, x and y first, shape (n, 2 or more).
-
-    Returns:
-        Pairs of indices, anticlockwise; a single pair if all points lie on a line.
+    The edges are pairs of indices, anticlockwise; a single pair if all points lie on a line.
     """
     order = [int(index) for index in np.lexsort((points[:, 1], points[:, 0]))]
     halves = []
@@ -260,10 +251,8 @@ def _about_z(yaw: float) -> np.ndarray:
 def mark_shapes(shapes: Sequence[Shape], label: str, sole: np.ndarray) -> dict[str, list[Shape]]:
     """Return the shapes of every mark, by the mark's path below the robot.
 
-    Args:
-        shapes: the robot's visual shapes, for the ghosts of its forearms.
-        label: the robot's colour as "#rrggbb".
-        sole: centre of a sole in the ankle link's frame [m], shape (3,).
+    The shapes are the robot's, for the ghosts of its forearms; the label is its colour as "#rrggbb"; the sole is the
+    centre of a sole in the ankle link's frame [m].
     """
     parts: dict[str, list[Shape]] = {}
     for side in SIDES:

@@ -29,13 +29,7 @@ _LABELLED_MATERIALS = {"light": 0.3, "lamp": 1.0}  # share of the label colour i
 
 
 def labelled_colour(material: str, colour: str, label: str) -> str:
-    """Return a material's colour, with the label colour mixed into shells and lamp so that robots can be told apart.
-
-    Args:
-        material: name of the material.
-        colour: its own colour as "#rrggbb".
-        label: the robot's label colour as "#rrggbb".
-    """
+    """Return a colour ("#rrggbb") with the label mixed into shells and lamp, so that robots can be told apart."""
     share = _LABELLED_MATERIALS.get(material, 0.0)
     return hex_colour(((1 - share) * np.array(rgb_of(colour)) + share * np.array(rgb_of(label))) / 255)
 
@@ -60,14 +54,8 @@ class RobotView:
     ) -> None:
         """Put the shapes of the robot, of its marks, and of the objects around it into the world.
 
-        Args:
-            node: node of the scene's world.
-            path: path of the robot in the world.
-            model: MuJoCo model with visual shapes.
-            label: colour of the robot as "#rrggbb".
-            offset: offset to the left, which sets robots side by side [m].
-            robot: robot that the model holds; None for the H1.
-            scene: objects around the robot, as drawn; None for none.
+        The path is that of the robot in the world, the model has visual shapes, the label is the robot's colour as
+        "#rrggbb", and the offset to the left sets robots side by side [m].
         """
         self.path, self.marks = path, Marks(model, robot)
         self._node, self._label = node[path], label
@@ -170,14 +158,7 @@ class Scene:
         robot: Robot | None = None,
         around: Sequence[scenes.Scene | None] = (),
     ) -> None:
-        """Build the scene.
-
-        Args:
-            visualizer: where to build it; `hugwbc.viz.server.open_visualizer` gives one with a browser page.
-            names: names of the robots, the first one leftmost in the picture.
-            robot: robot to draw; None for the H1.
-            around: objects around each robot, as drawn; empty for none.
-        """
+        """Build the scene of robots by their names, the first leftmost, each with the objects around it."""
         self.visualizer = visualizer
         visualizer.delete()
         visualizer["/Background"].set_property("top_color", [0.93, 0.95, 0.98])
@@ -205,10 +186,6 @@ class Scene:
 
 
 def world_offset(xy: np.ndarray) -> np.ndarray:
-    """Return where to move the world so that the camera looks at a point on the ground [m], shape (..., 3).
-
-    Args:
-        xy: points on the ground [m], shape (..., 2).
-    """
+    """Return where to move the world so that the camera looks at points on the ground [m], shape (..., 2)."""
     xy = np.asarray(xy, dtype=float)
     return -np.concatenate((xy, np.full((*xy.shape[:-1], 1), LOOK_AT_HEIGHT)), axis=-1)

@@ -17,12 +17,7 @@ OWN_NAMES = ("127.0.0.1", "localhost", "::1")
 
 
 def check_host(host: str, *, expose: bool) -> str:
-    """Return the host to listen on, unchanged.
-
-    Args:
-        host: name or address of the host.
-        expose: whether other machines may reach it.
-    """
+    """Return the host to listen on, unchanged; only an exposed one may be within reach of other machines."""
     try:
         loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -37,9 +32,7 @@ def check_host(host: str, *, expose: bool) -> str:
 def refusal(headers: Headers, *, any_host: bool) -> str | None:
     """Return why a request must not be answered; None if it may be.
 
-    Args:
-        headers: headers of the request.
-        any_host: whether the request may call this machine by any name.
+    Only with `any_host` may it call this machine by another name than its own.
     """
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     if len(hosts) != 1 or len(origins) > 1:

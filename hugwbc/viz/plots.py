@@ -209,11 +209,8 @@ def path_panel(traces: Sequence[Trace]) -> Panel:
 def picture(salt: str, draw: Callable[[Any], Any], height: float = _SIZE[1], **axes: Any) -> str:  # noqa: ANN401
     """Return an `<svg>` element that scales with its container and takes the page's text colour.
 
-    Args:
-        salt: text from which the ids in the picture are made: different for each picture of a page, equal in every run.
-        draw: called with new axes to draw on.
-        height: height of the picture at a width of 6 in [in].
-        axes: options of `Figure.add_subplot`.
+    The salt makes the ids in the picture: different for each picture of a page, equal in every run. The height [in] is
+    that at a width of 6 in, and `axes` are options of `Figure.add_subplot`.
     """
     style = cast("Any", {**_STYLE, "svg.hashsalt": salt})
     with matplotlib.rc_context(style):

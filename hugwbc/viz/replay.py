@@ -56,13 +56,9 @@ class _Recorder:
 def replay_html(
     traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS, chapters: Sequence[Chapter] = ()
 ) -> str:
-    """Return the page: robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`; it loads nothing.
+    """Return the page: one to four robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`.
 
-    Args:
-        traces: one to four runs.
-        title: title of the page.
-        fps: frames per second of the recording; the browser interpolates between frames.
-        chapters: names on the time axis, in the order of their beginnings.
+    It loads nothing. The browser interpolates between the frames. The names of the chapters stand on the time axis.
     """
     check_traces(traces)
     recorder = _Recorder()
@@ -103,13 +99,7 @@ def write_replay(
 
 
 def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:
-    """Return a row of names below the time axis, each as wide as its chapter; a click goes to its beginning.
-
-    Args:
-        chapters: the chapters, in the order of their beginnings.
-        begin: time at the left end [s].
-        end: time at the right end [s].
-    """
+    """Return a row of names below the time axis, each as wide as its chapter; a click goes to its beginning."""
     names = "".join(
         f'<button type="button" data-time="{start - begin:.3f}" title="{html.escape(name)}"'
         f' style="flex-grow:{1000.0 * (stop - start):.0f}">{html.escape(name)}</button>'
@@ -169,10 +159,7 @@ def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: i
 def gait_bar(traces: Sequence[Trace], begin: float, end: float) -> str:
     """Return an `<svg>` that shows, foot by foot, the contact by the gait's clock and the measured one.
 
-    Args:
-        traces: the runs; each has two rows, the left foot over the right one.
-        begin: time at the left end of the bar [s].
-        end: time at the right end of the bar [s].
+    Each run has two rows, the left foot over the right one.
     """
     rows = []
     for index, trace in enumerate(traces):

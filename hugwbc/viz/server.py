@@ -57,11 +57,7 @@ class _LoopbackBridge(Bridge):
 
 
 def open_visualizer() -> tuple[meshcat.Visualizer, str]:
-    """Start a server in a thread of this process.
-
-    Returns:
-        The visualizer, and the address to open in a browser.
-    """
+    """Start a server in a thread of this process; return its visualizer, and the address to open in a browser."""
     started: queue.Queue[str] = queue.Queue()
 
     async def serve() -> None:

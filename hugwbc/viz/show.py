@@ -69,16 +69,7 @@ class RealTime:
 
 
 def open_view(name: str, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
-    """Open a live meshcat page with one robot, which only this machine can reach.
-
-    Args:
-        name: name of the controller.
-        scene: objects around the robot, as drawn; None for none.
-        tell: receives the address of the page.
-
-    Returns:
-        A function that draws a moment.
-    """
+    """Open a live meshcat page with one robot, which only this machine can reach; return what draws a moment."""
     from hugwbc.viz import meshcat_scene
     from hugwbc.viz.server import open_visualizer
 
@@ -150,13 +141,7 @@ def at_real_time(draw: Draw, simulation: Engine, clock: RealTime | None = None) 
 
 
 def keep_replay(path: str | pathlib.Path, traces: Sequence[Trace], *, tell: Tell = print) -> None:
-    """Write a replay page of one to four runs side by side, and tell where it is.
-
-    Args:
-        path: path of the page; missing folders are made.
-        traces: the runs.
-        tell: receives the path.
-    """
+    """Write a replay page of one to four runs side by side, and tell where it is."""
     from hugwbc.viz.replay import write_replay
 
     path = pathlib.Path(path)
@@ -181,16 +166,10 @@ def run_live(
     until: Callable[[], bool] | None = None,
     tell: Tell = print,
 ) -> None:
-    """Run a control loop, at real time if there is a viewer.
+    """Run a control loop for a time, falls included [s], at real time if there is a viewer.
 
-    A robot that fell stands up again, and the commands restart.
-
-    Args:
-        loop: the control loop; it is reset first.
-        duration: how long to run, falls included [s]; infinite to run until Ctrl-C.
-        draw: draws a moment; None to run as fast as possible.
-        until: called after each control period; the run ends where it returns True.
-        tell: receives a line for each fall and, at the end, how the run went.
+    A robot that fell stands up again, and the commands restart. The run ends early where `until`, called after each
+    control period, returns True. `tell` receives a line for each fall and, at the end, how the run went.
     """
     falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
     messages: list[str] = []
@@ -222,8 +201,7 @@ def run_live(
 def run_script(main: Callable[..., object]) -> None:
     """Call a script's `main` with options from the command line; a bad value ends it with a message and exit code 2.
 
-    Args:
-        main: a function whose arguments have types, defaults and a docstring, which becomes the help text.
+    Its arguments must have types and defaults; its docstring becomes the help text.
     """
     import tyro
 

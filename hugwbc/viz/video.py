@@ -56,19 +56,10 @@ def write_video(
     chapters: Sequence[Chapter] = (),
     on_progress: Callable[[float], None] | None = None,
 ) -> str | None:
-    """Render the robots side by side, in the colours of `LABEL_COLOURS`, with the marks around them.
+    """Render one to four runs side by side, in the colours of `LABEL_COLOURS`, with the marks around them.
 
-    Names, clock and chapter are written into the picture.
-
-    Args:
-        path: path of the MP4 file.
-        traces: one to four runs.
-        hide: layers of marks to leave out, names in `marks.LAYERS`.
-        chapters: stretches of time with names.
-        on_progress: called with the fraction done after each frame.
-
-    Returns:
-        None if the file was written; otherwise one line that says why not.
+    Names, clock and chapter are written into the picture; layers of `marks.LAYERS` may be hidden. Return None if the
+    file was written, and otherwise one line that says why not.
     """
     check_traces(traces)
     for name in hide:
@@ -101,12 +92,7 @@ def frame_count(traces: Sequence[Trace]) -> int:
 
 
 def captions(traces: Sequence[Trace], chapters: Sequence[Chapter]) -> list[dict[str, Any]]:
-    """Return what is written into each frame: "names" (text and colour of each robot), "clock" and "chapter".
-
-    Args:
-        traces: the runs.
-        chapters: stretches of time with names.
-    """
+    """Return what is written into each frame: "names" (text and colour of each robot), "clock" and "chapter"."""
     begin = float(traces[0].time[0])
     frames = []
     for number in range(frame_count(traces)):
@@ -155,17 +141,10 @@ def _environment() -> dict[str, str]:
 
 
 def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, layers: Sequence[str]) -> list[np.ndarray]:
-    """Return the geoms of a run's marks at some of its samples.
+    """Return the geoms of a run's marks at some samples: for each frame an array of shape (geoms, `GEOM_NUMBERS`).
 
-    Args:
-        trace: the run.
-        samples: indices of the samples, shape (frames,).
-        label: the robot's colour as "#rrggbb".
-        offset: the robot's offset to the left [m].
-        layers: layers to show, names in `marks.LAYERS`.
-
-    Returns:
-        For each frame an array of shape (geoms, `GEOM_NUMBERS`).
+    The label is the robot's colour as "#rrggbb", the offset that to the left [m], and the layers are names in
+    `marks.LAYERS`.
     """
     robot = load_robot(trace.robot)
     model = load_model(SIMULATION_TIMESTEP, robot=robot)
@@ -252,12 +231,7 @@ def _row(
 def _object_poses(traces: Sequence[Trace], samples: Sequence[np.ndarray]) -> tuple[list[str], np.ndarray]:
     """Return the names of all bodies around the robots, as `_stage` has them, and their poses in the lanes.
 
-    Args:
-        traces: the runs.
-        samples: index of the sample of each run in each frame, shape (frames,) for each run.
-
-    Returns:
-        Names, and positions [m] and quaternions (w, x, y, z), shape (frames, bodies, 7).
+    The poses are positions [m] and quaternions (w, x, y, z), shape (frames, bodies, 7).
     """
     names, poses = [], [np.zeros((len(samples[0]), 0, 7))]
     for index, (trace, sample, lane) in enumerate(zip(traces, samples, lanes(len(traces)), strict=True)):
@@ -336,14 +310,7 @@ def _add_name(scene: mujoco.MjvScene, name: str, position: np.ndarray) -> None:
 
 
 def _render(traces: Sequence[Trace], layers: Sequence[str], chapters: Sequence[Chapter], path: pathlib.Path) -> None:
-    """Render a film of runs, and write the number of each finished frame to standard output.
-
-    Args:
-        traces: the runs.
-        layers: layers of marks to show.
-        chapters: stretches of time with names.
-        path: path of the MP4 file.
-    """
+    """Render a film of runs, and write the number of each finished frame to standard output."""
     end = max(float(trace.time[-1]) for trace in traces)
     samples = [frame_samples(trace.time, FPS, end) for trace in traces]
     offsets = lanes(len(traces))

@@ -81,11 +81,7 @@ def clock_phases(gait: Gait, frequency: float, offset: float, samples: int) -> n
 
 
 def fit_clock(contact: np.ndarray, gait: Gait, frequency: float) -> tuple[float, float]:
-    """Fit the clock to the contacts, shape (T, 2).
-
-    Returns:
-        The offset [cycles] that agrees best with the contacts, and the fraction of samples in which it does.
-    """
+    """Return the clock's offset [cycles] that agrees best with contacts (T, 2), and the part of samples that agree."""
     # A foot should be on the ground in the first half of its homogenised cycle.
     stance = [clock_phases(gait, frequency, offset, len(contact)) < 0.5 for offset in _OFFSETS]
     agreement = [float(np.mean(expected == contact)) for expected in stance]

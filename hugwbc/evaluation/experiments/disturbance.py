@@ -96,14 +96,9 @@ def searches(settings: DisturbanceSettings, rows: Sequence[Row]) -> dict[tuple[s
 
 
 def rollout_plan(settings: DisturbanceSettings, kind: str, direction: int, force: float, draw: int) -> Plan:
-    """Plan one rollout.
+    """Plan one rollout with a force of a kind in `KINDS`, a direction [deg] and a size [N].
 
-    Args:
-        settings: settings of the experiment.
-        kind: key of `KINDS`.
-        direction: direction of the force [deg].
-        force: magnitude of the force [N].
-        draw: number of the rollout; the same number gives the same robot and the same start of the force.
+    The same draw gives the same robot and the same start of the force.
     """
     # The draws depend on the rollout's number alone, so that every force is tried on the same robots.
     rng = np.random.default_rng((settings.seed, draw))

@@ -115,10 +115,7 @@ def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.
 def hands_script(settings: HandsSettings, rng: np.random.Generator, index: int = 0) -> Script:
     """Script one episode: both hands go from one reachable target to the next while the robot stands or moves.
 
-    Args:
-        settings: settings of the experiment.
-        rng: draws the targets.
-        index: number of the episode, which decides the foot where both hop in turn.
+    The number of the episode, `index`, decides the foot where both hop in turn.
     """
     gait = settings.gaits[index % 2]
     count = math.ceil(settings.duration / (LEG_TIME + DWELL)) + 1

@@ -100,14 +100,7 @@ def figures(settings: InterventionSettings, rows: pl.DataFrame) -> list[Figure]:
 
 
 def paper_alone(table: str, values: Mapping[str, float], units: Mapping[str, str], training: str) -> list[Figure]:
-    """Return figures of the paper's policy of a training that is not the controller's.
-
-    Args:
-        table: title of their table.
-        values: the figures by quantity.
-        units: unit of each quantity.
-        training: training of the paper's policy that they belong to.
-    """
+    """Return figures of the paper's policy of a training that is not the controller's."""
     return [
         Figure(table, quantity, units[quantity], None, value, reference=TRAINED[training])
         for quantity, value in values.items()

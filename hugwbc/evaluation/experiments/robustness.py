@@ -76,11 +76,8 @@ def plan(settings: RobustnessSettings) -> list[Plan]:
 def error_ratio(rows: pl.DataFrame, nominal: pl.DataFrame) -> float | None:
     """Return the error over the unchanged robot's error, averaged over the paper's errors.
 
-    Only commands with which neither robot fell count. None if there is none.
-
-    Args:
-        rows: episodes of one value.
-        nominal: episodes of the unchanged robot, with the same commands in the same order.
+    Both data frames have the same commands in the same order. Only commands with which neither robot fell count; None
+    if there is none.
     """
     both = pl.DataFrame(
         {

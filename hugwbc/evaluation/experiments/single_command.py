@@ -64,15 +64,10 @@ def sampled_commands(gait: Gait) -> tuple[str, ...]:
 
 
 def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False) -> list[tuple[str, Command]]:
-    """Sample single commands, stratified over their finishing ranges.
+    """Return name and whole command of samples that are stratified over the commands' finishing ranges.
 
-    Args:
-        settings: settings, of which gait and seed are used.
-        episodes: number of samples in all, split evenly over the commands of the gait.
-        ends: take the two ends of each range, each half of the times, instead of samples of its inside.
-
-    Returns:
-        Name of the sampled command and the whole command, for every episode.
+    The episodes are split evenly over the commands of the gait. With `ends` the two ends of each range, each half of
+    the times, take the place of samples of its inside.
     """
     rng = np.random.default_rng(settings.seed)
     names = sampled_commands(settings.gaits[0])

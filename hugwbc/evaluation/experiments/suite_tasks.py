@@ -91,8 +91,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
 def hand_acceleration(hands: np.ndarray) -> float:
     """Return the root mean square of the hands' acceleration [m/s^2]; NaN for fewer than three samples.
 
-    Args:
-        hands: positions in the world, one sample every `RECORD_PERIOD` [m], shape (T, 2, 3).
+    Positions (T, 2, 3) are in the world [m], one sample every `RECORD_PERIOD`.
     """
     if len(hands) < 3:
         return math.nan
