@@ -32,21 +32,13 @@ _POSE = 7
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Capture:
-    """One frame of motion capture, with the objects in the hands.
+    """One frame of motion capture, with the objects in the hands."""
 
-    Attributes:
-        time: when it was taken, on the robot's clock [s].
-        robot: position [m] and quaternion (w, x, y, z) of the pelvis, shape (7,).
-        names: names of the objects.
-        poses: the same of each of them, shape (n, 7).
-        held: names of what the left and the right hand hold; None for nothing.
-    """
-
-    time: float
-    robot: np.ndarray
-    names: tuple[str, ...]
-    poses: np.ndarray
-    held: tuple[str | None, str | None]
+    time: float  # when it was taken, on the robot's clock [s]
+    robot: np.ndarray  # position [m] and quaternion (w, x, y, z) of the pelvis, shape (7,)
+    names: tuple[str, ...]  # names of the objects
+    poses: np.ndarray  # the same of each of them, shape (n, 7)
+    held: tuple[str | None, str | None]  # names of what the left and the right hand hold; None for nothing
 
     def text(self) -> str:
         """Return the text that says it."""

@@ -24,15 +24,10 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motors:
-    """The motor slots of a robot.
+    """The motor slots of a robot."""
 
-    Attributes:
-        slots: slot of each joint, in the order of `Robot.joint_names`, shape (19,).
-        modes: mode in which each slot's motor follows commands, shape (20,).
-    """
-
-    slots: np.ndarray
-    modes: np.ndarray
+    slots: np.ndarray  # slot of each joint, in the order of `Robot.joint_names`, shape (19,)
+    modes: np.ndarray  # mode in which each slot's motor follows commands, shape (20,)
 
     @classmethod
     def of(cls, robot: Robot) -> "Motors":
@@ -49,32 +44,20 @@ class Motors:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StateMessage:
-    """A state message.
+    """A state message."""
 
-    Attributes:
-        tick: the robot's clock [ms].
-        state: readings of encoders, motors and IMU; its `time` is that of the tick.
-        temperature: of the motors [degrees Celsius], shape (19,).
-        remote: the remote control.
-    """
-
-    tick: int
-    state: RobotState
-    temperature: np.ndarray
-    remote: Remote
+    tick: int  # the robot's clock [ms]
+    state: RobotState  # readings of encoders, motors and IMU; its `time` is that of the tick
+    temperature: np.ndarray  # of the motors [degrees Celsius], shape (19,)
+    remote: Remote  # the remote control
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CommandMessage:
-    """A command message.
+    """A command message."""
 
-    Attributes:
-        command: the joint command; a motor that is not in its mode has no gains and no torque.
-        answers: tick of the state that the command answers, in lockstep with a simulated robot; else 0.
-    """
-
-    command: JointCommand
-    answers: int
+    command: JointCommand  # the joint command; a motor that is not in its mode has no gains and no torque
+    answers: int  # tick of the state that the command answers, in lockstep with a simulated robot; else 0
 
 
 class Messages:

@@ -27,17 +27,11 @@ _ROUNDING = 1e-9  # [s]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Decision:
-    """The response to a state.
+    """The response to a state."""
 
-    Attributes:
-        time: of the state, on the robot's clock [s].
-        command: for the joints; None while nothing is to be sent.
-        new: whether it was computed from this state, and is not that of an earlier one.
-    """
-
-    time: float
-    command: JointCommand | None
-    new: bool
+    time: float  # of the state, on the robot's clock [s]
+    command: JointCommand | None  # for the joints; None while nothing is to be sent
+    new: bool  # whether it was computed from this state, and is not that of an earlier one
 
 
 class Pilot:

@@ -13,17 +13,11 @@ Content = TypeVar("Content")
 
 @settings
 class Radio:
-    """What a network does to messages, in each direction.
+    """What a network does to messages, in each direction."""
 
-    Attributes:
-        loss: part of the messages that is lost.
-        delay: time that a message takes [s].
-        jitter: largest additional time, drawn evenly [s]; messages may overtake each other.
-    """
-
-    loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    delay: NotNegative = 0.0
-    jitter: NotNegative = 0.0
+    loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0  # part of the messages that is lost
+    delay: NotNegative = 0.0  # time that a message takes [s]
+    jitter: NotNegative = 0.0  # largest additional time, drawn evenly [s]; messages may overtake each other
 
 
 class Channel(Generic[Content]):

@@ -85,17 +85,11 @@ class Recorder:
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One entry of a recording; see the kinds above.
+    """One entry of a recording; see the kinds above."""
 
-    Attributes:
-        kind: of the entry.
-        time: when it happened, on the clock of the robot side [s].
-        content: message or text.
-    """
-
-    kind: bytes
-    time: float
-    content: bytes
+    kind: bytes  # of the entry
+    time: float  # when it happened, on the clock of the robot side [s]
+    content: bytes  # message or text
 
 
 class Recording:
@@ -155,19 +149,12 @@ class Recording:
 
 @dataclasses.dataclass(frozen=True)
 class ReplayResult:
-    """The comparison of a replay with its recording.
+    """The comparison of a replay with its recording."""
 
-    Attributes:
-        states: states that the pilot took.
-        decisions: its commands.
-        different: commands that differ in any bit.
-        first: time of the first one that does [s]; None if none does.
-    """
-
-    states: int
-    decisions: int
-    different: int
-    first: float | None
+    states: int  # states that the pilot took
+    decisions: int  # its commands
+    different: int  # commands that differ in any bit
+    first: float | None  # time of the first one that does [s]; None if none does
 
 
 def replay(

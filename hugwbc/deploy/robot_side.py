@@ -99,20 +99,14 @@ class Outlet:
 
 @settings
 class Settings:
-    """How a deployment runs.
+    """How a deployment runs."""
 
-    Attributes:
-        lockstep: whether each state is answered at once, for a simulated robot that waits.
-        slower: how many times slower than the wall clock the robot's clock is; 1 for a real robot.
-        dry_run: do everything but send.
-        age: assumed age of a reading at its arrival [s].
-        duration: how long to run after the first state [s of the robot's clock]; None until the operator's end.
-    """
-
-    lockstep: bool = False
+    lockstep: bool = False  # whether each state is answered at once, for a simulated robot that waits
+    # how many times slower than the wall clock the robot's clock is; 1 for a real robot
     slower: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
-    dry_run: bool = False
-    age: Share = 0.0
+    dry_run: bool = False  # do everything but send
+    age: Share = 0.0  # assumed age of a reading at its arrival [s]
+    # how long to run after the first state [s of the robot's clock]; None until the operator's end
     duration: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] | None = None
 
 

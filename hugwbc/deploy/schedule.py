@@ -13,17 +13,11 @@ _PRESS = 0.2  # [s] for which a button is held
 
 @dataclasses.dataclass(frozen=True)
 class Happening:
-    """One event.
+    """One event."""
 
-    Attributes:
-        time: when [s].
-        word: a button, a stick or a word for the hoist.
-        value: of a stick.
-    """
-
-    time: float
-    word: str
-    value: float = 0.0
+    time: float  # when [s]
+    word: str  # a button, a stick or a word for the hoist
+    value: float = 0.0  # of a stick
 
 
 class Schedule:

@@ -29,21 +29,13 @@ _POLL = 0.002  # [s]
 
 @dataclasses.dataclass(frozen=True)
 class Extremes:
-    """The largest values of a run.
+    """The largest values of a run."""
 
-    Attributes:
-        speed: of a joint, as a part of its limit.
-        torque: of a joint, as a part of its limit.
-        beyond: distance of a joint beyond its range [rad].
-        lowest: lowest height of the pelvis above the ground [m].
-        silence: longest time for which the same command was held because none came [s].
-    """
-
-    speed: float = 0.0
-    torque: float = 0.0
-    beyond: float = 0.0
-    lowest: float = math.inf
-    silence: float = 0.0
+    speed: float = 0.0  # of a joint, as a part of its limit
+    torque: float = 0.0  # of a joint, as a part of its limit
+    beyond: float = 0.0  # distance of a joint beyond its range [rad]
+    lowest: float = math.inf  # lowest height of the pelvis above the ground [m]
+    silence: float = 0.0  # longest time for which the same command was held because none came [s]
 
 
 class SimulatedRobot:

@@ -27,21 +27,13 @@ class Mode(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Event:
-    """A transition, or a refused one.
+    """A transition, or a refused one."""
 
-    Attributes:
-        time: on the robot's clock [s].
-        before: mode until then.
-        after: mode from then on; `before` again if the request was refused.
-        reason: why.
-        refused: whether a request was refused.
-    """
-
-    time: float
-    before: Mode
-    after: Mode
-    reason: str
-    refused: bool = False
+    time: float  # on the robot's clock [s]
+    before: Mode  # mode until then
+    after: Mode  # mode from then on; `before` again if the request was refused
+    reason: str  # why
+    refused: bool = False  # whether a request was refused
 
     def __str__(self) -> str:
         """Return the event as a line of the log."""

@@ -10,19 +10,12 @@ _MS = 1e3
 
 @dataclasses.dataclass(frozen=True)
 class Spread:
-    """How a measured time is spread [ms]; NaN without a measurement.
+    """How a measured time is spread [ms]; NaN without a measurement."""
 
-    Attributes:
-        count: number of measurements.
-        median: the middle one.
-        p999: the 99.9th percentile.
-        largest: the largest one.
-    """
-
-    count: int
-    median: float
-    p999: float
-    largest: float
+    count: int  # number of measurements
+    median: float  # the middle one
+    p999: float  # the 99.9th percentile
+    largest: float  # the largest one
 
     @classmethod
     def of(cls, seconds: np.ndarray) -> "Spread":

@@ -24,23 +24,15 @@ GAITS = (*(gait.label for gait in Gait), BOTH_LEGS)
 
 @settings(kw_only=True)
 class Settings:
-    """Settings that every experiment has.
+    """Settings that every experiment has."""
 
-    Attributes:
-        seed: seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in
-            `hugwbc.seeds`.
-        duration: duration of an episode [s].
-        settle: start of an episode that is left out of the errors [s].
-        gait: gait: standing, walking, jumping, hopping_left, hopping_right, or hopping, which hops on the left and the
-            right leg in turn.
-        conditions: physics, ground, robot, sensors and arms.
-    """
-
+    # seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in `hugwbc.seeds`
     seed: Seed = REPORT_SEED
-    duration: Positive = 10.0
-    settle: NotNegative = SETTLE_S
+    duration: Positive = 10.0  # duration of an episode [s]
+    settle: NotNegative = SETTLE_S  # start of an episode that is left out of the errors [s]
+    # standing, walking, jumping, hopping_left, hopping_right, or hopping, which hops on both legs in turn
     gait: Annotated[str, one_of("gait", lambda: GAITS)] = Gait.WALKING.label
-    conditions: Conditions = dataclasses.field(default_factory=Conditions)
+    conditions: Conditions = dataclasses.field(default_factory=Conditions)  # physics, robot, sensors, arms
     varied: ClassVar[frozenset[str]] = frozenset()
     """Conditions that the experiment sets itself."""
 
@@ -64,31 +56,19 @@ class Settings:
 
 @settings(kw_only=True)
 class CountedSettings(Settings):
-    """Settings of an experiment with a number of episodes, in addition to `Settings`.
+    """Settings of an experiment with a number of episodes, in addition to `Settings`."""
 
-    Attributes:
-        episodes: number of episodes.
-    """
-
-    episodes: Count = 1
+    episodes: Count = 1  # number of episodes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Run:
-    """One episode that has been simulated.
-
-    Attributes:
-        plan: plan of the episode.
-        trace: record of the rollout.
-        arm_error: mean distance of the arm joints to their external targets after the settling time [rad]; NaN without
-            external control.
-        estimates: errors of the state estimator, if the arena has one.
-    """
+    """One episode that has been simulated."""
 
     plan: Plan
     trace: Trace
-    arm_error: float
-    estimates: EstimateRecord | None = None
+    arm_error: float  # mean distance of the arms to their external targets after the settling time [rad]; NaN if free
+    estimates: EstimateRecord | None = None  # errors of the state estimator, if the arena has one
 
     @property
     def command(self) -> Command:

@@ -81,21 +81,13 @@ class Experiment(Generic[S]):
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """The rows of an experiment with a controller.
+    """The rows of an experiment with a controller."""
 
-    Attributes:
-        experiment: name of the experiment.
-        controller: label of the controller.
-        settings: settings of the experiment.
-        rows: one for each episode, in the order of the plans.
-        figures: figures of all rows.
-    """
-
-    experiment: str
-    controller: str
-    settings: Settings
-    rows: list[Row]
-    figures: list[Figure]
+    experiment: str  # name of the experiment
+    controller: str  # label of the controller
+    settings: Settings  # settings of the experiment
+    rows: list[Row]  # one for each episode, in the order of the plans
+    figures: list[Figure]  # figures of all rows
 
 
 def run_experiment(

@@ -22,17 +22,11 @@ class CheckError(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class CheckOutcome:
-    """Outcome of one check.
+    """Outcome of one check."""
 
-    Attributes:
-        name: what was checked.
-        passed: whether it is as it should be.
-        text: what was found.
-    """
-
-    name: str
-    passed: bool
-    text: str
+    name: str  # what was checked
+    passed: bool  # whether it is as it should be
+    text: str  # what was found
 
 
 def run_checks(on_progress: Callable[[float], None] | None = None) -> list[CheckOutcome]:

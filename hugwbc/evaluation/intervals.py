@@ -14,18 +14,12 @@ _SEED = 0  # of the resampling, fixed so that the same results give the same pag
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A mean with its confidence interval.
+    """A mean with the bounds of its interval of confidence `CONFIDENCE`, None for fewer than two samples."""
 
-    Attributes:
-        value: the mean; None without a sample.
-        low, high: bounds of the interval of confidence `CONFIDENCE`; None for fewer than two samples.
-        samples: number of samples.
-    """
-
-    value: float | None
+    value: float | None  # the mean; None without a sample
     low: float | None
     high: float | None
-    samples: int
+    samples: int  # number of samples
 
 
 def single(value: float | None) -> Estimate:

@@ -24,28 +24,18 @@ _STAND = Command()
 
 @dataclasses.dataclass(frozen=True)
 class Knot:
-    """A point of a schedule.
+    """A point of a schedule."""
 
-    Attributes:
-        time: time at which the command starts to change to this one [s]; the gait changes at once.
-        command: command that is reached after `ramp` and then held.
-        ramp: duration of the linear change of the eight numbers [s].
-    """
-
-    time: float
-    command: Command
-    ramp: float = 0.0
+    time: float  # time at which the command starts to change to this one [s]; the gait changes at once
+    command: Command  # command that is reached after `ramp` and then held
+    ramp: float = 0.0  # duration of the linear change of the eight numbers [s]
 
 
 @dataclasses.dataclass(frozen=True)
 class Schedule:
-    """A command source that steps or ramps linearly from knot to knot, without hand targets.
+    """A command source that steps or ramps linearly from knot to knot, without hand targets."""
 
-    Attributes:
-        knots: knots ordered by time, the first at 0 s; a ramp ends before the next knot.
-    """
-
-    knots: tuple[Knot, ...]
+    knots: tuple[Knot, ...]  # knots ordered by time, the first at 0 s; a ramp ends before the next knot
 
     def __post_init__(self) -> None:
         if not self.knots or self.knots[0].time != 0.0 or self.knots[0].ramp != 0.0:
@@ -82,17 +72,11 @@ class Waypoint:
 
 @dataclasses.dataclass(frozen=True)
 class Tour:
-    """Waypoints that are approached one after the other, each for the same time.
+    """Waypoints that are approached one after the other, each for the same time."""
 
-    Attributes:
-        waypoints: at least one waypoint.
-        leg: time for each waypoint [s]; after the last leg the last waypoint stays the goal.
-        gait: gait of the walk.
-    """
-
-    waypoints: tuple[Waypoint, ...]
-    leg: float
-    gait: Gait = Gait.WALKING
+    waypoints: tuple[Waypoint, ...]  # at least one waypoint
+    leg: float  # time for each waypoint [s]; after the last leg the last waypoint stays the goal
+    gait: Gait = Gait.WALKING  # gait of the walk
 
     def __post_init__(self) -> None:
         if not self.waypoints or not 0.0 < self.leg < math.inf:

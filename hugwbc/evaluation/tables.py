@@ -12,15 +12,10 @@ MARKS = ("", "worse", "unclear", "published")
 
 @dataclasses.dataclass(frozen=True)
 class Marked:
-    """A cell that is marked by a word and by its style.
+    """A cell that is marked by a word and by its style."""
 
-    Attributes:
-        text: text of the cell, including the word.
-        mark: one of `MARKS`: worse than the reference; worse, but within the uncertainty; published and not measured
-            here.
-    """
-
-    text: str
+    text: str  # text of the cell, including the word
+    # one of `MARKS`: worse than the reference; worse, but within the uncertainty; published and not measured here
     mark: str = ""
 
     def __post_init__(self) -> None:
@@ -33,19 +28,13 @@ Cell = str | float | int | bool | None | Marked
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A table of a report.
+    """A table of a report."""
 
-    Attributes:
-        title: heading above it.
-        columns: heading of each column; the first column holds the row's name.
-        rows: the cells: text, numbers (shown to three significant digits), or None and NaN (shown as a dash).
-        note: a sentence below the table.
-    """
-
-    title: str
-    columns: Sequence[str]
+    title: str  # heading above it
+    columns: Sequence[str]  # heading of each column; the first column holds the row's name
+    # the cells: text, numbers (shown to three significant digits), or None and NaN (shown as a dash)
     rows: Sequence[Sequence[Cell]]
-    note: str = ""
+    note: str = ""  # a sentence below the table
 
     def __post_init__(self) -> None:
         for row in self.rows:

@@ -35,19 +35,12 @@ _TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """The content of a report.
+    """The content of a report."""
 
-    Attributes:
-        results: results of the experiments.
-        controllers: labels, at least one; the first two are compared.
-        notes: sentences on how the report was made and what it lacks.
-        training: record of the learned policy's training; None if there is none.
-    """
-
-    results: Sequence[Result]
-    controllers: Sequence[str]
-    notes: Sequence[str]
-    training: pathlib.Path | None = None
+    results: Sequence[Result]  # results of the experiments
+    controllers: Sequence[str]  # labels, at least one; the first two are compared
+    notes: Sequence[str]  # sentences on how the report was made and what it lacks
+    training: pathlib.Path | None = None  # record of the learned policy's training; None if there is none
 
     @functools.cached_property
     def figures(self) -> list[Figure]:

@@ -63,17 +63,12 @@ KEY_CODES = (*HELD, *SHIFT, *(code for code in PRESSED if not code.startswith("P
 
 @dataclasses.dataclass(frozen=True)
 class Touched:
-    """What a page's keys and sticks ask for at one time.
+    """What a page's keys and sticks ask for at one time."""
 
-    Attributes:
-        held: codes of the held keys.
-        axes: the gamepad's axes in [-1, 1]: left stick right and down, right stick right and down; empty without one.
-        squat: the left trigger in [0, 1].
-    """
-
-    held: frozenset[str] = frozenset()
+    held: frozenset[str] = frozenset()  # codes of the held keys
+    # the gamepad's axes in [-1, 1]: left stick right and down, right stick right and down; empty without one
     axes: tuple[float, ...] = ()
-    squat: float = 0.0
+    squat: float = 0.0  # the left trigger in [0, 1]
 
     @classmethod
     def parse(cls, message: Mapping[str, Any]) -> "Touched":

@@ -43,18 +43,13 @@ HEAD = 0.15  # length of an arrow's head, as a share of the arrow
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Mark:
-    """One mark at one time; a mark that is not visible keeps its last place.
+    """One mark at one time; a mark that is not visible keeps its last place."""
 
-    Attributes:
-        visible: whether the mark is shown.
-        position: position in the world [m], shape (3,).
-        quaternion: orientation (w, x, y, z), shape (4,).
-        scale: scale along the mark's own axes, shape (3,).
-    """
-
-    visible: bool = True
+    visible: bool = True  # whether the mark is shown
+    # position in the world [m], shape (3,)
     position: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    quaternion: np.ndarray = dataclasses.field(default_factory=lambda: UPRIGHT)
+    quaternion: np.ndarray = dataclasses.field(default_factory=lambda: UPRIGHT)  # orientation (w, x, y, z), shape (4,)
+    # scale along the mark's own axes, shape (3,)
     scale: np.ndarray = dataclasses.field(default_factory=lambda: np.ones(3))
 
     @property

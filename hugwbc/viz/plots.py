@@ -54,17 +54,11 @@ _STYLE = {
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One picture.
+    """One picture."""
 
-    Attributes:
-        title: title of the picture.
-        svg: the `<svg>` element, which scales with its container.
-        coloured: whether it has the colours of the controllers, so that it needs their legend.
-    """
-
-    title: str
-    svg: str
-    coloured: bool = True
+    title: str  # title of the picture
+    svg: str  # the `<svg>` element, which scales with its container
+    coloured: bool = True  # whether it has the colours of the controllers, so that it needs their legend
 
 
 def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:

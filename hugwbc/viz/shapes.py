@@ -19,25 +19,16 @@ CYLINDER_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0,
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Shape:
-    """One primitive of a body or of a mark.
+    """One primitive of a body or of a mark."""
 
-    Attributes:
-        primitive: the geometry, one of meshcat's.
-        colour: colour as "#rrggbb".
-        placement: homogeneous transform of the geometry in the frame of its body or mark, shape (4, 4).
-        opacity: opacity in (0, 1].
-        on_top: whether the shape is drawn over everything that would hide it.
-        body: name of the body that carries the shape; empty for a mark.
-        material: name of the geom's MuJoCo material; empty without one.
-    """
-
-    primitive: geometry.Geometry
-    colour: str
+    primitive: geometry.Geometry  # the geometry, one of meshcat's
+    colour: str  # colour as "#rrggbb"
+    # homogeneous transform of the geometry in the frame of its body or mark, shape (4, 4)
     placement: np.ndarray = dataclasses.field(default_factory=lambda: np.eye(4))
-    opacity: float = 1.0
-    on_top: bool = False
-    body: str = ""
-    material: str = ""
+    opacity: float = 1.0  # opacity in (0, 1]
+    on_top: bool = False  # whether the shape is drawn over everything that would hide it
+    body: str = ""  # name of the body that carries the shape; empty for a mark
+    material: str = ""  # name of the geom's MuJoCo material; empty without one
 
 
 def homogeneous(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:

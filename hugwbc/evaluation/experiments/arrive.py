@@ -28,15 +28,10 @@ FAR = Scene((Box(name="far", position=(9.0, 9.0), size=(0.2, 0.2, 0.2), mass=1.0
 
 @settings(kw_only=True)
 class ArriveSettings(CountedSettings):
-    """Settings of arrive, in addition to `CountedSettings`.
+    """Settings of arrive, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of goals.
-        duration: longest time of an episode [s].
-    """
-
-    episodes: Count = 20
-    duration: Positive = 60.0
+    episodes: Count = 20  # number of goals
+    duration: Positive = 60.0  # longest time of an episode [s]
 
 
 def plan(settings: ArriveSettings) -> list[Plan]:

@@ -19,19 +19,13 @@ from hugwbc.upper_ik import UpperBodySource
 
 @settings(kw_only=True)
 class BehavioursSettings(CountedSettings):
-    """Settings of behaviours, in addition to `CountedSettings`.
+    """Settings of behaviours, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes; what varies in the scene, and the sensors' errors, differ from one to the next.
-        behaviour: name of a shipped behaviour, or FILE.py:NAME.
-        scene: name of a shipped scene, a YAML file, or FILE.py:NAME of a scene.
-        duration: longest time of an episode [s].
-    """
-
+    # number of episodes; what varies in the scene, and the sensors' errors, differ from one to the next
     episodes: Count = 10
-    behaviour: str = "fetch_cup"
-    scene: str = "cupboard"
-    duration: Positive = 120.0
+    behaviour: str = "fetch_cup"  # name of a shipped behaviour, or FILE.py:NAME
+    scene: str = "cupboard"  # name of a shipped scene, a YAML file, or FILE.py:NAME of a scene
+    duration: Positive = 120.0  # longest time of an episode [s]
 
     def __post_init__(self) -> None:
         super().__post_init__()

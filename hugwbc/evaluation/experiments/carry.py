@@ -32,13 +32,9 @@ CARRIED = BEGIN + 3.0  # [s], length of an episode
 
 @settings(kw_only=True)
 class CarrySettings(HandForceSettings):
-    """Settings of carry, in addition to `HandForceSettings`.
+    """Settings of carry, in addition to `HandForceSettings`."""
 
-    Attributes:
-        load: mass in each hand [kg].
-    """
-
-    load: Annotated[float, Field(ge=0, le=20)] = 3.0
+    load: Annotated[float, Field(ge=0, le=20)] = 3.0  # mass in each hand [kg]
 
 
 def plan(settings: CarrySettings) -> list[Plan]:

@@ -28,14 +28,9 @@ _SHOWN_S = 2.0  # [s] of a gait diagram
 
 @settings(kw_only=True)
 class ContactsSettings(CountedSettings):
-    """Settings of contacts, in addition to `CountedSettings`.
+    """Settings of contacts, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes; they differ only where ground, sensors or arms are random.
-        v_x: forward velocity of gaits that move [m/s].
-    """
-
-    v_x: float = 0.5
+    v_x: float = 0.5  # forward velocity of gaits that move [m/s]
     duration: Positive = 6.0
     settle: NotNegative = 3.0
 

@@ -38,22 +38,13 @@ _KIND_NAMES = {"constant": "constant", "second": "for one second"}
 
 @settings(kw_only=True)
 class DisturbanceSettings(Settings):
-    """Settings of disturbance, in addition to `Settings`.
+    """Settings of disturbance, in addition to `Settings`; a force begins at `settle` or within half a second of it."""
 
-    Attributes:
-        gait: standing, or a gait at its default command.
-        rollouts: number of rollouts of each force; the paper's figure has 4096.
-        first: force to begin the search with [N].
-        limit: largest force to try [N].
-        resolution: relative width of the bracket at which the search for a force ends.
-        settle: earliest start of the force [s].
-    """
-
-    gait: str = "standing"
-    rollouts: Count = 16
-    first: Positive = 50.0
-    limit: Positive = 800.0
-    resolution: Positive = 0.05
+    gait: str = "standing"  # standing, or a gait at its default command
+    rollouts: Count = 16  # number of rollouts of each force; the paper's figure has 4096
+    first: Positive = 50.0  # force to begin the search with [N]
+    limit: Positive = 800.0  # largest force to try [N]
+    resolution: Positive = 0.05  # relative width of the bracket at which the search for a force ends
     varied = frozenset({"payload", "friction", "gain"})  # drawn for every rollout
 
     def __post_init__(self) -> None:

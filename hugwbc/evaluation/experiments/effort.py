@@ -46,12 +46,9 @@ COLUMNS = {
 
 @settings(kw_only=True)
 class EffortSettings(Settings):
-    """Settings of effort, in addition to `Settings`.
+    """Settings of effort, in addition to `Settings`."""
 
-    Attributes:
-        speeds: forward velocities to command [m/s], one episode each; those that the gait does not admit are left out.
-    """
-
+    # forward velocities to command [m/s], one episode each; those that the gait does not admit are left out
     speeds: tuple[float, ...] = (0.0, 0.25, 0.5, 1.0, 1.5)
 
     def __post_init__(self) -> None:

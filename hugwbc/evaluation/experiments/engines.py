@@ -42,14 +42,10 @@ _BOTH = tuple(ENGINES)
 
 @settings(kw_only=True)
 class EnginesSettings(CountedSettings):
-    """Settings of engines, in addition to `CountedSettings`.
+    """Settings of engines, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes of each command in each engine.
-        commands: names of the commands: walk back, walk, walk fast, turn, squat, stand.
-    """
-
-    episodes: Count = 10
+    episodes: Count = 10  # number of episodes of each command in each engine
+    # names of the commands: walk back, walk, walk fast, turn, squat, stand
     commands: tuple[Annotated[str, one_of("command", lambda: COMMANDS)], ...] = tuple(COMMANDS)
     duration: Positive = 20.0
     varied = frozenset({"engine", "terrain_roughness", "slope"})

@@ -52,14 +52,10 @@ COLUMNS = {
 
 @settings(kw_only=True)
 class EstimationSettings(CountedSettings):
-    """Settings of estimation, in addition to `CountedSettings`.
+    """Settings of estimation, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of walks.
-        speed: forward velocity of all walks, straight ahead [m/s]; None draws velocities and turns at random.
-    """
-
-    episodes: Count = 50
+    episodes: Count = 50  # number of walks
+    # forward velocity of all walks, straight ahead [m/s]; None draws velocities and turns at random
     speed: float | None = None
     duration: Positive = 8.0
 

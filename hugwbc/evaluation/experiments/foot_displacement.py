@@ -22,17 +22,12 @@ from hugwbc.settings import Count, Positive, settings
 
 @settings(kw_only=True)
 class FootDisplacementSettings(InterventionSettings):
-    """Settings of foot-displacement, in addition to `InterventionSettings`.
+    """Settings of foot-displacement, in addition to `InterventionSettings`."""
 
-    Attributes:
-        gait: standing; other gaits are refused.
-        episodes: number of episodes in all, split evenly over the interventions, and each share over h, p and w.
-        duration: length of an episode [s]: the paper's 20 s, and the settling time.
-    """
-
-    gait: str = "standing"
+    gait: str = "standing"  # standing; other gaits are refused
+    # number of episodes in all, split evenly over the interventions, and each share over h, p and w
     episodes: Count = 36
-    duration: Positive = 21.0
+    duration: Positive = 21.0  # length of an episode [s]: the paper's 20 s, and the settling time
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -41,16 +41,12 @@ Watch = Callable[[RobotState, RobotState], None]
 class HandForceSettings(CountedSettings):
     """Settings of the experiments with forces at the hands, in addition to `CountedSettings`.
 
-    Attributes:
-        gait: standing or walking.
-        episodes: number of episodes; of pull and push for each direction.
-        v_x: forward velocity of a walk [m/s].
-        duration: not used; every experiment has its own.
+    The duration is not used; every experiment has its own.
     """
 
-    gait: str = "standing"
-    episodes: Annotated[int, Field(ge=1)] = 2
-    v_x: float = 0.4
+    gait: str = "standing"  # standing or walking
+    episodes: Annotated[int, Field(ge=1)] = 2  # number of episodes; of pull and push for each direction
+    v_x: float = 0.4  # forward velocity of a walk [m/s]
     settle: NotNegative = BEGIN
     varied = frozenset({"intervention", "motions", "hand_payload"})
 
@@ -63,15 +59,10 @@ class HandForceSettings(CountedSettings):
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """Stands, and walks from `STARTED` on; the hands are taken at `TAKEN`.
+    """Stands, and walks from `STARTED` on; the hands are taken at `TAKEN`."""
 
-    Attributes:
-        v_x: velocity of the walk [m/s]; None stands.
-        hands: targets of the hands.
-    """
-
-    v_x: float | None
-    hands: HandTargets = _TARGETS
+    v_x: float | None  # velocity of the walk [m/s]; None stands
+    hands: HandTargets = _TARGETS  # targets of the hands
 
     def command_at(self, t: float) -> Command:
         """Return the command: a stand, or a walk that gets faster within a second."""

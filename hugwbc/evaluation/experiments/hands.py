@@ -36,16 +36,11 @@ STANDING_START = 1.0  # [s] before a walk
 
 @settings(kw_only=True)
 class HandsSettings(CountedSettings):
-    """Settings of hands, in addition to `CountedSettings`.
+    """Settings of hands, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes, each with its own targets.
-        v_x: forward velocity of gaits that move [m/s].
-        settle: start of an episode that is left out of the errors, in which the arms are taken over [s].
-    """
-
-    episodes: Count = 8
-    v_x: float = 0.5
+    episodes: Count = 8  # number of episodes, each with its own targets
+    v_x: float = 0.5  # forward velocity of gaits that move [m/s]
+    # start of an episode that is left out of the errors, in which the arms are taken over [s]
     settle: NotNegative = 2.0
     varied = frozenset({"intervention", "motions"})
 

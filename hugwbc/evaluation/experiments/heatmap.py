@@ -33,12 +33,9 @@ ORTHOGONAL = 1.5  # times the single-command error
 
 @settings(kw_only=True)
 class HeatmapSettings(Settings):
-    """Settings of heatmap, in addition to `Settings`.
+    """Settings of heatmap, in addition to `Settings`."""
 
-    Attributes:
-        points: number of values of each command, evenly spaced over its finishing range, ends included.
-    """
-
+    # number of values of each command, evenly spaced over its finishing range, ends included
     points: Annotated[int, Field(ge=2)] = 5
 
     @property
@@ -99,15 +96,12 @@ def error_map(settings: HeatmapSettings, rows: pl.DataFrame, tracked: str, again
 class OrthogonalRange:
     """The range of one command in which it does not affect another command's tracking.
 
-    Attributes:
-        low, high: range about the default, up to the first scanned values that fail; None if even the value nearest to
-            the default fails.
-        share: fraction of the scanned values in that range.
+    It lies about the default, up to the first scanned values that fail; it is None if even the nearest one fails.
     """
 
     low: float | None
     high: float | None
-    share: float
+    share: float  # fraction of the scanned values in that range
 
 
 def orthogonal_range(

@@ -36,14 +36,9 @@ PRESSED, STEADY = 4.0, 1.0  # [s]: press, and how long the hand has to become st
 
 @settings(kw_only=True)
 class PressSettings(HandForceSettings):
-    """Settings of press, in addition to `HandForceSettings`.
+    """Settings of press, in addition to `HandForceSettings`."""
 
-    Attributes:
-        force: wanted force [N].
-        gait: standing.
-    """
-
-    force: Newtons = 40.0
+    force: Newtons = 40.0  # wanted force [N]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,13 +50,9 @@ class PressSettings(HandForceSettings):
 
 @dataclasses.dataclass(frozen=True)
 class PressSource(Source):
-    """Holds the left hand before the wall, and presses from `BEGIN` on.
+    """Holds the left hand before the wall, and presses from `BEGIN` on."""
 
-    Attributes:
-        force: wanted force [N].
-    """
-
-    force: float = 0.0
+    force: float = 0.0  # wanted force [N]
 
     def hands_at(self, t: float) -> HandTargets | None:
         """Return the target of the left hand, with the force while it presses."""

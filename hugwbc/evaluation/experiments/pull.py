@@ -30,13 +30,9 @@ PULLED = 5.0  # [s] of the full pull
 
 @settings(kw_only=True)
 class PullSettings(HandForceSettings):
-    """Settings of pull, in addition to `HandForceSettings`.
+    """Settings of pull, in addition to `HandForceSettings`."""
 
-    Attributes:
-        force: steady force on both hands together [N].
-    """
-
-    force: Newtons = 40.0
+    force: Newtons = 40.0  # steady force on both hands together [N]
 
 
 def plan(settings: PullSettings) -> list[Plan]:

@@ -34,17 +34,11 @@ _CURVE_POINTS = 21
 
 @settings(kw_only=True)
 class RampSettings(CountedSettings):
-    """Settings of ramp, in addition to `CountedSettings`.
+    """Settings of ramp, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of runs of each command.
-        duration: length of an episode, with which the ramp ends [s].
-        settle: start of the ramp [s].
-    """
-
-    episodes: Count = 5
-    duration: Positive = 14.0
-    settle: NotNegative = 4.0
+    episodes: Count = 5  # number of runs of each command
+    duration: Positive = 14.0  # length of an episode, with which the ramp ends [s]
+    settle: NotNegative = 4.0  # start of the ramp [s]
     varied = frozenset({"payload", "friction", "gain"})  # drawn for every run
 
     def __post_init__(self) -> None:

@@ -29,13 +29,9 @@ _LISTED_PAIRS = 10
 
 @settings(kw_only=True)
 class RandomCommandsSettings(CountedSettings):
-    """Settings of random-commands, in addition to `CountedSettings`.
+    """Settings of random-commands, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes in all.
-    """
-
-    episodes: Count = 64
+    episodes: Count = 64  # number of episodes in all
 
 
 def plan(settings: RandomCommandsSettings) -> list[Plan]:

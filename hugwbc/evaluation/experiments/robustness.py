@@ -44,13 +44,9 @@ LEVELS = ((NOMINAL, 0.0), *((factor, value) for factor, values in GRID.items() f
 
 @settings(kw_only=True)
 class RobustnessSettings(Settings):
-    """Settings of robustness, in addition to `Settings`.
+    """Settings of robustness, in addition to `Settings`."""
 
-    Attributes:
-        samples: number of episodes of each value, split evenly over the commands of the gait.
-    """
-
-    samples: Count = 8
+    samples: Count = 8  # number of episodes of each value, split evenly over the commands of the gait
 
     def __post_init__(self) -> None:
         super().__post_init__()

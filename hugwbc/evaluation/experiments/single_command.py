@@ -38,15 +38,10 @@ SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted sepa
 
 @settings(kw_only=True)
 class SingleCommandSettings(CountedSettings):
-    """Settings of single-command, in addition to `CountedSettings`.
+    """Settings of single-command, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes in all, split evenly over the commands of the gait.
-        ends: draw each command at the two ends of its range, half of its episodes at each, instead of inside.
-    """
-
-    episodes: Count = 128  # 16 for each of the eight commands of walking
-    ends: bool = False
+    episodes: Count = 128  # number of episodes in all, split evenly over the commands: 16 for each of a walk's eight
+    ends: bool = False  # draw each command at the two ends of its range, half of the times each, instead of inside
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -29,12 +29,9 @@ DIRECTIONS = ("forward", "backward", "left", "right")
 
 @settings(kw_only=True)
 class SmallVelocitiesSettings(CountedSettings):
-    """Settings of small-velocities, in addition to `CountedSettings`.
+    """Settings of small-velocities, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes in all, split evenly over forward, backward, left and right.
-    """
-
+    # number of episodes in all, split evenly over forward, backward, left and right
     episodes: Annotated[int, Field(ge=len(DIRECTIONS))] = 16
 
     def __post_init__(self) -> None:

@@ -33,17 +33,12 @@ STILL = 0.1  # [m/s], below which a robot has stopped
 
 @settings(kw_only=True)
 class StopsSettings(CountedSettings):
-    """Settings of stops, in addition to `CountedSettings`.
+    """Settings of stops, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes of each speed and way; speeds beyond the range of a command are left out.
-        speeds: commanded speeds [m/s].
-        settle: time of moving before the robot is told to stand [s].
-    """
-
+    # number of episodes of each speed and way; speeds beyond the range of a command are left out
     episodes: Annotated[int, Field(ge=1)] = 6
-    speeds: tuple[Positive, ...] = SPEEDS
-    settle: Positive = 3.0
+    speeds: tuple[Positive, ...] = SPEEDS  # commanded speeds [m/s]
+    settle: Positive = 3.0  # time of moving before the robot is told to stand [s]
     duration: Positive = 9.0
 
     def __post_init__(self) -> None:

@@ -23,17 +23,12 @@ LONGEST = 120.0  # [s]; every task has a limit of its own below it
 
 @settings(kw_only=True)
 class TasksSettings(CountedSettings):
-    """Settings of tasks, in addition to `CountedSettings`.
+    """Settings of tasks, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes of each task; the scene of each is drawn with the seed plus its number.
-        task: names of the tasks, or Python files with tasks of your own; all of the suite by default.
-        duration: not used; every task has its own time limit.
-    """
-
-    episodes: Count = 50
+    episodes: Count = 50  # number of episodes of each task; the scene of each is drawn with the seed plus its number
+    # names of the tasks, or Python files with tasks of your own; all of the suite by default
     task: tuple[str, ...] = TASK_NAMES
-    duration: Positive = LONGEST
+    duration: Positive = LONGEST  # not used; every task has its own time limit
     varied = frozenset({"engine", "terrain_roughness", "slope", "intervention", "motions"})
 
     def __post_init__(self) -> None:

@@ -39,17 +39,12 @@ _LENGTH, _TURN, _BEARING = (0.8, 1.5), 1.0, 0.6
 
 @settings(kw_only=True)
 class TourSettings(CountedSettings):
-    """Settings of tour, in addition to `CountedSettings`.
+    """Settings of tour, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of tours, each with its own waypoints and blows.
-        blow: force of the strongest blow on a G1, which is scaled to this robot's mass [N]; 0 for no blows.
-        duration: length of a tour [s].
-    """
-
-    episodes: Count = 8
+    episodes: Count = 8  # number of tours, each with its own waypoints and blows
+    # force of the strongest blow on a G1, which is scaled to this robot's mass [N]; 0 for no blows
     blow: NotNegative = 600.0
-    duration: Positive = 60.0
+    duration: Positive = 60.0  # length of a tour [s]
 
     def __post_init__(self) -> None:
         super().__post_init__()
