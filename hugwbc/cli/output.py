@@ -11,8 +11,8 @@ import tempfile
 import threading
 import time
 import typing
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TextIO, TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 import tyro
 
@@ -176,12 +176,8 @@ def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401
         write_whole(path, text + "\n")
 
 
-class Advance(Protocol):
-    """A callback for progress: the fraction done, and the fraction that was read from earlier results in no time."""
-
-    def __call__(self, fraction: float, read: float = 0.0, /) -> None:
-        """Report how far the work is."""
-        ...
+Advance = Callable[[float], object]
+"""Reports the fraction of the work that is done."""
 
 
 @contextlib.contextmanager
@@ -198,50 +194,35 @@ def progress(label: str) -> Iterator[Advance]:
 @contextlib.contextmanager
 def _bar(label: str) -> Iterator[Advance]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
-    from rich.text import Text
-
-    class TimeLeft(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            return Text(_left(task.elapsed or 0.0, task.completed, task.fields["read"]))
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
-    with Progress(*columns, TimeLeft(), console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(label, total=1.0, read=0.0)
-        yield lambda fraction, read=0.0: bars.update(task, completed=fraction, read=read)
-
-
-def _left(elapsed: float, fraction: float, read: float = 0.0) -> str:
-    """Return the time left at the speed so far as text; empty as long as nothing new is done."""
-    done = fraction - read
-    return f"about {_duration(elapsed * (1.0 - fraction) / done)} left" if done > 1e-9 else ""
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+    console = Console(stderr=True)
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True, speed_estimate_period=600) as bars:
+        task = bars.add_task(label, total=1.0)
+        yield lambda fraction: bars.update(task, completed=fraction)
 
 
 @contextlib.contextmanager
 def _lines(label: str) -> Iterator[Advance]:
     start = time.monotonic()
-    latest, over = (0.0, 0.0), threading.Event()
+    calls: list[tuple[float, float]] = []  # time and fraction of the first call and of the last one
+    over = threading.Event()
 
     def tell() -> None:
         # A thread prints, not `advance`: work may arrive in bursts, and the first call of one would print too early.
         told = 0.0
         while not over.wait(_LINE_INTERVAL):
-            fraction, read = latest
-            if fraction > told:
-                told, left = fraction, _left(time.monotonic() - start, fraction, read)
-                words = [f"{100.0 * fraction:.{0 if fraction > 0.1 else 1}f} %"]
-                words += [f"{100.0 * read:.1f} % of it from earlier runs"] if read else []
-                print(f"{label}: {', '.join([*words, left]).rstrip(', ')}", file=sys.stderr, flush=True)
+            (begin, before), (_, done) = (calls[0], calls[-1]) if calls else ((0.0, 0.0), (0.0, 0.0))
+            if done > told:
+                told, rate = done, (done - before) / (time.monotonic() - begin)
+                left = f", about {_duration((1.0 - done) / rate)} left" if rate > 0.0 else ""
+                percent = f"{100.0 * done:.{0 if done > 0.1 else 1}f} %"
+                print(f"{label}: {percent}{left}", file=sys.stderr, flush=True)
 
-    def advance(fraction: float, read: float = 0.0, /) -> None:
-        nonlocal latest
-        latest = fraction, read
+    def advance(fraction: float) -> None:
+        # What was done before the first call may have been read from earlier results in no time.
+        calls[1:] = [(time.monotonic(), fraction)]
 
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()
@@ -253,3 +234,9 @@ def _lines(label: str) -> Iterator[Advance]:
     elapsed = time.monotonic() - start
     if elapsed >= _QUIET:
         print(f"{label}: done in {elapsed:.1f} s", file=sys.stderr, flush=True)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

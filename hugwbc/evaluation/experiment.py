@@ -97,25 +97,24 @@ def run_experiment(
     *,
     execution: Execution | None = None,
     store: Store | None = None,
-    on_progress: Callable[[float, float], object] = lambda done, read: None,
+    on_progress: Callable[[float], object] = lambda done: None,
 ) -> Result:
     """Run the episodes of an experiment that are not stored, and return all rows and figures.
 
     Without an execution they run in this process; without a store the rows are kept in memory only. `on_progress` is
-    called with the part of the planned episodes that is done, and the part that was only read.
+    called with the part of the planned episodes that is done.
     """
     settings = experiment.adapt(settings, spec)
     told, store = spec.told(settings.conditions.told_arena), store or Store(None)
     table = store.table(experiment.name, settings, told)
     rows: list[Row] = []
-    plans, read = list(experiment.plan(settings)), 0
+    plans = list(experiment.plan(settings))
     while plans:
         found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
-        total, read = len(rows) + len(plans), read + len(found)
         missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
         for index, row in run_plans(experiment.episode, settings, told, missing, execution):
             found[index] = table.add(plans[index], row)
-            on_progress((len(rows) + len(found)) / total, read / total)
+            on_progress((len(rows) + len(found)) / (len(rows) + len(plans)))
         rows += [found[index] for index in range(len(plans))]
         plans = list(experiment.following(settings, rows))
     beside = store.rows_beside(experiment.beside, settings, told) if experiment.beside else []

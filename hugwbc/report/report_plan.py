@@ -105,16 +105,22 @@ class ReportPlan:
         records = (file.parent / TRAINING_FILE for spec in self.specs for file in spec.files())
         return next((path for path in records if path.is_file()), None)
 
-    def run(self, execution: Execution, store: Store, on_progress: Callable[[float, float], object]) -> Report:
+    def run(self, execution: Execution, store: Store, on_progress: Callable[[float], object]) -> Report:
         """Run what is not stored yet, and build the report."""
-        total, done, read = sum(entry.work for entry in self.entries), 0.0, 0.0
+        total, done = sum(entry.work for entry in self.entries), 0.0
         results: list[Result] = []
         for entry in self.entries:
-            share = entry.work / total
-            result, part = _run(entry, execution, store, on_progress, (done, read), share)
-            results.append(result)
-            done, read = done + share, read + share * part
-            on_progress(done, read)
+
+            def advance(part: float, before: float = done, work: float = entry.work) -> None:
+                on_progress((before + part * work) / total)
+
+            results.append(
+                run_experiment(
+                    entry.experiment, entry.settings, entry.spec, execution=execution, store=store, on_progress=advance
+                )
+            )
+            done += entry.work
+            on_progress(done / total)
         return Report(results, [spec.label for spec in self.specs], self._notes(results), self.training)
 
     def _notes(self, results: list[Result]) -> list[str]:
@@ -141,25 +147,3 @@ class ReportPlan:
         if missing and any(entry.experiment.section.ablation for entry in self.entries if entry.experiment.section):
             notes.append(f"Of the paper's ablation there is no policy {', nor '.join(missing)}: see `--ablation`.")
         return notes
-
-
-def _run(
-    entry: Entry,
-    execution: Execution,
-    store: Store,
-    on_progress: Callable[[float, float], object],
-    before: tuple[float, float],
-    share: float,
-) -> tuple[Result, float]:
-    """Run a entry that is a share of the whole; return its result, and the part of its rows that was only read."""
-    read = 1.0
-
-    def advance(finished: float, stored: float) -> None:
-        nonlocal read
-        read = stored
-        on_progress(before[0] + share * finished, before[1] + share * stored)
-
-    result = run_experiment(
-        entry.experiment, entry.settings, entry.spec, execution=execution, store=store, on_progress=advance
-    )
-    return result, read

@@ -83,7 +83,7 @@ def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
     killed = []
     with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
 
-        def kill_one(done: float, read: float) -> None:
+        def kill_one(done: float) -> None:
             if not killed:
                 killed.append(cluster.workers[0].pid)
                 os.kill(killed[0], signal.SIGKILL)

@@ -54,7 +54,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tm
     assert [row["waist"] for row in alone.rows] == counted and alone.figures[0].controller == "hold"
     counted.clear()
 
-    def stop(done, read):
+    def stop(done):
         if done == 0.5:
             raise KeyboardInterrupt
 
@@ -63,8 +63,8 @@ def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tm
     (path,) = tmp_path.iterdir()
     path.write_text(path.read_text() + '{"_episode": "half a li')  # as a kill leaves it
     told = []
-    again = run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path), on_progress=lambda *parts: told.append(parts))
-    assert again == alone and counted == pytest.approx([0.0, 0.1, 0.2, 0.3]) and told == [(0.75, 0.5), (1.0, 0.5)]
+    again = run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path), on_progress=told.append)
+    assert again == alone and counted == pytest.approx([0.0, 0.1, 0.2, 0.3]) and told == [0.75, 1.0]
     assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path)) == alone and len(counted) == 4
     assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path, fresh=True)) == alone and len(counted) == 8
     assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path)) == alone and len(counted) == 8
