@@ -1,6 +1,5 @@
-"""What several verbs are tested with: a small task of one's own, and a signal in the middle of the learning."""
+"""What several verbs are tested with: a small task of one's own."""
 
-import os
 import pathlib
 from collections.abc import Callable
 
@@ -26,19 +25,3 @@ def standing_task(tmp_path: pathlib.Path) -> Callable[[str], pathlib.Path]:
         return path
 
     return write
-
-
-@pytest.fixture
-def signal_while_fitting(monkeypatch: pytest.MonkeyPatch) -> Callable[[type, int], None]:
-    """Return what makes a class that learns from labels receive a signal whenever it fits."""
-
-    def arrange(learner: type, number: int) -> None:
-        fit = learner.fit
-
-        def fit_and_stop(self: object) -> dict[str, float]:
-            os.kill(os.getpid(), number)
-            return fit(self)
-
-        monkeypatch.setattr(learner, "fit", fit_and_stop)
-
-    return arrange

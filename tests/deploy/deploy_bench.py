@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from local_endpoint import local_pair
 
 from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
 from hugwbc.controller import Controller
@@ -16,7 +17,6 @@ from hugwbc.deploy.robot_side import RobotSide, Settings
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import START_TIME, Mode
-from hugwbc.deploy.transport import local_pair
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.runtime import Constant, HoldController
 from hugwbc.scripts.command_source import CommandSource

@@ -6,6 +6,7 @@ import pathlib
 import numpy as np
 import pytest
 from deploy_bench import Standing, bring_to, make_pilot
+from local_endpoint import local_pair
 
 from hugwbc import Command, Gait, load_robot
 from hugwbc.deploy import recording
@@ -16,7 +17,6 @@ from hugwbc.deploy.remote import Request
 from hugwbc.deploy.robot_side import RobotSide, Settings
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import Mode
-from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import CaptureError
 from hugwbc.runtime import Constant
 from hugwbc.scripts.view import Grip, View

@@ -3,10 +3,10 @@
 import json
 
 import pytest
+from local_endpoint import local_pair
 
 from hugwbc.deploy import motion_switcher
 from hugwbc.deploy.motion_switcher import CHECK_MODE, RELEASE_MODE, SimulatedSwitcher, release_modes
-from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import DeploymentError
 
 

@@ -6,6 +6,7 @@ import zlib
 
 import pytest
 from deploy_bench import Standing, make_pilot
+from local_endpoint import local_pair
 
 from hugwbc import load_robot
 from hugwbc.deploy import recording
@@ -14,7 +15,6 @@ from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.robot_side import RobotSide, Settings
 from hugwbc.deploy.state_machine import Mode
-from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import ResultFileError
 
 H1 = load_robot()

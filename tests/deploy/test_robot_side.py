@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 from deploy_bench import Counting, Standing, bring_to, make_pilot
+from local_endpoint import local_pair
 
 from hugwbc import load_robot
 from hugwbc.deploy import wire
@@ -13,7 +14,6 @@ from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.robot_side import PERIOD, RobotSide, Settings
 from hugwbc.deploy.state_machine import DAMPING_GAIN, Mode
-from hugwbc.deploy.transport import local_pair
 from hugwbc.errors import ConfigError
 
 H1 = load_robot()

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from deploy_bench import Counting, Pair
+from local_endpoint import LocalEndpoint, local_pair
 
 from hugwbc import JointCommand, load_robot
 from hugwbc.deploy import state_machine, wire
@@ -16,7 +17,6 @@ from hugwbc.deploy.remote import Remote
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import Mode
-from hugwbc.deploy.transport import LocalEndpoint, local_pair
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import Simulation
