@@ -24,11 +24,11 @@ def main(script: str = "wave", show: bool = False) -> None:
     keep_replay("out/07.html", traces)
     outcomes = {trace.name: summarise(trace) for trace in traces}
     for trace in traces:
-        hand = outcomes[trace.name].hand_error_m["mean"]
+        hand = outcomes[trace.name]["hand_error_m"]["mean"]
         reach = "no hand targets" if hand is None else f"hands {100 * hand:.1f} cm from their targets"
-        errors, tick = outcomes[trace.name].errors, outcomes[trace.name].tick_ms["p50"]
+        errors, tick = outcomes[trace.name]["errors"], outcomes[trace.name]["tick_ms"]["p50"]
         print(f"{trace.name}: {fate(trace)}, {reach}, waist {errors['w']:.3f} rad off, {tick:.2f} ms a tick")
-    closer = min(outcomes, key=lambda name: outcomes[name].errors["h"])
+    closer = min(outcomes, key=lambda name: outcomes[name]["errors"]["h"])
     print(f"The {closer} controller kept closer to the commanded height.")
 
 

@@ -2,26 +2,27 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import tyro
 
-from hugwbc.cli.output import check_writable, output_folder, parse_settings, progress, say, say_arena, write_json
+from hugwbc.behaviours import Behaviour, load_plan
+from hugwbc.cli import output
+from hugwbc.cli.output import progress, say
 from hugwbc.errors import ConfigError
+from hugwbc.evaluation import comparison
+from hugwbc.evaluation.segment_figures import segment_spans
 from hugwbc.evaluation.tables import format_table
+from hugwbc.report.comparison_page import link_video, write_comparison
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.script import Script, while_walking
 from hugwbc.seeds import REPORT_SEED
-from hugwbc.sim import Arena
-
-if TYPE_CHECKING:
-    from hugwbc.controller import Controller
-    from hugwbc.evaluation.tables import Table
-    from hugwbc.runtime.controllers import ControllerSpec
-    from hugwbc.runtime.trace import Trace
-    from hugwbc.scripts.script import Script
-
-    Played = tuple[list[Trace], Table, dict[str, Any]]
-    Play = Callable[[list[Controller], Callable[[float], None]], Played]
+from hugwbc.sim import Arena, load_scene
+from hugwbc.tasks import Task, load_task
+from hugwbc.viz.framing import Chapter, check_count
+from hugwbc.viz.video import write_video
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,25 +57,32 @@ class CompareOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse, play, print, write."""
-    options = parse_settings(CompareOptions, words, "compare", CompareOptions.__doc__)
-    from hugwbc.evaluation.comparison import check_names
-    from hugwbc.report.comparison_page import write_comparison
-    from hugwbc.viz.framing import check_count
-
+    options = output.parse_settings(CompareOptions, words, "compare", CompareOptions.__doc__)
     check_count(len(options.controllers), "controllers")
-    play, script = (_task(options), None) if options.task is not None else _script(options)
+    played = _task(options) if options.task is not None else _script(options)
+    scene = None if options.scene is None else load_scene(options.scene)
+    script = played if isinstance(played, Script) else None
     controllers = [spec.told(options.arena).build() for spec in _specs(options)]
-    check_names(controllers)
-    check_writable(options.json)
-    say_arena(options.arena, options.json)
-    with output_folder(options.out):
+    comparison.check_names(controllers)
+    output.check_writable(options.json)
+    output.say_arena(options.arena, options.json)
+    with output.output_folder(options.out):
         with progress(f"{options.task or options.script} with {', '.join(options.controllers)}") as advance:
-            traces, figures, summary = play(controllers, advance)
+            settings: dict[str, Any] = {"seed": options.seed, "arena": options.arena}
+            if isinstance(played, Task):
+                runs = comparison.compare_task(controllers, played, **settings, on_progress=advance)
+                traces = [run.trace for run in runs]
+                outcomes = {run.trace.name: comparison.summarise_task(run) for run in runs}
+            else:
+                traces = comparison.compare(controllers, played, **settings, scene=scene, on_progress=advance)
+                outcomes = {trace.name: comparison.summarise(trace) for trace in traces}
+        figures = comparison.figure_table(outcomes)
+        summary = comparison.comparison_summary(played, outcomes, **settings)
         say(format_table(figures.columns, figures.rows), options.json)
         for trace in traces:
             for message in trace.safety.messages:
                 say(f"safety filter of {trace.name}: {message}", options.json)
-        write_json(options.json, summary)
+        output.write_json(options.json, summary)
         written = write_comparison(options.out, summary, figures, traces, script=script)
         say("\nwrote " + ", ".join(str(path) for path in written), options.json)
         if options.video:
@@ -82,50 +90,23 @@ def run(words: Sequence[str]) -> int:
     return 0
 
 
-def _script(options: CompareOptions) -> tuple["Play", "Script | None"]:
-    """Return a player of the script for each controller, and the script if its segments have given times."""
-    from hugwbc.behaviours import load_plan
-    from hugwbc.evaluation.comparison import compare, comparison_summary, figure_table, summarise
-    from hugwbc.scripts.script import Script, while_walking
-    from hugwbc.sim import load_scene
-
-    scene = None if options.scene is None else load_scene(options.scene)
+def _script(options: CompareOptions) -> Script | Behaviour:
     script = load_plan(options.script)
-    if options.walk is not None:
-        if not isinstance(script, Script):
-            raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")
-        script = while_walking(script, options.walk)
-
-    def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
-        traces = compare(controllers, script, seed=options.seed, arena=options.arena, scene=scene, on_progress=advance)
-        outcomes = {trace.name: summarise(trace) for trace in traces}
-        summary = comparison_summary(script, outcomes, seed=options.seed, arena=options.arena)
-        return traces, figure_table(outcomes), summary
-
-    return play, script if isinstance(script, Script) else None
+    if options.walk is None:
+        return script
+    if not isinstance(script, Script):
+        raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")
+    return while_walking(script, options.walk)
 
 
-def _task(options: CompareOptions) -> "Play":
-    """Return a runner of the task for each controller."""
-    from hugwbc.evaluation.comparison import compare_task, task_summary, task_table
-    from hugwbc.tasks import load_task
-
+def _task(options: CompareOptions) -> Task:
     if options.script != CompareOptions.script or options.walk is not None or options.scene is not None:
         raise ConfigError("a task and a script, a walk or a scene are both given; give one or the other")
-    task = load_task(str(options.task))
-
-    def play(controllers: list["Controller"], advance: Callable[[float], None]) -> "Played":
-        runs = compare_task(controllers, task, seed=options.seed, arena=options.arena, on_progress=advance)
-        summary = task_summary(task, runs, seed=options.seed, arena=options.arena)
-        return [run.trace for run in runs], task_table(runs), summary
-
-    return play
+    return load_task(str(options.task))
 
 
-def _specs(options: CompareOptions) -> list["ControllerSpec"]:
+def _specs(options: CompareOptions) -> list[ControllerSpec]:
     """Return the controllers, the learned one with `--policy`."""
-    from hugwbc.runtime.controllers import ControllerSpec
-
     specs = [ControllerSpec.parse(words) for words in options.controllers]
     if options.policy is None:
         return specs
@@ -137,13 +118,8 @@ def _specs(options: CompareOptions) -> list["ControllerSpec"]:
     return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
-def _write_video(options: CompareOptions, traces: Sequence["Trace"], script: "Script | None") -> None:
+def _write_video(options: CompareOptions, traces: Sequence[Trace], script: Script | None) -> None:
     """Write the video and link it in the report; if the machine cannot render, print why."""
-    from hugwbc.evaluation.segment_figures import segment_spans
-    from hugwbc.report.comparison_page import link_video
-    from hugwbc.viz.framing import Chapter
-    from hugwbc.viz.video import write_video
-
     chapters = [] if script is None else [Chapter(begin, label) for label, begin, _ in segment_spans(script)]
     path = options.out / "compare.mp4"
     with progress("video, the pages are ready") as advance:

@@ -91,7 +91,7 @@ def _pose(trace: Trace) -> tuple[float, float, float]:
 def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what became of every controller, and the smallest and the largest error of each kind that differs.
 
-    It reads the "controllers" of `comparison.comparison_summary` or `task_summary`.
+    It reads the "controllers" of `comparison.comparison_summary`.
     """
     fates: dict[str, list[str]] = {}
     for name, figures in controllers.items():

@@ -39,14 +39,14 @@ def test_an_outcome_holds_the_figures_of_its_trace(synthetic_trace):
             ik_ms=np.full(5, 0.25),
         )
     )
-    assert not outcome.fell and outcome.survived_s == 4.0 and outcome.steps == n
-    assert outcome.errors == pytest.approx({"v_x": 0.1, "v_y": 0.0, "omega": 0.0, "h": 0.0, "p": 0.0, "w": 0.2})
-    assert outcome.hand_error_m["mean"] == pytest.approx(0.02)
-    assert (outcome.hand_error_m["left"], outcome.hand_error_m["right"]) == pytest.approx((0.01, 0.03))
-    assert outcome.tick_ms == {"p50": 50.0, "p99": 99.0}
-    assert outcome.ik_ms == pytest.approx({"p50": 0.25, "p99": 0.25})
+    assert not outcome["fell"] and outcome["survived_s"] == 4.0 and outcome["steps"] == n
+    assert outcome["errors"] == pytest.approx({"v_x": 0.1, "v_y": 0.0, "omega": 0.0, "h": 0.0, "p": 0.0, "w": 0.2})
+    assert outcome["hand_error_m"]["mean"] == pytest.approx(0.02)
+    assert (outcome["hand_error_m"]["left"], outcome["hand_error_m"]["right"]) == pytest.approx((0.01, 0.03))
+    assert outcome["tick_ms"] == {"p50": 50.0, "p99": 99.0}
+    assert outcome["ik_ms"] == pytest.approx({"p50": 0.25, "p99": 0.25})
     # 2 Hz for 4 s: the left foot comes down at 0.5, 1.0, ... 3.5 s, the right one at 0.25, 0.75, ... 3.75 s
-    assert outcome.footsteps == 7 + 8
+    assert outcome["footsteps"] == 7 + 8
 
 
 def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targets():
@@ -88,9 +88,9 @@ def test_every_shipped_script_is_finished_without_a_fall(controller, v_x, script
         scene = while_walking(scene, v_x)
     (trace,) = compare([ControllerSpec(controller).build()], scene)
     outcome = summarise(trace)
-    assert not outcome.fell
+    assert not outcome["fell"]
     if trace.reachable.any():
         given = np.isfinite(trace.hand_target_world).all(axis=2)
         assert trace.reachable[given].mean() > 0.85
         # The way to the first target is included.
-        assert outcome.hand_error_m["mean"] < (0.06 if controller == "qp" else 0.16)
+        assert outcome["hand_error_m"]["mean"] < (0.06 if controller == "qp" else 0.16)

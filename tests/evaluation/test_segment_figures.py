@@ -74,7 +74,7 @@ def test_final_poses_in_the_world(reaching):
 def test_the_headline_says_the_smallest_and_the_largest_error_of_any_number_of_controllers(reaching):
     learned = reaching("learned", near=0.03, bias={"v_x": 0.1, "h": 0.012})
     fallen = dataclasses.replace(reaching("hold", bias={"v_x": 0.5}), fell=True, survived_s=3.0)
-    figures = {r.name: vars(summarise(r)) for r in (learned, fallen, reaching("qp", bias={"v_x": 0.02, "h": 0.03}))}
+    figures = {r.name: summarise(r) for r in (learned, fallen, reaching("qp", bias={"v_x": 0.02, "h": 0.03}))}
     text = headline(figures)
     assert text.startswith("learned and qp stayed up for 10.0 s; hold fell after 3.0 s. Mean errors: ")
     assert "forward speed 0.02 (qp) to 0.5 m/s (hold), height 0 (hold) to 0.03 m (qp), hands once there " in text
@@ -83,7 +83,7 @@ def test_the_headline_says_the_smallest_and_the_largest_error_of_any_number_of_c
 
 
 def test_the_headline_of_a_task_has_the_verdicts(reaching):
-    figures = vars(summarise(reaching()))
+    figures = summarise(reaching())
     done, not_done = ({"verdict": {"success": success, "reason": "it fell over"}} for success in (True, False))
     text = headline({"qp": figures | done, "learned": figures | not_done})
     assert text == "qp did the task in 10.0 s; learned did not (it fell over)."
