@@ -26,8 +26,8 @@ def run(words: Sequence[str]) -> int:
 
     with progress("check") as advance:
         outcomes = run_checks(advance)
-    failed = sum(not outcome.passed for outcome in outcomes)
-    say("\n".join(f"{'ok   ' if outcome.passed else 'FAIL '} {outcome.name}: {outcome.text}" for outcome in outcomes))
+    failed = sum(not passed for _, passed, _ in outcomes)
+    say("\n".join(f"{'ok   ' if passed else 'FAIL '} {name}: {text}" for name, passed, text in outcomes))
     say("all is well" if not failed else f"{failed} of {len(outcomes)} checks failed")
     return CHECK_FAILED if failed else 0
 

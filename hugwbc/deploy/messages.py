@@ -9,7 +9,6 @@ from hugwbc import rotations
 from hugwbc.controller import JointCommand
 from hugwbc.deploy.remote import Remote
 from hugwbc.deploy.wire import layout, record, sealed
-from hugwbc.errors import ModelError
 from hugwbc.robot import Robot, robot_table
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
@@ -20,26 +19,6 @@ _HEAD, _LEVEL = (0xFE, 0xEF), 0xFF
 # "No target" of the maker's examples; a motor without a joint gets these and no gains.
 NO_POSITION, NO_VELOCITY = 2.146e9, 16000.0
 _UP = np.array([0.0, 0.0, 1.0])
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Motors:
-    """The motor slots of a robot."""
-
-    slots: np.ndarray  # slot of each joint, in the order of `Robot.joint_names`, shape (19,)
-    modes: np.ndarray  # mode in which each slot's motor follows commands, shape (20,)
-
-    @classmethod
-    def of(cls, robot: Robot) -> "Motors":
-        """Read the slots from the robot's table."""
-        table = robot_table(robot.name)["interface"]
-        names = [name for name in table["motors"] if name is not None]
-        if sorted(names) != sorted(robot.joint_names):
-            raise ModelError(
-                f"interface.motors in h1.yaml must name each joint of {robot.name} once; restore the table"
-            )
-        slots = np.array([table["motors"].index(name) for name in robot.joint_names])
-        return cls(slots, np.array(table["modes"]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,16 +40,22 @@ class CommandMessage:
 
 
 class Messages:
-    """Packing and unpacking of a robot's messages. All joint vectors follow `Robot.joint_names`."""
+    """Packing and unpacking of a robot's messages. All joint vectors follow `Robot.joint_names`.
+
+    Attributes:
+        slots: motor slot of each joint, shape (19,).
+        modes: mode in which each slot's motor follows commands, shape (20,).
+    """
 
     def __init__(self, robot: Robot) -> None:
         """Read the motor slots of a robot."""
-        self._robot = robot
-        self._motors = Motors.of(robot)
+        table = robot_table(robot.name)["interface"]
+        self.slots = np.array([table["motors"].index(name) for name in robot.joint_names])
+        self.modes = np.array(table["modes"])
         self._waist = robot.waist
         blank = record(COMMAND)
         blank["head"], blank["level_flag"] = _HEAD, _LEVEL
-        blank["motor_cmd"]["mode"] = self._motors.modes
+        blank["motor_cmd"]["mode"] = self.modes
         blank["motor_cmd"]["q"], blank["motor_cmd"]["dq"] = NO_POSITION, NO_VELOCITY
         self._blank = blank.tobytes()
 
@@ -79,7 +64,7 @@ class Messages:
 
         Only a simulated robot reads which state it answers, by the state's tick (field `reserve`).
         """
-        message, slots = record(COMMAND, self._blank), self._motors.slots
+        message, slots = record(COMMAND, self._blank), self.slots
         for field in dataclasses.fields(command):
             message["motor_cmd"][field.name][slots] = getattr(command, field.name)
         message["reserve"] = answers
@@ -93,10 +78,10 @@ class Messages:
 
     def unpack_command(self, message: bytes) -> CommandMessage:
         """Read a command message whose check sum is right."""
-        content, slots = record(COMMAND, message), self._motors.slots
+        content, slots = record(COMMAND, message), self.slots
         motors = content["motor_cmd"][slots]
         given = {field.name: motors[field.name].astype(float) for field in dataclasses.fields(JointCommand)}
-        off = motors["mode"] != self._motors.modes[slots]
+        off = motors["mode"] != self.modes[slots]
         for name in ("kp", "kd", "tau"):
             given[name][off] = 0.0
         # A motor without a target: its gain times a number of 2e9 would be a torque.
@@ -111,7 +96,7 @@ class Messages:
         The reading has the raw readings of the IMU and the joint torques; the temperatures are those of the motors
         [degrees Celsius], shape (19,).
         """
-        message, slots = record(STATE), self._motors.slots
+        message, slots = record(STATE), self.slots
         assert reading.imu_gyro is not None and reading.imu_accelerometer is not None and reading.torque is not None
         torso = rotations.from_axis_angle(_UP, float(reading.q[self._waist]))
         attitude = rotations.multiply(reading.orientation, torso)
@@ -123,7 +108,7 @@ class Messages:
         )
         imu["rpy"] = rotations.roll_of(attitude), rotations.pitch_of(attitude), rotations.yaw_of(attitude)
         message["head"], message["level_flag"] = _HEAD, _LEVEL
-        motors["mode"] = self._motors.modes
+        motors["mode"] = self.modes
         motors["q"][slots], motors["dq"][slots], motors["tau_est"][slots] = reading.q, reading.dq, reading.torque
         motors["temperature"][slots] = np.clip(temperature, 0, 255)
         message["tick"] = tick % TICKS
@@ -132,7 +117,7 @@ class Messages:
 
     def unpack_state(self, message: bytes, age: float = 0.0) -> StateMessage:
         """Read a state message whose check sum is right, with an assumed age of the reading [s]."""
-        content, slots = record(STATE, message), self._motors.slots
+        content, slots = record(STATE, message), self.slots
         imu, motors = content["imu_state"], content["motor_state"][slots]
         q, dq, gyro = motors["q"].astype(float), motors["dq"].astype(float), imu["gyroscope"].astype(float)
         attitude = imu["quaternion"].astype(float)

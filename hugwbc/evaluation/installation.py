@@ -1,6 +1,5 @@
 """Check an installation by trying its parts: versions, robot models, controllers, training environment."""
 
-import dataclasses
 import importlib.metadata
 import importlib.util
 import platform
@@ -20,25 +19,15 @@ class CheckError(Exception):
     """A check found something wrong; the message says what."""
 
 
-@dataclasses.dataclass(frozen=True)
-class CheckOutcome:
-    """Outcome of one check."""
-
-    name: str  # what was checked
-    passed: bool  # whether it is as it should be
-    text: str  # what was found
-
-
-def run_checks(on_progress: Callable[[float], None] | None = None) -> list[CheckOutcome]:
-    """Run every check and return the outcomes; a failed check does not stop the others."""
+def run_checks(on_progress: Callable[[float], object] = lambda fraction: None) -> list[tuple[str, bool, str]]:
+    """Run every check, whether others fail or not; return what was checked, whether it is right, and what was found."""
     outcomes = []
     for index, (name, check) in enumerate(CHECKS.items()):
         try:
-            outcomes.append(CheckOutcome(name, True, check()))
+            outcomes.append((name, True, check()))
         except (CheckError, HugwbcError, ImportError) as error:
-            outcomes.append(CheckOutcome(name, False, str(error)))
-        if on_progress is not None:
-            on_progress((index + 1) / len(CHECKS))
+            outcomes.append((name, False, str(error)))
+        on_progress((index + 1) / len(CHECKS))
     return outcomes
 
 

@@ -5,7 +5,6 @@ import math
 from hugwbc.errors import ConfigError
 
 FIRST_TRIALS = 8  # of a load before the first look at the outcome; the number then doubles
-_FAR_TRIALS = 64  # typical upper bound for a load that is not next to the answer
 DOUBT = 0.001  # a load is decided early if an outcome as extreme as the one seen is less probable than this
 
 
@@ -50,19 +49,6 @@ class SurvivalSearch:
         self._risk = 1.0 - survival
         self._first, self._limit, self._resolution = first, limit, resolution
         self._count = self._failed = 0
-
-    @property
-    def most_loads(self) -> int:
-        """The largest number of loads that can be tried."""
-        doublings = math.ceil(math.log2(self._limit / self._first))
-        # Below `first`, bisection continues until the bracket is narrower than `first` times the resolution.
-        return 1 + doublings + math.ceil(math.log2(1.0 / self._resolution))
-
-    @property
-    def likely_trials(self) -> int:
-        """An estimate of the number of trials: all of them at the two loads next to the answer, few at the others."""
-        loads = self.most_loads
-        return min(loads, 2) * self._trials + max(loads - 2, 0) * min(self._trials, _FAR_TRIALS)
 
     @property
     def done(self) -> bool:

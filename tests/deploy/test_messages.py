@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.deploy import wire
-from hugwbc.deploy.messages import NO_POSITION, NO_VELOCITY, Messages, Motors
+from hugwbc.deploy.messages import NO_POSITION, NO_VELOCITY, Messages
 from hugwbc.deploy.remote import Remote
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -45,9 +45,9 @@ def messages() -> Messages:
 @pytest.mark.parametrize("name", ["h1", "h1-2023"])
 def test_slots_and_modes_are_the_makers(name: str) -> None:
     robot = load_robot(name)
-    motors = Motors.of(robot)
-    assert dict(zip(robot.joint_names, motors.slots.tolist(), strict=True)) == SLOTS
-    assert motors.modes.tolist() == [0x0A] * 10 + [0x01] * 10
+    messages = Messages(robot)
+    assert dict(zip(robot.joint_names, messages.slots.tolist(), strict=True)) == SLOTS
+    assert messages.modes.tolist() == [0x0A] * 10 + [0x01] * 10
 
 
 def random_command(rng: np.random.Generator) -> JointCommand:

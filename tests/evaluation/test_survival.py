@@ -29,7 +29,7 @@ def test_a_sharp_threshold_is_bracketed(threshold):
     tried = run(search, lambda load, _: load <= threshold)
     assert search.refused is not None and search.tolerated <= threshold < search.refused
     assert search.refused - search.tolerated <= 0.02 * max(threshold, 50.0)
-    assert len(tried) <= search.most_loads
+    assert len(tried) <= 1 + 4 + 6, "doubled up to the limit, and bisected from there"
 
 
 def test_a_limit_that_is_survived_ends_the_search():
@@ -48,16 +48,6 @@ def test_the_answer_is_that_of_all_trials():
     assert search.tolerated == pytest.approx(np.sort(thresholds)[81], rel=0.002)
     early = [count for _, count in tried if count < 4096]
     assert min(early) <= 16 and len(early) >= 5, "clear cases are decided early"
-
-
-@pytest.mark.parametrize("trials", [1, 16, 256, 4096])
-def test_the_likely_number_of_trials_is_about_right(trials):
-    rng, counts = np.random.default_rng(0), []
-    for median in (70.0, 110.0, 230.0):
-        thresholds = rng.normal(median, 0.1 * median, trials)
-        search = SurvivalSearch(trials=trials, first=50.0, limit=800.0)
-        counts.append(sum(count for _, count in run(search, lambda load, n, limits=thresholds: load <= limits[n])))
-    assert 0.5 < np.mean(counts) / search.likely_trials < 2.0
 
 
 def test_one_fall_of_few_is_too_many():
