@@ -8,10 +8,11 @@ from hugwbc.errors import ConfigError
 from hugwbc.scripts import Script
 from hugwbc.settings_file import parse
 from hugwbc.targets import HandTargets
-from hugwbc.viz.drive_log import SHARE_TOLERANCE, DriveLog
+from hugwbc.viz.drive_log import DriveLog
 from hugwbc.viz.live_source import LiveSource
 
 DT = 0.02
+SHARE_TOLERANCE = 0.08  # of the range of a command
 WIDTHS = {"v_x": 2.6, "v_y": 1.2, "omega": 2.0, "f": 2.0, "l": 0.25, "h": 0.3, "p": 0.4, "w": 2.0}
 
 
