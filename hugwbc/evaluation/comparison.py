@@ -20,7 +20,7 @@ from hugwbc.tasks import Task, TaskRun, run_task
 from hugwbc.upper_ik import UpperBodySource
 
 Progress = Callable[[float], object]
-# Fields of `metrics.HandTravel` with their labels and scales, for tables.
+# Figures of `metrics.hand_travel` with their labels and scales, for tables.
 HAND_ROWS = (
     ("arrived", "hand error once there, mean [cm]", 100.0),
     ("arrived_p95", "hand error once there, 95th percentile [cm]", 100.0),
@@ -38,7 +38,7 @@ def summarise(trace: Trace) -> dict[str, Any]:
 
     - `survived_s`: time until the fall, or the duration of the script [s].
     - `errors`: mean absolute error of v_x, v_y, omega, h, p, w over all control steps, ramps included.
-    - `hand_error_m`, `hand_travel`: `metrics.HandErrors` [m] and `metrics.HandTravel`.
+    - `hand_error_m`, `hand_travel`: those of `metrics.hand_errors` and `metrics.hand_travel`.
     - `tick_ms`, `ik_ms`: p50 and p99 of the time of a call of the controller and of the hand IK [ms]; None without one.
     - `footsteps`: number of touch-downs of both feet.
     """
@@ -46,8 +46,8 @@ def summarise(trace: Trace) -> dict[str, Any]:
         "fell": trace.fell,
         "survived_s": trace.survived_s,
         "errors": metrics.tracking_errors(trace, settle=0.0),
-        "hand_error_m": dataclasses.asdict(metrics.hand_errors(trace.hand_error, trace.reachable)),
-        "hand_travel": dataclasses.asdict(metrics.hand_travel(trace)),
+        "hand_error_m": metrics.hand_errors(trace.hand_error, trace.reachable),
+        "hand_travel": metrics.hand_travel(trace),
         "tick_ms": metrics.percentiles(trace.tick_ms),
         "ik_ms": metrics.percentiles(trace.ik_ms),
         "steps": trace.steps,

@@ -6,7 +6,6 @@ start of an episode counts. Here episodes start from a stand, and the first `SET
 going, are left out.
 """
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -149,32 +148,14 @@ def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
 # Impacts
 
 
-@dataclasses.dataclass(frozen=True)
-class Impact:
-    """How hard the feet come down.
+def impact(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
+    """Return how hard both feet came down after `settle` [s]; nothing without a touch-down.
 
-    Speeds are those of the sole's centre in the physics step before each touch-down. A peak is the largest vertical
-    ground reaction in the stance after a touch-down, in weights of the robot without payload: a robot at rest on one
-    foot has 1.
-
-    Attributes:
-        touch_downs: number of touch-downs of both feet.
-        speed_median, speed_p95: median and 95th percentile of the vertical speeds [m/s].
-        total_speed_median, total_speed_p95: the same of the speeds in all directions [m/s].
-        peak_mean, peak_max: mean and maximum of the peaks [body weights].
+    - `speed_median`, `speed_p95`: of the vertical speed of the sole's centre in the physics step before a touch-down
+      [m/s]; `total_speed_median`: of its speed in all directions.
+    - `peak_mean`, `peak_max`: of the largest vertical ground reaction in the stance after a touch-down, in weights of
+      the robot without payload: a robot at rest on one foot has 1.
     """
-
-    touch_downs: int
-    speed_median: float
-    speed_p95: float
-    total_speed_median: float
-    total_speed_p95: float
-    peak_mean: float
-    peak_max: float
-
-
-def impact(trace: Trace, settle: float = SETTLE_S) -> Impact | None:
-    """Return how hard both feet came down after `settle` [s]; None without a touch-down."""
     velocities, peaks = [], []
     for foot, times in enumerate(trace.touch_downs):
         kept = np.isin(times, touch_downs(trace, foot, settle))
@@ -182,55 +163,34 @@ def impact(trace: Trace, settle: float = SETTLE_S) -> Impact | None:
         peaks.append(trace.stance_peak[foot][kept])
     velocity, peak = np.concatenate(velocities), np.concatenate(peaks) / (trace.mass * GRAVITY)
     if not peak.size:
-        return None
+        return {}
     vertical, total = np.abs(velocity[:, 2]), np.linalg.norm(velocity, axis=1)
-    return Impact(
-        touch_downs=int(peak.size),
-        speed_median=float(np.median(vertical)),
-        speed_p95=float(np.percentile(vertical, 95)),
-        total_speed_median=float(np.median(total)),
-        total_speed_p95=float(np.percentile(total, 95)),
-        peak_mean=float(peak.mean()),
-        peak_max=float(peak.max()),
-    )
+    return {
+        "speed_median": float(np.median(vertical)),
+        "speed_p95": float(np.percentile(vertical, 95)),
+        "total_speed_median": float(np.median(total)),
+        "peak_mean": float(peak.mean()),
+        "peak_max": float(peak.max()),
+    }
 
 
 # Hands
 
 
-@dataclasses.dataclass(frozen=True)
-class HandErrors:
-    """Distances of the hands to their targets [m]; None where there was no such target.
-
-    A target that the inverse kinematics calls unreachable may really be so, or the inverse kinematics may be stuck. The
-    figures with `all_` therefore judge the inverse kinematics as well; the others judge the controller that follows it.
-
-    Attributes:
-        mean: mean of both hands over the targets that the inverse kinematics calls reachable.
-        p95: 95th percentile over the same targets.
-        left, right: mean of each hand over the same targets.
-        reachable_fraction: fraction of all samples in which the target is called reachable.
-        all_mean, all_p95: mean and 95th percentile of both hands over all targets.
-    """
-
-    mean: float | None
-    p95: float | None
-    left: float | None
-    right: float | None
-    reachable_fraction: float | None
-    all_mean: float | None
-    all_p95: float | None
-
-
-# The distances in `HandErrors` by field, for tables.
+# The distances of `hand_errors`, for tables.
 HAND_FIGURES = {
     **{"mean": "mean", "p95": "95th percentile", "left": "left hand", "right": "right hand"},
     **{"all_mean": "mean, all targets", "all_p95": "95th percentile, all targets"},
 }
 
 
-def hand_errors(error: np.ndarray, reachable: np.ndarray) -> HandErrors:
+def hand_errors(error: np.ndarray, reachable: np.ndarray) -> dict[str, float | None]:
     """Return the hand errors over all samples of one or more runs, the approach to the first target included.
+
+    A target that the inverse kinematics calls unreachable may really be so, or the inverse kinematics may be stuck. The
+    figures with `all_` therefore judge the inverse kinematics as well; the others judge the controller that follows it
+    to the targets that are called reachable. All are distances [m], but `reachable_fraction` is the part of targets
+    that are; None where there was no such target.
 
     Args:
         error: distance of the left and the right hand to its target [m], shape (samples, 2); NaN without a target.
@@ -239,42 +199,35 @@ def hand_errors(error: np.ndarray, reachable: np.ndarray) -> HandErrors:
     wanted = np.isfinite(error)
     counted = wanted & reachable
     left, right = (_mean(error[counted[:, side], side]) for side in (0, 1))
-    return HandErrors(
-        mean=_mean(error[counted]),
-        p95=_p95(error[counted]),
-        left=left,
-        right=right,
-        reachable_fraction=_mean(reachable[wanted].astype(float)),
-        all_mean=_mean(error[wanted]),
-        all_p95=_p95(error[wanted]),
-    )
+    return {
+        "mean": _mean(error[counted]),
+        "p95": _p95(error[counted]),
+        "left": left,
+        "right": right,
+        "reachable_fraction": _mean(reachable[wanted].astype(float)),
+        "all_mean": _mean(error[wanted]),
+        "all_p95": _p95(error[wanted]),
+    }
 
 
-@dataclasses.dataclass(frozen=True)
-class HandTravel:
-    """The hands' errors apart from the way there.
+def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> dict[str, float | None]:
+    """Return the hands' errors apart from the way there, over the samples that are `kept`, shape (T,), bool.
 
     A hand travels to a new target until it is within `ARRIVED` of it for the first time; from then on it has arrived.
 
-    Attributes:
-        travelling: mean error before arrival [m]; None if the hands never travelled.
-        arrived, arrived_p95: mean and 95th percentile of the errors after arrival [m]; None if no hand arrived.
-        travel_time: time that the hands travelled, mean of both [s].
+    - `travelling`: mean error before arrival [m]; `arrived`, `arrived_p95`: mean and 95th percentile after it [m].
+    - `travel_time`: time that the hands travelled, mean of both [s].
     """
-
-    travelling: float | None
-    arrived: float | None
-    arrived_p95: float | None
-    travel_time: float
-
-
-def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> HandTravel:
-    """Return the hands' errors before and after arrival, over the samples that are `kept`, shape (T,), bool."""
     there, error = arrived(trace), trace.hand_error
     counts = np.isfinite(error) & (np.ones(len(there), dtype=bool) if kept is None else kept)[:, None]
     away, near = counts & ~there, counts & there
     period = float(np.median(np.diff(trace.time))) if len(trace.time) > 1 else 0.0
-    return HandTravel(_mean(error[away]), _mean(error[near]), _p95(error[near]), float(away.sum()) / 2.0 * period)
+    return {
+        "travelling": _mean(error[away]),
+        "arrived": _mean(error[near]),
+        "arrived_p95": _p95(error[near]),
+        "travel_time": float(away.sum()) / 2.0 * period,
+    }
 
 
 def arrived(trace: Trace) -> np.ndarray:

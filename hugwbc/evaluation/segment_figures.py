@@ -47,7 +47,7 @@ def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
             text = f"{NAMES[MEASURED_NAMES[worst]]} {errors[worst]:.2f} {COMMAND_UNITS[MEASURED_NAMES[worst]]}"
             cells: list[Cell] = [
                 f"{text}, fell at {trace.survived_s:.1f} s" if fell else text,
-                _centimetres(hands.arrived), _centimetres(hands.travelling), hands.travel_time or None,
+                _centimetres(hands["arrived"]), _centimetres(hands["travelling"]), hands["travel_time"] or None,
             ]  # fmt: skip
             row += cells[: len(parts)]
         rows.append(row)

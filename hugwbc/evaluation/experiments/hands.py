@@ -156,9 +156,9 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     hands = metrics.hand_errors(trace.hand_error[kept], trace.reachable[kept])
     limits = SATURATED * robot.torque_limit[arms]
     return {
-        "hand_error_m": hands.mean,
-        "hand_error_all_m": hands.all_mean,
-        "reachable_fraction": hands.reachable_fraction,
+        "hand_error_m": hands["mean"],
+        "hand_error_all_m": hands["all_mean"],
+        "reachable_fraction": hands["reachable_fraction"],
         "joint_error_rad": float(joint_error.mean()) if joint_error.size else None,
         "jitter": known(metrics.jitter(commanded[kept], RECORD_PERIOD)),
         "saturated_ticks": int(np.any(np.abs(trace.torque[kept][:, arms]) >= limits, axis=1).sum()),
@@ -175,22 +175,20 @@ def figures(settings: HandsSettings, rows: pl.DataFrame) -> list[Figure]:
     little from the mean over all samples.
     """
     table = f"Hands, {settings.gait}"
-    errors, reachable = (
+    samples = (
         np.array([pair for samples in rows[name].to_list() for pair in samples], dtype=kind).reshape(-1, 2)
         for name, kind in (("errors", float), ("reachable", bool))
     )
-    pooled = metrics.hand_errors(errors, reachable)
+    pooled = metrics.hand_errors(*samples)
     intervals = {"mean": bootstrap_mean(rows["hand_error_m"]), "all_mean": bootstrap_mean(rows["hand_error_all_m"])}
-    found = []
+    found, reachable = [], single(pooled["reachable_fraction"])
     for part, name in metrics.HAND_FIGURES.items():
-        value, bounds = getattr(pooled, part), intervals.get(part, single(None))
-        estimate = scaled(Estimate(value, bounds.low, bounds.high, len(rows)), 100.0)
+        bounds = intervals.get(part, single(None))
+        estimate = scaled(Estimate(pooled[part], bounds.low, bounds.high, len(rows)), 100.0)
         found.append(Figure(table, f"hand error, {name}", "cm", estimate))
     return [
         *found,
-        Figure(
-            table, "targets that the IK calls reachable", "", single(pooled.reachable_fraction), higher_is_better=True
-        ),
+        Figure(table, "targets that the IK calls reachable", "", reachable, higher_is_better=True),
         Figure(table, "arm joints' error", "rad", bootstrap_mean(rows["joint_error_rad"])),
         Figure(
             table, "samples with an arm joint at its torque limit", "", single(float(rows["saturated_ticks"].sum()))

@@ -25,7 +25,7 @@ from hugwbc.gait import Gait
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, settings
 
-# Figures of `metrics.Impact` that are shown, with their names and units.
+# Figures of `metrics.impact` that are shown, with their names and units.
 IMPACTS = {
     "speed_median": ("touch-down speed, median", "m/s"),
     "speed_p95": ("touch-down speed, 95th percentile", "m/s"),
@@ -116,7 +116,7 @@ def measure(run: Run, settle: float) -> Row:
         "foot_creep": known(creep),
         "held_foot_contact": known(metrics.held_foot_contact(trace, settle)),
         "hop_frequency_error": known(metrics.frequency_error(trace, settle)) if command.gait.hops else None,
-        **{f"impact_{figure}": None if impact is None else getattr(impact, figure) for figure in IMPACTS},
+        **{f"impact_{figure}": impact.get(figure) for figure in IMPACTS},
         **ending(trace),
     }
 
