@@ -6,21 +6,8 @@ from hugwbc.cli import main
 
 
 def test_bench_reports_all_speeds(capsys):
-    words = [
-        "bench",
-        "--count",
-        "8",
-        "--control-steps",
-        "5",
-        "--iterations",
-        "1",
-        "--seconds",
-        "0.1",
-        "--calls",
-        "5",
-        "--json",
-    ]
-    words += ["--ik-targets", "2", "--spacing", "1.0"]
+    words = ["bench", "--count", "8", "--control-steps", "5", "--iterations", "1", "--seconds", "0.1", "--calls", "5"]
+    words += ["--json", "--ik-targets", "2", "--spacing", "1.0"]
     assert main(words) == 0
     printed = capsys.readouterr()
     figures = json.loads(printed.out)

@@ -61,8 +61,3 @@ def test_scripts_are_listed_and_printed(capsys):
     assert "def fetch_cup" in capsys.readouterr().out
     assert main(["docs", "wav"]) == 2
     assert "Did you mean 'wave'?" in capsys.readouterr().err
-
-
-def test_help_names_the_version_option(capsys):
-    assert main(["--help"]) == 0
-    assert "--version" in capsys.readouterr().out

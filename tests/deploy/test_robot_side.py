@@ -67,43 +67,28 @@ def phases(seed: int) -> range:
     return range(int(np.random.default_rng(seed).integers(1, 12)))
 
 
-@pytest.mark.parametrize("trial", range(TRIALS))
-def test_silence_damps_within_its_time(still, trial) -> None:
-    bench = Bench(Standing(still, Messages(H1)))
-    for _ in phases(trial):
-        assert not bench.is_damping(bench.slot())
-    assert 0.02 <= bench.until_damping(silent=True) <= 0.02 + 2 * SLOT
-    assert "no state for" in bench.told[0]
+def faulty_slot(fault: str, bench: Bench, trial: int) -> dict:
+    """What each slot is like from now on."""
+    if fault == "old tick":
+        old = bench.standing.raw()
+        bench.slot()
+        return {"raw": old}
+    if fault == "wrong check sum":
+        wrong = bytearray(bench.standing.raw())
+        wrong[int(np.random.default_rng(trial).integers(len(wrong)))] ^= 0x10
+        return {"raw": bytes(wrong)}
+    return {"silent": True} if fault == "no state for" else {"answer": False}
 
 
 @pytest.mark.parametrize("trial", range(TRIALS))
-def test_old_ticks_damp_within_their_time(still, trial) -> None:
-    bench = Bench(Standing(still, Messages(H1)))
-    old = bench.standing.raw()
-    for _ in phases(trial):
-        assert not bench.is_damping(bench.slot())
-    assert 0.02 <= bench.until_damping(raw=old) <= 0.02 + 2 * SLOT
-    assert "old tick" in bench.told[0]
-
-
-@pytest.mark.parametrize("trial", range(TRIALS))
-def test_wrong_check_sums_damp_within_their_time(still, trial) -> None:
+@pytest.mark.parametrize("fault", ["no state for", "old tick", "wrong check sum", "controller is"])
+def test_faults_of_connection_and_controller_damp_within_their_time(still, fault, trial) -> None:
     bench = Bench(Standing(still, Messages(H1)))
     for _ in phases(trial):
         assert not bench.is_damping(bench.slot())
-    wrong = bytearray(bench.standing.raw())
-    wrong[int(np.random.default_rng(trial).integers(wrong.__len__()))] ^= 0x10
-    assert 0.02 <= bench.until_damping(raw=bytes(wrong)) <= 0.02 + 2 * SLOT
-    assert "wrong check sum" in bench.told[0]
-
-
-@pytest.mark.parametrize("trial", range(TRIALS))
-def test_a_late_controller_damps_within_its_time(still, trial) -> None:
-    bench = Bench(Standing(still, Messages(H1)))
-    for _ in phases(trial):
-        assert not bench.is_damping(bench.slot())
-    assert 0.02 <= bench.until_damping(answer=False) <= 0.02 + 2 * SLOT
-    assert "controller is" in bench.told[0]
+    slot = faulty_slot(fault, bench, trial)
+    assert 0.02 <= bench.until_damping(**slot) <= 0.02 + 2 * SLOT
+    assert fault in bench.told[0]
 
 
 @pytest.mark.parametrize("trial", range(TRIALS))

@@ -4,39 +4,28 @@ from hugwbc import Gait
 from hugwbc.evaluation import paper
 
 
-def test_figures_of_the_table():
-    walking = paper.single_command_errors(Gait.WALKING)
-    assert walking["E_vx_low"] == 0.030 and walking["E_l"] == 0.011
-    assert tuple(walking) == paper.ERROR_NAMES
+def test_figures_of_single_commands_and_of_others():
+    walking, noise = paper.single_command_errors(Gait.WALKING), paper.single_command_errors(Gait.WALKING, "noise")
+    assert tuple(walking) == paper.ERROR_NAMES and (walking["E_vx_low"], walking["E_l"]) == (0.030, 0.011)
     assert set(paper.single_command_errors(Gait.STANDING)) == {"E_h", "E_p", "E_w"}
     assert paper.single_command_errors(Gait.HOPPING_LEFT) == paper.single_command_errors(Gait.HOPPING_RIGHT)
-
-
-def test_figures_under_intervention():
-    noise = paper.single_command_errors(Gait.WALKING, "noise")
     assert noise["E_vx_low"] == 0.0483 and noise["E_w"] == 0.0552 and "E_vx_high" not in noise
     assert paper.single_command_errors(Gait.STANDING, "motion") == {"E_h": 0.0237, "E_p": 0.0611, "E_w": 0.0624}
     assert paper.single_command_errors(Gait.HOPPING_LEFT, "noise") == {}
+    assert paper.real_robot_errors(Gait.STANDING) == {"E_p": 0.0712, "E_w": 0.0718}
+    others = paper.other_controllers()
+    assert others["ExBody"]["E_omega"] == 0.587 and others["HOVER"]["E_vx_high"] == 1.324
 
 
 def test_figures_of_the_ablation():
     assert paper.intervention_errors(Gait.JUMPING, "noise", "motion")["E_l"] == 0.2560
     assert paper.intervention_errors(Gait.WALKING, "none")["E_vx"] == 0.0264
-    assert paper.intervention_errors(Gait.HOPPING_RIGHT, "noise") == {}
     for training in paper.TRAININGS:
         for intervention in ("noise", "motion", "none"):
             assert len(paper.intervention_errors(Gait.WALKING, intervention, training)) == 8
             assert set(paper.foot_displacement(intervention, training)) == {"h", "p", "w"}
     assert paper.foot_displacement("motion") == {"h": 0.0454, "p": 0.0728, "w": 0.0196}
     assert paper.foot_displacement("noise", "none")["w"] == 25.7132
-
-
-def test_figures_of_the_real_robot_and_of_others():
-    assert paper.real_robot_errors(Gait.STANDING) == {"E_p": 0.0712, "E_w": 0.0718}
-    assert paper.real_robot_errors(Gait.HOPPING_LEFT) == {}
-    others = paper.other_controllers()
-    assert set(others) == {"HOVER", "ExBody"}
-    assert others["ExBody"]["E_omega"] == 0.587 and others["HOVER"]["E_vx_high"] == 1.324
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,10 @@
 import math
 
-import mujoco
 import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.survival import SurvivalSearch
-from hugwbc.sim import Disturber, Force
-from hugwbc.sim.robot_model import link_names
 
 
 def run(search: SurvivalSearch, survives) -> list[tuple[float, int]]:
@@ -65,39 +62,3 @@ def test_one_fall_of_few_is_too_many():
 def test_bad_settings_are_refused(changes):
     with pytest.raises(ConfigError):
         SurvivalSearch(**{"trials": 4, "first": 50.0, "limit": 800.0, **changes})
-
-
-BLOCK = """
-<mujoco>
-  <option timestep="0.001"/>
-  <default><geom friction="1 0.005 0.0001" solref="0.004 1"/></default>
-  <worldbody>
-    <geom type="plane" size="0 0 1"/>
-    <body name="block" pos="0 0 0.3">
-      <freejoint/>
-      <geom type="box" size="0.1 0.15 0.3" mass="40"/>
-    </body>
-  </worldbody>
-</mujoco>
-"""
-
-
-@pytest.mark.parametrize(("direction", "half_width"), [((1.0, 0.0), 0.1), ((0.0, -1.0), 0.15)])
-def test_the_force_that_tips_a_block_is_that_of_statics(direction, half_width):
-    """A constant force at half the height tips a block when F h / 2 exceeds m g b / 2."""
-    model = mujoco.MjModel.from_xml_string(BLOCK)
-
-    def survives(load: float, _: int) -> bool:
-        data = mujoco.MjData(model)
-        force = Force((load * direction[0], load * direction[1], 0.0), start=0.2, link="block")
-        disturber = Disturber(link_names(model), (force,))
-        while data.time < 4.0:
-            disturber.update(data.time, data.qpos, data.xfrc_applied)
-            mujoco.mj_step(model, data)
-            if data.xmat[1, 8] < 0.5:
-                return False
-        return True
-
-    search = SurvivalSearch(trials=1, first=50.0, limit=400.0, resolution=0.002)
-    run(search, survives)
-    assert search.tolerated == pytest.approx(40.0 * 9.81 * half_width / 0.3, rel=0.02)

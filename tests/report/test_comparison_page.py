@@ -11,7 +11,6 @@ import pytest
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.comparison import comparison_summary, figure_table, summarise
-from hugwbc.evaluation.tables import Table
 from hugwbc.report.comparison_page import (
     link_video,
     report_html,
@@ -124,8 +123,6 @@ def test_tables(make_run: Callable) -> None:
         "note": ["–", "&lt;b&gt;"],
     }
     assert '<a href="replay.html">3-D replay</a>' in page
-    with pytest.raises(ConfigError, match="table 'T' has 2 columns, a row of it 1 cells"):
-        Table("T", ("a", "b"), [("only one",)])
 
 
 def test_a_comparison_begins_with_a_sentence_and_a_picture_and_links_its_video(make_run, tmp_path):

@@ -10,7 +10,6 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 
-from hugwbc.report.comparison_page import write_report
 from hugwbc.viz.replay import write_replay
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
@@ -52,21 +51,3 @@ def test_layers_are_shown_and_hidden(make_run: Callable, tmp_path: pathlib.Path)
         red[hidden] = np.count_nonzero((pixels[..., 0] > 100) & (pixels[..., 0] > 2 * pixels[..., 1:].max(axis=2)))
     assert red[""] > 50 and red["hands,steps,balance,phases"] > 50
     assert red["forces"] < 5
-
-
-def test_report_renders_light_and_dark(make_run: Callable, tmp_path: pathlib.Path) -> None:
-    page = tmp_path / "report.html"
-    write_report(page, "Report", [make_run()])
-    brightness = {}
-    for scheme, dark in (("light", 1), ("dark", 0)):
-        picture = tmp_path / f"{scheme}.png"
-        result = _browse(
-            f"--screenshot={picture}",
-            f"--blink-settings=preferredColorScheme={dark}",
-            "--hide-scrollbars",
-            page.as_uri(),
-        )
-        assert not re.search(r"Uncaught|Error:", result.stderr)
-        brightness[scheme] = np.median(imageio.imread(picture)[..., :3])
-    assert brightness["light"] > 230
-    assert brightness["dark"] < 50

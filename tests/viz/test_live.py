@@ -207,23 +207,6 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
     page.close()
 
 
-def test_a_stumble_of_viser_costs_one_picture_and_no_more(monkeypatch):
-    simulation = Simulation(sensing="exact")
-    page = LivePage(simulation, name="test")
-    words = ["deque mutated during iteration", "another thing"]
-
-    class Stumbling:
-        def __setattr__(self, name, value):
-            raise RuntimeError(words[0])
-
-    monkeypatch.setitem(page._links, "pelvis", Stumbling())
-    page.show(simulation)
-    words.pop(0)
-    with pytest.raises(RuntimeError, match="another thing"):
-        page.show(simulation)
-    page.close()
-
-
 def test_meshes_have_the_size_of_the_shapes():
     model = Simulation(sensing="exact").model
     meshes = colour_meshes(shapes_of(model))["left_elbow_link"]
@@ -359,28 +342,6 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     assert driven.until(lambda: source.command.gait is Gait.STANDING)
     assert driven.until(lambda: np.linalg.norm(simulation.data.qvel[:2]) < 0.1)
     assert not simulation.fallen
-
-
-@pytest.mark.slow
-def test_a_task_is_started_from_the_menu_and_stopped(driven, browser_page):
-    page, around = browser_page, Simulation(sensing="exact", scene=tray_on_a_table())
-
-    def perform(name, stop):
-        driven.page.stage(around)
-        while not (driven.page.interruption or stop()):
-            around.data.time += 0.02
-            driven.page.show(around, name)
-            time.sleep(0.02)
-        return f"{name}: stopped after {around.time:.1f} s"
-
-    driven.drive.perform = perform
-    page.get_by_label("task").select_option("carry_tray")
-    page.get_by_role("button", name="do it").click()
-    page.wait_for_function("document.body.innerText.includes('carry tray at')")
-    page.wait_for_function("document.querySelector('.tasks button').ariaPressed == 'true'")
-    page.keyboard.press(" ")
-    assert driven.until(lambda: any(words.startswith("carry_tray: stopped after") for words in driven.told))
-    page.wait_for_function("document.body.innerText.includes('standing at')")
 
 
 @pytest.mark.slow
