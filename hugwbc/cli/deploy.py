@@ -6,6 +6,8 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+import tyro
+
 from hugwbc.cli.output import check_writable, parse, say
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.keyboard import listen
@@ -33,7 +35,7 @@ FAULT = 1
 _PATIENCE, _POLL = 60.0, 0.5  # [s] for the first state
 _KEYS = "keys, each with Enter: s start, r run, q or an empty line stop (twice: end)"
 # What a recording must hold for its replay.
-_RECORDED = ("controller", "policy", "robot", "script", "age", "task", "seed")
+_RECORDED = ("controller", "policy", "robot", "script", "task", "seed")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,18 +60,8 @@ class DeployOptions:
     the path of a Python file with one."""
     seed: int = 0
     """Seed of the objects of --task, as given to `simulate-robot`: it determines their sizes."""
-    duration: float | None = None
-    """End after this time since the first state, on the robot's clock [s]; without it, the operator ends it."""
-    slower: float = 1.0
-    """How many times slower than the wall clock the (simulated) robot runs."""
-    lockstep: bool = False
-    """Answer each state of a simulated robot, which waits for the answer. Never with a real robot."""
-    dry_run: bool = False
-    """Do everything but publish and release the motion modes."""
     release: bool = True
     """Release the robot's motion modes first."""
-    age: float = ROBOT.latency
-    """Assumed age of a reading when it arrives [s]."""
     tilt: float = Limits.tilt
     """Tilt above which the joints are damped [rad]."""
     record: pathlib.Path | None = None
@@ -78,6 +70,9 @@ class DeployOptions:
     """Replay this recording through the controller instead, without a network, and compare the commands bit by bit."""
     html: pathlib.Path | None = None
     """With --replay, write a page that shows the recording in 3D, as the robot side estimated it."""
+    settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(
+        default_factory=lambda: Settings(age=ROBOT.latency)
+    )
 
 
 def run(words: Sequence[str]) -> int:
@@ -87,25 +82,19 @@ def run(words: Sequence[str]) -> int:
         return _replay(options.replay, options.html)
     if options.html is not None:
         raise ConfigError("--html shows a recording; add --replay FILE, or leave it out")
-    settings = Settings(
-        lockstep=options.lockstep,
-        slower=options.slower,
-        dry_run=options.dry_run,
-        age=options.age,
-        duration=options.duration,
-    )
-    if options.net != LOOPBACK and (options.lockstep or options.slower != 1.0):
+    settings = options.settings
+    if options.net != LOOPBACK and (settings.lockstep or settings.slower != 1.0):
         raise ConfigError(f"--lockstep and --slower are for a simulated robot on {LOOPBACK}; a real one does not wait")
     if options.task is not None and options.script is not None:
         raise ConfigError("--task gives the commands itself; leave --script out")
-    header = {name: getattr(options, name) for name in _RECORDED}
+    header = {name: getattr(options, name) for name in _RECORDED} | {"age": settings.age}
     header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
     robot, pilot = _build(header)
     recorder = None if options.record is None else Recorder(options.record, header)
     domain = options.domain if options.domain is not None else 1 if options.net == LOOPBACK else 0
     endpoint = DdsEndpoint(robot=False, net=options.net, domain=domain)
     try:
-        return _deploy(options, settings, pilot, robot, endpoint, recorder)
+        return _deploy(options, pilot, robot, endpoint, recorder)
     finally:
         endpoint.close()
         if recorder is not None:
@@ -114,20 +103,13 @@ def run(words: Sequence[str]) -> int:
                 say(f"the recording is not complete: {recorder.failure}")
 
 
-def _deploy(
-    options: DeployOptions,
-    settings: Settings,
-    pilot: Pilot,
-    robot: Robot,
-    endpoint: Endpoint,
-    recorder: Recorder | None,
-) -> int:
+def _deploy(options: DeployOptions, pilot: Pilot, robot: Robot, endpoint: Endpoint, recorder: Recorder | None) -> int:
     say(f"waiting for states on {options.net}")
     _await_robot(endpoint, options.net)
-    if options.release and not options.dry_run:
+    if options.release and not options.settings.dry_run:
         say(release_modes(endpoint, required=options.net != LOOPBACK))
     say(f"remote control: Start, A, Select; {_KEYS}")
-    side = RobotSide(pilot, robot, endpoint, settings, recorder, tell=say)
+    side = RobotSide(pilot, robot, endpoint, options.settings, recorder, tell=say)
     listen(lambda line: side.ask(OF_KEY.get(line[:1] or " ", Request.STOP)))
     begin = time.perf_counter()
     try:

@@ -43,12 +43,6 @@ class SimulateRobotOptions:
     """Stand among the objects of this scene file (docs/scenes.md)."""
     mode: str = ""
     """Motion mode that is active at first, such as normal; commands are refused until it is released."""
-    loss: float = 0.0
-    """Part of the packets that is lost in each direction."""
-    delay: float = 0.0
-    """Time that a packet takes in each direction, in addition to the sensors' latency [s]."""
-    jitter: float = 0.0
-    """Largest additional time, drawn evenly; packets may overtake each other [s]."""
     slower: float = 1.0
     """How many times slower than the wall clock it runs."""
     lockstep: bool = False
@@ -57,6 +51,7 @@ class SimulateRobotOptions:
     """End after this time [s]; by default on Ctrl-C."""
     seed: int = 0
     """Seed of the sensors' errors, of the packets' fates and of the objects."""
+    radio: tyro.conf.OmitArgPrefixes[Radio] = dataclasses.field(default_factory=Radio)
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
 
 
@@ -72,7 +67,7 @@ def run(words: Sequence[str]) -> int:
         raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     if not 1.0 <= options.slower <= 1000.0:
         raise ConfigError(f"the robot is {options.slower} times slower; give 1 to 1000")
-    radio, schedule = Radio(options.loss, options.delay, options.jitter), Schedule.parse(options.schedule)
+    schedule = Schedule.parse(options.schedule)
     if options.task is not None and options.scene is not None:
         raise ConfigError("--task has a scene of its own; leave --scene out")
     task = None if options.task is None else load_task(options.task)
@@ -83,7 +78,7 @@ def run(words: Sequence[str]) -> int:
     robot = SimulatedRobot(
         simulation,
         endpoint,
-        radio=radio,
+        radio=options.radio,
         schedule=schedule,
         hoist=STARTS[options.start],
         mode=options.mode,

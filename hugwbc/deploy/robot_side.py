@@ -101,12 +101,12 @@ class Outlet:
 class Settings:
     """How a deployment runs."""
 
-    lockstep: bool = False  # whether each state is answered at once, for a simulated robot that waits
-    # how many times slower than the wall clock the robot's clock is; 1 for a real robot
+    lockstep: bool = False  # answer each state of a simulated robot, which waits; never with a real robot
+    # how many times slower than the wall clock the (simulated) robot runs
     slower: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
-    dry_run: bool = False  # do everything but send
-    age: Share = 0.0  # assumed age of a reading at its arrival [s]
-    # how long to run after the first state [s of the robot's clock]; None until the operator's end
+    dry_run: bool = False  # do everything but publish and release the motion modes
+    age: Share = 0.0  # assumed age of a reading when it arrives [s]
+    # end after this time since the first state, on the robot's clock [s]; without it, the operator ends it
     duration: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] | None = None
 
 
