@@ -20,6 +20,7 @@ Row = dict[str, Any]
 """What is kept of an episode: plain numbers and texts by column; None where there is nothing to measure."""
 BOTH_LEGS = "hopping"
 GAITS = (*(gait.label for gait in Gait), BOTH_LEGS)
+MOVING = GAITS[1:]  # all but standing
 
 
 @settings(kw_only=True)
@@ -35,8 +36,12 @@ class Settings:
     conditions: Conditions = dataclasses.field(default_factory=Conditions)  # physics, robot, sensors, arms
     varied: ClassVar[frozenset[str]] = frozenset()
     """Conditions that the experiment sets itself."""
+    possible: ClassVar[tuple[str, ...]] = GAITS
+    """Gaits with which the experiment makes sense."""
 
     def __post_init__(self) -> None:
+        if self.gait not in self.possible:
+            raise ConfigError(f"gait is {self.gait}; this experiment takes {', '.join(self.possible)}")
         if not self.settle < self.duration:
             raise ConfigError(f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration")
         self.conditions.check_duration(self.duration)

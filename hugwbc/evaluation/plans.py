@@ -78,12 +78,6 @@ class Tour:
     leg: float  # time for each waypoint [s]; after the last leg the last waypoint stays the goal
     gait: Gait = Gait.WALKING  # gait of the walk
 
-    def __post_init__(self) -> None:
-        if not self.waypoints or not 0.0 < self.leg < math.inf:
-            raise ConfigError(
-                f"a tour of {len(self.waypoints)} waypoints, {self.leg} s each; give 1 or more, a finite time above 0 s"
-            )
-
     def waypoint_at(self, t: float) -> Waypoint:
         """Return the waypoint that is the goal at time t [s]."""
         return self.waypoints[min(max(int(t / self.leg + 1e-9), 0), len(self.waypoints) - 1)]

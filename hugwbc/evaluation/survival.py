@@ -2,8 +2,6 @@
 
 import math
 
-from hugwbc.errors import ConfigError
-
 FIRST_TRIALS = 8  # of a load before the first look at the outcome; the number then doubles
 DOUBT = 0.001  # a load is decided early if an outcome as extreme as the one seen is less probable than this
 
@@ -36,13 +34,6 @@ class SurvivalSearch:
             limit: largest load to try.
             resolution: relative width of the bracket at which the search ends.
         """
-        if trials < 1 or not 0.0 < survival <= 1.0:
-            raise ConfigError(f"{trials} trials and a survival of {survival}; give 1 or more, and a share up to 1")
-        if not 0.0 < first <= limit < math.inf or not 0.0 < resolution < 1.0:
-            raise ConfigError(
-                f"loads from {first} to {limit} with a resolution of {resolution}; give 0 < first <= limit, finite, "
-                "and a resolution between 0 and 1"
-            )
         self.tolerated = 0.0
         self.refused: float | None = None
         self._trials = trials

@@ -3,11 +3,9 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from typing import Literal
 
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation.figures import Figure
-
-MARKS = ("", "worse", "unclear", "published")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,12 +13,8 @@ class Marked:
     """A cell that is marked by a word and by its style."""
 
     text: str  # text of the cell, including the word
-    # one of `MARKS`: worse than the reference; worse, but within the uncertainty; published and not measured here
-    mark: str = ""
-
-    def __post_init__(self) -> None:
-        if self.mark not in MARKS:
-            raise ConfigError(f"a cell is marked '{self.mark}'; valid: {', '.join(MARKS[1:])} or nothing")
+    # worse than the reference; worse, but within the uncertainty; published and not measured here
+    mark: Literal["", "worse", "unclear", "published"] = ""
 
 
 Cell = str | float | int | bool | None | Marked
@@ -35,14 +29,6 @@ class Table:
     # the cells: text, numbers (shown to three significant digits), or None and NaN (shown as a dash)
     rows: Sequence[Sequence[Cell]]
     note: str = ""  # a sentence below the table
-
-    def __post_init__(self) -> None:
-        for row in self.rows:
-            if len(row) != len(self.columns):
-                raise ConfigError(
-                    f"table '{self.title}' has {len(self.columns)} columns, a row of it {len(row)} cells: {list(row)}; "
-                    "give one cell for each column"
-                )
 
 
 def cell_text(value: Cell) -> str:

@@ -51,9 +51,11 @@ def _cell(figure: Figure | None) -> Cell:
         parts.append(f"[{_number(figure.estimate.low, 2)}, {_number(figure.estimate.high, 2)}]")
     if figure.ratio is not None:
         parts.append(times(figure.ratio[0]))
-    marks = {Comparison.WORSE: ("worse", "worse"), Comparison.UNCLEAR_WORSE: ("unclear", "worse?")}
-    mark, word = marks.get(figure.against_paper, ("", ""))
-    return Marked(" ".join([*parts, word]).strip(), mark)
+    if figure.against_paper is Comparison.WORSE:
+        return Marked(" ".join([*parts, "worse"]), "worse")
+    if figure.against_paper is Comparison.UNCLEAR_WORSE:
+        return Marked(" ".join([*parts, "worse?"]), "unclear")
+    return Marked(" ".join(parts))
 
 
 def times(ratio: float) -> str:

@@ -9,10 +9,11 @@ every force.
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import polars as pl
+from pydantic import Field
 
 from hugwbc.commands import default_command
 from hugwbc.controller import Controller
@@ -44,12 +45,15 @@ class DisturbanceSettings(Settings):
     rollouts: Count = 16  # number of rollouts of each force; the paper's figure has 4096
     first: Positive = 50.0  # force to begin the search with [N]
     limit: Positive = 800.0  # largest force to try [N]
-    resolution: Positive = 0.05  # relative width of the bracket at which the search for a force ends
+    resolution: Annotated[float, Field(gt=0.0, lt=1.0)] = (
+        0.05  # relative width of the bracket at which the search for a force ends
+    )
     varied = frozenset({"payload", "friction", "gain"})  # drawn for every rollout
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.search()
+        if self.first > self.limit:
+            raise ConfigError(f"first is {self.first} N and limit {self.limit} N; give first <= limit")
         if self.settle + _START_SPREAD + 1.0 >= self.duration:
             raise ConfigError(
                 f"duration is {self.duration} s and settle {self.settle} s; leave {_START_SPREAD + 1.0} s for the force"

@@ -13,7 +13,6 @@ from pydantic import Field
 
 from hugwbc.commands import Command, default_command
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, single
 from hugwbc.gait import Gait
@@ -49,11 +48,10 @@ class HandForceSettings(CountedSettings):
     v_x: float = 0.4  # forward velocity of a walk [m/s]
     settle: NotNegative = BEGIN
     varied = frozenset({"intervention", "motions", "hand_payload"})
+    possible = ("standing", "walking")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.gait not in ("standing", "walking"):
-            raise ConfigError(f"gait is {self.gait}; give standing or walking")
         Command(v_x=self.v_x, gait=Gait.WALKING).validate()
 
 

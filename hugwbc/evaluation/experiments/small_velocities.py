@@ -14,8 +14,7 @@ from pydantic import Field
 
 from hugwbc.commands import default_command
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, known
@@ -33,11 +32,7 @@ class SmallVelocitiesSettings(CountedSettings):
 
     # number of episodes in all, split evenly over forward, backward, left and right
     episodes: Annotated[int, Field(ge=len(DIRECTIONS))] = 16
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.gait == "standing":
-            raise ConfigError("standing has no velocities; choose another gait")
+    possible = MOVING
 
 
 def plan(settings: SmallVelocitiesSettings) -> list[Plan]:

@@ -13,8 +13,7 @@ from pydantic import Field
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
@@ -40,11 +39,7 @@ class StopsSettings(CountedSettings):
     speeds: tuple[Positive, ...] = SPEEDS  # commanded speeds [m/s]
     settle: Positive = 3.0  # time of moving before the robot is told to stand [s]
     duration: Positive = 9.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.gait == "standing":
-            raise ConfigError("a standing robot need not stop; choose another gait")
+    possible = MOVING
 
 
 def plan(settings: StopsSettings) -> list[Plan]:

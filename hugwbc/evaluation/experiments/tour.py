@@ -14,8 +14,7 @@ import polars as pl
 
 from hugwbc import rotations
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
+from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
@@ -45,11 +44,7 @@ class TourSettings(CountedSettings):
     # force of the strongest blow on a G1, which is scaled to this robot's mass [N]; 0 for no blows
     blow: NotNegative = 600.0
     duration: Positive = 60.0  # length of a tour [s]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.gait == "standing":
-            raise ConfigError("a tour needs a gait that moves; choose another than standing")
+    possible = MOVING
 
 
 def strongest_blow(settings: TourSettings) -> float:
