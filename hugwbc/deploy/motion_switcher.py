@@ -53,15 +53,11 @@ def _active(data: str) -> str:
 
 
 class SimulatedSwitcher:
-    """The motion switcher of a simulated robot.
-
-    Attributes:
-        active: name of the active mode; empty if none is.
-    """
+    """The motion switcher of a simulated robot."""
 
     def __init__(self, active: str = "") -> None:
         """Begin with a mode."""
-        self.active = active
+        self.active = active  # name of the active mode; empty if none is
 
     def __call__(self, number: int, parameter: str) -> tuple[int, str]:
         """Answer a call."""

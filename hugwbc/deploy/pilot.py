@@ -35,15 +35,7 @@ class Decision:
 
 
 class Pilot:
-    """State estimator, state machine, and the controller behind its safety filter.
-
-    Attributes:
-        machine: the modes.
-        safe: the controller behind the safety filter.
-        estimate: the last estimate; None before the first state.
-        estimator: the only source of the controller's state.
-        plan: what the controller plans, for pictures.
-    """
+    """State estimator, state machine, and the controller behind its safety filter."""
 
     def __init__(
         self,
@@ -67,7 +59,7 @@ class Pilot:
             tell: called with each transition and refusal.
         """
         self.limits = limits or Limits()
-        self.machine = StateMachine(robot, tell)
+        self.machine = StateMachine(robot, tell)  # the modes
         # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
         # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
         self.estimator = StateEstimator(EstimatorParams(contact=ContactParams(base_weight=0.0)), robot=robot)
@@ -80,8 +72,8 @@ class Pilot:
             estimator=self.estimator,
             upper_body=upper_body,
         )
-        self.safe, self.plan = self._control.safe, self._control.plan
-        self.estimate: RobotState | None = None
+        self.safe, self.plan = self._control.safe, self._control.plan  # the controller in its filter, and what it plans
+        self.estimate: RobotState | None = None  # the last one
         self._robot = robot
         self._steer = getattr(source, "steer", None)
         self._watch, self._buttons = BodyWatch(robot, self.limits), ButtonWatch()

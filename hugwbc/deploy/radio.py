@@ -21,17 +21,13 @@ class Radio:
 
 
 class Channel(Generic[Content]):
-    """Messages on their way in one direction.
-
-    Attributes:
-        lost: number of messages that were lost.
-    """
+    """Messages on their way in one direction."""
 
     def __init__(self, radio: Radio, rng: np.random.Generator, delay: float = 0.0) -> None:
         """Begin empty; the delay [s] comes in addition to the radio's."""
         self._radio, self._rng, self._delay = radio, rng, radio.delay + delay
         self._waiting: list[tuple[float, int, Content]] = []
-        self._count = self.lost = 0
+        self._count = self.lost = 0  # messages sent and lost
 
     def put(self, message: Content, now: float) -> None:
         """Send a message at a time [s]."""

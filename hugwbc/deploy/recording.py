@@ -33,15 +33,11 @@ _WAITING = 50_000  # entries; more than a disk may fall behind
 
 
 class Recorder:
-    """A writer of recordings, in a thread of its own so that a slow disk delays nothing.
-
-    Attributes:
-        failure: why the recording is not complete; None if it is.
-    """
+    """A writer of recordings, in a thread of its own so that a slow disk delays nothing."""
 
     def __init__(self, path: pathlib.Path, header: dict[str, Any]) -> None:
         """Open a file, which is replaced, and write what is run as its header."""
-        self.failure: str | None = None
+        self.failure: str | None = None  # why the recording is not complete
         self._entries: queue.Queue[bytes | None] = queue.Queue(maxsize=_WAITING)
         try:
             self._file: BinaryIO = path.open("wb")
@@ -93,11 +89,7 @@ class Entry:
 
 
 class Recording:
-    """A recording that is read from a file.
-
-    Attributes:
-        header: what was run.
-    """
+    """A recording that is read from a file."""
 
     def __init__(self, path: pathlib.Path) -> None:
         """Read the header."""
@@ -112,7 +104,7 @@ class Recording:
             raise self._error("it has no header") from error
         if not isinstance(header, dict) or header.get("format") != FORMAT:
             raise self._error(f"its format is not '{FORMAT}'")
-        self.header = header
+        self.header = header  # what was run
 
     def _error(self, what: str) -> ResultFileError:
         return ResultFileError(

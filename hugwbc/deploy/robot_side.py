@@ -42,11 +42,7 @@ _SWITCH = 0.0005  # [s] for which one thread may keep the interpreter; the defau
 
 
 class Outlet:
-    """The published command: the pilot's last one, or damping after a fault.
-
-    Attributes:
-        fault: what has failed, for the pilot to note; None if nothing has.
-    """
+    """The published command: the pilot's last one, or damping after a fault."""
 
     def __init__(self, intake: Intake, late: float, period: float, damping: bytes) -> None:
         """Begin with nothing to send.
@@ -60,7 +56,7 @@ class Outlet:
         self._message: bytes | None = None
         self._active = False
         self._arrival: float | None = None  # of the state that a message not yet sent answers
-        self.fault: str | None = None
+        self.fault: str | None = None  # what has failed, for the pilot to note
 
     def arrived(self, time: float, now: float) -> None:
         """Note that a state of a time [s] has arrived now [s]."""
@@ -111,15 +107,7 @@ class Settings:
 
 
 class RobotSide:
-    """Everything between the network and the pilot.
-
-    Attributes:
-        pilot: decides.
-        intake: counts what arrives.
-        timing: latency and jitter, on the robot's clock.
-        sent: number of commands sent.
-        unseen: number of texts of a motion capture that were refused.
-    """
+    """Everything between the network and the pilot."""
 
     def __init__(
         self,
@@ -135,8 +123,8 @@ class RobotSide:
         self.pilot, self.settings = pilot, settings or Settings()
         self._endpoint, self._recorder = endpoint, recorder
         self._messages = Messages(robot)
-        self.intake = Intake(self._messages, pilot.limits, self.settings.age)
-        self.timing = Timing(PERIOD)
+        self.intake = Intake(self._messages, pilot.limits, self.settings.age)  # counts what arrives
+        self.timing = Timing(PERIOD)  # latency and jitter, on the robot's clock
         damping = self._messages.pack_command(pilot.damped())
         self._outlet = Outlet(self.intake, pilot.limits.late, pilot.safe.period, damping)
         self._asked: queue.SimpleQueue[Request] = queue.SimpleQueue()
@@ -146,7 +134,7 @@ class RobotSide:
         self._start: float | None = None
         self._fade: float | None = None
         self._sent_decision = b""
-        self.sent = self.unseen = 0
+        self.sent = self.unseen = 0  # commands sent, and texts of a motion capture refused
         endpoint.texts(OBJECTS)  # from now on they are heard
 
     def ask(self, request: Request) -> None:

@@ -21,18 +21,14 @@ class Happening:
 
 
 class Schedule:
-    """A list of events, and the next one to come.
-
-    Attributes:
-        remote: the remote control now.
-    """
+    """A list of events, and the next one to come."""
 
     def __init__(self, happenings: Sequence[Happening] = ()) -> None:
         """Begin before the first one."""
         self._next = sorted(happenings, key=lambda one: one.time)
         self._held: dict[str, float] = {}
         self._sticks: dict[str, float] = dict.fromkeys(_STICKS, 0.0)
-        self.remote = Remote()
+        self.remote = Remote()  # the remote control now
 
     @classmethod
     def parse(cls, text: str) -> "Schedule":

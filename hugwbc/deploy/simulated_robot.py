@@ -44,15 +44,6 @@ class SimulatedRobot:
     At each physics step it sends what its sensors say, takes the commands that have arrived, and computes the PD law of
     every joint. Its clock is `tick`. Without commands the motors are off; when commands stop, it does the worst: it
     goes on with the last one.
-
-    Attributes:
-        simulation: the physics.
-        hoist: what it hangs on.
-        switcher: its motion modes; while one is active, it refuses commands.
-        temperature: of the motors [degrees Celsius], shape (19,).
-        received: commands that have arrived.
-        refused: commands, and texts that ask for grips, that were refused, by reason.
-        extremes: largest values so far.
     """
 
     def __init__(
@@ -103,16 +94,16 @@ class SimulatedRobot:
         self._shown = -math.inf
         self._size = layout(COMMAND).itemsize
         simulation.reset()
-        self.hoist = Hoist(simulation, 0.0 if hoist is None else hoist)
+        self.hoist = Hoist(simulation, 0.0 if hoist is None else hoist)  # what it hangs on
         if hoist is None:
             self.hoist.release()
-        self.switcher = SimulatedSwitcher(mode)
+        self.switcher = SimulatedSwitcher(mode)  # its motion modes; while one is active, it refuses commands
         endpoint.serve(self.switcher)
         endpoint.texts(GRIPS)  # from now on they are heard
-        self.temperature = np.full(simulation.robot.kp.size, AMBIENT)
-        self.received = 0
-        self.refused: dict[str, int] = {}
-        self.extremes = Extremes()
+        self.temperature = np.full(simulation.robot.kp.size, AMBIENT)  # of the motors [degrees Celsius]
+        self.received = 0  # commands that have arrived
+        self.refused: dict[str, int] = {}  # commands and texts with grips that were refused, by reason
+        self.extremes = Extremes()  # largest values so far
 
     @property
     def time(self) -> float:

@@ -42,20 +42,14 @@ class Event:
 
 
 class StateMachine:
-    """The mode of a deployment and the record of its changes.
-
-    Attributes:
-        mode: the current mode.
-        events: all transitions and refusals so far.
-        faulty: whether a fault, and not the operator, has led to damping.
-    """
+    """The mode of a deployment and the record of its changes."""
 
     def __init__(self, robot: Robot, tell: Callable[[Event], None] | None = None) -> None:
         """Begin idle; `tell` is called with each event."""
         self._robot, self._tell = robot, tell
         self.mode = Mode.IDLE
-        self.events: list[Event] = []
-        self.faulty = False
+        self.events: list[Event] = []  # all transitions and refusals so far
+        self.faulty = False  # whether a fault, and not the operator, has led to damping
         self._from, self._since = robot.nominal, 0.0
 
     def enter(self, mode: Mode, reason: str, state: RobotState) -> None:

@@ -33,18 +33,14 @@ class Spread:
 
 
 class Timing:
-    """Times measured while a robot is controlled.
-
-    Attributes:
-        missed: commands that took longer than the controller's period.
-    """
+    """Times measured while a robot is controlled."""
 
     def __init__(self, period: float) -> None:
         """Measure a thread that publishes every `period` seconds."""
         self._period = period
         self._latency, self._deviation = array.array("d"), array.array("d")
         self._last: float | None = None
-        self.missed = 0
+        self.missed = 0  # commands that took longer than the controller's period
 
     def answered(self, seconds: float, limit: float) -> None:
         """Note the time from the arrival of a state to the publication of its command [s], and whether it was late."""

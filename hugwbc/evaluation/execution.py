@@ -19,10 +19,6 @@ class Execution:
 
     Processes and connections are made with the first jobs and serve all later ones, until `close` or the end of a
     `with` block. None of the settings changes a result.
-
-    Attributes:
-        workers: number of processes; with 1, jobs run in this process.
-        cluster: address of a Dask scheduler that runs the jobs instead; None for no cluster.
     """
 
     def __init__(self, workers: int = 1, *, cluster: str | None = None) -> None:

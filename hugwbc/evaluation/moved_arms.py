@@ -20,9 +20,6 @@ class ArmIntervention:
     """A source of arm targets for `ControlLoop` that moves both arms whatever the hand targets are.
 
     The postures come at 50 Hz. Between two postures the targets are interpolated linearly, with their velocity.
-
-    Attributes:
-        postures: postures since `reset` at 50 Hz [rad], each of shape (8,).
     """
 
     solution = None
@@ -32,7 +29,7 @@ class ArmIntervention:
         self._source = source
         robot = load_robot()
         self._nominal = robot.nominal[robot.arms]
-        self.postures: list[np.ndarray] = []
+        self.postures: list[np.ndarray] = []  # since `reset` at 50 Hz [rad], each (8,)
         self.reset()
 
     def reset(self) -> None:

@@ -17,21 +17,14 @@ _ASKED = Ending(False, "asked by a learner")
 
 
 class Episode:
-    """A robot among the objects of a task, from a stand.
-
-    Attributes:
-        simulation: robot and objects.
-        shapes: what is told of the objects.
-        behaviour: carries out its `wish`; set it.
-        time: since the start [s].
-    """
+    """A robot among the objects of a task, from a stand."""
 
     def __init__(self, task: Task, simulation: Simulation, controller: Controller, arms: UpperBodySource) -> None:
         """Begin, with a robot among the objects of the task's scene; the task judges."""
         if simulation.scene is None:
             raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
         self.simulation, self.shapes = simulation, shapes_of(simulation.scene)
-        self.behaviour = FollowWish(self._nearest)
+        self.behaviour = FollowWish(self._nearest)  # carries out its `wish`; set it
         self._source = BehaviourSource(self.behaviour.course)
         self._loop = ControlLoop(controller, self._source, simulation, arms)
         self._loop.reset()

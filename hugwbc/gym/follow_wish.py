@@ -19,21 +19,16 @@ Nearest = Callable[[str], tuple[str, bool] | None]
 
 
 class FollowWish:
-    """Does what `wish` says; it never ends.
-
-    Attributes:
-        wish: the request; set it at any time.
-        points: where the targets of the hands are now, heading frame [m], shape (2, 3); NaN for a hand without one.
-    """
+    """Does what `wish` says; it never ends."""
 
     def __init__(self, nearest: Nearest) -> None:
         """Start from a standing robot whose arms are its controller's; a gripper closes on what is `nearest`."""
-        self.wish = Wish()
+        self.wish = Wish()  # the request; set it at any time
         self._nearest = nearest
 
     def course(self, view: View) -> Course:
         """Follow it."""
-        self.points = np.full((2, 3), np.nan)
+        self.points = np.full((2, 3), np.nan)  # targets of the hands now, heading frame [m]; NaN without one
         took = [False, False]  # whether each gripper has held something since it was asked to
         time = view.time
         while True:

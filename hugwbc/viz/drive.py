@@ -32,12 +32,7 @@ class _Record:
 
 
 class Drive:
-    """A robot that a person drives.
-
-    Attributes:
-        falls: how often the robot fell.
-        written: files of the records, complete after `run`.
-    """
+    """A robot that a person drives."""
 
     def __init__(
         self,
@@ -55,8 +50,8 @@ class Drive:
         """
         self.loop, self.page, self.folder, self.tell = loop, page, folder, tell
         self.perform = perform
-        self.falls = 0
-        self.written: list[pathlib.Path] = []
+        self.falls = 0  # how often the robot fell
+        self.written: list[pathlib.Path] = []  # files of the records, complete after `run`
         self._record: _Record | None = None
         self._t, self._begin = 0.0, 0.0
         self._writers: list[threading.Thread] = []

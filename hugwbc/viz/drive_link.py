@@ -46,10 +46,6 @@ class DriveLink:
     """The messages between the open pages and the control loop.
 
     The server's thread and the control loop's thread use it at any time.
-
-    Attributes:
-        dark: whether the last page that said so has a dark theme; None if none did.
-        clock: returns the time [s].
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
@@ -60,8 +56,8 @@ class DriveLink:
         self._pressed: list[str] = []
         self._last: float | None = None  # when a page that is gone now was heard last [s]
         self._using = threading.Lock()
-        self.dark: bool | None = None
-        self.clock = time.monotonic
+        self.dark: bool | None = None  # whether the last page that said so has a dark theme
+        self.clock = time.monotonic  # returns the time [s]
 
     @contextlib.contextmanager
     def serving(self, *, any_host: bool) -> Iterator[None]:

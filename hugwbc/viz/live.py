@@ -49,16 +49,7 @@ WORLD = "/world"  # everything that stands still for the robot; it moves instead
 
 
 class LivePage:
-    """A page on which a person drives one robot.
-
-    Attributes:
-        source: the command source for the control loop, with what the person asks for.
-        server: viser's server.
-        pushes: forces that wait to be applied, in the pelvis' heading frame [N], each of shape (3,).
-        link: the line to the driver's part of the page.
-        recording: whether the drive is being recorded; None if nobody records it.
-        can_reset: whether whoever runs the robot asks `take` for resets.
-    """
+    """A page on which a person drives one robot."""
 
     def __init__(
         self,
@@ -88,10 +79,10 @@ class LivePage:
         # viser prints the address; what is printed is for the caller to decide.
         with self.link.serving(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
-        self.source = LiveSource()
-        self.pushes: list[np.ndarray] = []
-        self.recording: bool | None = None
-        self.can_reset = False
+        self.source = LiveSource()  # what the person asks for, for the control loop
+        self.pushes: list[np.ndarray] = []  # forces that wait, in the pelvis' heading frame [N], each (3,)
+        self.recording: bool | None = None  # whether the drive is recorded; None if nobody records it
+        self.can_reset = False  # whether whoever runs the robot asks `take` for resets
         self._asked: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show the command
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture

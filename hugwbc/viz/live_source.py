@@ -22,18 +22,12 @@ class LiveSource:
     A stand is asked for at once, because every control loop brakes before it (`hugwbc.runtime.braking`).
 
     Several threads may ask for values at any time.
-
-    Attributes:
-        wanted: the command that the person asks for, with its gait.
-        hands: the hand targets; None leaves the arms to the controller.
-        notice: what was done with the last request that could not be taken as it was, for people; empty at first.
-        noticed: until when it is shown, by `time.monotonic` [s].
     """
 
     def __init__(self, wanted: Command | None = None) -> None:
-        self.wanted = wanted or Command()
-        self.hands: HandTargets | None = None
-        self.notice, self.noticed = "", -np.inf
+        self.wanted = wanted or Command()  # what the person asks for
+        self.hands: HandTargets | None = None  # None leaves the arms to the controller
+        self.notice, self.noticed = "", -np.inf  # what was done with the last request, for people; shown until then
         self._walks_by_itself = self._paused = False
         self._command = default_command(self.wanted.gait)
         self._t = 0.0

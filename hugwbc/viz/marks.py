@@ -64,11 +64,7 @@ HIDDEN = Mark(visible=False)
 
 
 class Marks:
-    """The marks around one robot, found from a moment by the robot's kinematics.
-
-    Attributes:
-        sole: centre of a sole in the ankle link's frame [m], shape (3,).
-    """
+    """The marks around one robot, found from a moment by the robot's kinematics."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot | None = None) -> None:
         """Set up for a robot, by default the H1, and a model that holds it."""

@@ -144,12 +144,7 @@ def _tiles() -> geometry.Material:
 
 
 class Scene:
-    """Robots side by side on a tiled floor, seen from ahead and to the side.
-
-    Attributes:
-        visualizer: meshcat's root.
-        robots: the robots, in the order of the names given.
-    """
+    """Robots side by side on a tiled floor, seen from ahead and to the side."""
 
     def __init__(
         self,

@@ -36,14 +36,11 @@ class RealTime:
 
     On a slow computer the robot moves in slow motion, as evenly as possible: every picture takes as long as the slower
     ones of the last seconds. It never moves faster than in reality.
-
-    Attributes:
-        speed: simulated time over real time, of the last seconds.
     """
 
     def __init__(self) -> None:
         """Start at a simulated time of 0."""
-        self.speed = 1.0
+        self.speed = 1.0  # simulated time over real time, of the last seconds
         self._simulated, self._shown = 0.0, time.monotonic()
         self._cost = 0.0  # of a simulated second [s], for the slower pictures
 
