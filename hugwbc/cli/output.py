@@ -176,7 +176,7 @@ def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401
         write_whole(path, text + "\n")
 
 
-Advance = Callable[[float], object]
+Advance = Callable[[float], None]
 """Reports the fraction of the work that is done."""
 
 

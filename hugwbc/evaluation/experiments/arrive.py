@@ -8,19 +8,18 @@ import math
 import numpy as np
 import polars as pl
 
-from hugwbc.behaviours import BehaviourSource, Status, walk_to
+from hugwbc.behaviours import walk_to
 from hugwbc.controller import Controller
-from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.episode import CountedSettings, Row
 from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.experiments.behaviours import play
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.rotations import wrap_angle
-from hugwbc.runtime.rollout import rollout
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Scene
 from hugwbc.sim.scenes import Box
-from hugwbc.upper_ik import UpperBodySource
 
 DISTANCE = (0.3, 3.0)  # [m]
 FAR = Scene((Box(name="far", position=(9.0, 9.0), size=(0.2, 0.2, 0.2), mass=1.0),))
@@ -48,30 +47,17 @@ def plan(settings: ArriveSettings) -> list[Plan]:
 def episode(controller: Controller, settings: ArriveSettings, plan: Plan) -> Row:
     """Return whether and when the behaviour ended with success, and how far the robot truly stood from the goal.
 
-    - `seconds`: time until the robot stood at the goal [s]; `distance`: of the pelvis from the goal [m]; `angle`: of
-      the heading from that of the goal [deg]. None for walks that did not arrive.
+    - `distance`: of the pelvis from the goal [m]; `angle`: of the heading from that of the goal [deg]. None for walks
+      that did not arrive.
     """
-    conditions = settings.conditions
     x, y, yaw = (float(plan.tags[name]) for name in ("x", "y", "yaw"))
-    source = BehaviourSource(lambda view: walk_to(view, (x, y), yaw))
-    simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene=FAR)
-    trace = rollout(
-        controller,
-        source,
-        simulation,
-        UpperBodySource(robot=simulation.known_robot),
-        duration=settings.duration,
-        estimator=conditions.estimator(),
-        until=lambda: source.done,
-    )
-    row = {**ending(trace), "success": source.status is Status.SUCCESS and not trace.fell, "ending": source.ending}
+    row, simulation = play(controller, settings, plan, lambda view: walk_to(view, (x, y), yaw), FAR)
     if not row["success"]:
-        return row | {"seconds": None, "distance": None, "angle": None}
+        return row | {"distance": None, "angle": None}
     state = simulation.state()
     assert state.position is not None
     away = math.hypot(state.position[0] - x, state.position[1] - y)
-    angle = abs(math.degrees(float(wrap_angle(state.yaw - yaw))))
-    return row | {"seconds": simulation.time, "distance": away, "angle": angle}
+    return row | {"distance": away, "angle": abs(math.degrees(float(wrap_angle(state.yaw - yaw))))}
 
 
 def figures(settings: ArriveSettings, rows: pl.DataFrame) -> list[Figure]:

@@ -3,17 +3,17 @@
 import polars as pl
 
 from hugwbc import extensions
-from hugwbc.behaviours import BehaviourSource, Status, load_behaviour
+from hugwbc.behaviours import Behaviour, BehaviourSource, Status, load_behaviour
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.runtime.rollout import rollout
 from hugwbc.settings import Count, Positive, settings
-from hugwbc.sim import Scene, load_scene
+from hugwbc.sim import Engine, Scene, load_scene
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -48,10 +48,15 @@ def plan(settings: BehavioursSettings) -> list[Plan]:
     return [Plan(draw) for draw in range(settings.episodes)]
 
 
-def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) -> Row:
-    """Return whether the behaviour ended with success, when [s], how it ended, and where the objects then were [m]."""
-    conditions, source = settings.conditions, BehaviourSource(load_behaviour(settings.behaviour))
-    simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene_of(settings.scene))
+def play(
+    controller: Controller, settings: Settings, plan: Plan, behaviour: Behaviour, scene: Scene
+) -> tuple[Row, Engine]:
+    """Play a behaviour; return how it ended, and the simulation after it.
+
+    - `success`: whether the behaviour ended with success; `seconds`: when, None if not [s]; `ending`: what it said.
+    """
+    conditions, source = settings.conditions, BehaviourSource(behaviour)
+    simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene)
     trace = rollout(
         controller,
         source,
@@ -62,13 +67,15 @@ def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) ->
         until=lambda: source.done,
     )
     success = source.status is Status.SUCCESS and not trace.fell
-    return {
-        **ending(trace),
-        "success": success,
-        "seconds": simulation.time if success else None,
-        "ending": "a fall" if trace.fell else source.ending,
-        "objects": {name: pose.position.round(3).tolist() for name, pose in simulation.objects.items()},
-    }
+    seconds = simulation.time if success else None
+    how = "a fall" if trace.fell else source.ending
+    return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation
+
+
+def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) -> Row:
+    """Return how the behaviour ended, and where the objects then were [m]."""
+    row, simulation = play(controller, settings, plan, load_behaviour(settings.behaviour), scene_of(settings.scene))
+    return row | {"objects": {name: pose.position.round(3).tolist() for name, pose in simulation.objects.items()}}
 
 
 def figures(settings: BehavioursSettings, rows: pl.DataFrame) -> list[Figure]:
