@@ -87,12 +87,6 @@ def test_malformed_options_exit_with_2(words, capsys):
     assert words[1] in capsys.readouterr().err
 
 
-def test_a_wrong_option_is_answered_with_the_right_one(capsys):
-    with pytest.raises(SystemExit):
-        main(["play", "--vx", "1"])
-    assert "--v-x" in capsys.readouterr().err
-
-
 def test_help_lists_every_verb(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
@@ -227,12 +221,6 @@ def test_a_reader_who_has_enough_is_no_error(buffered: bool) -> None:
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 0
-
-
-def test_the_words_above_the_options_are_not_indented(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["tasks", "--help"])
-    assert "\n`hugwbc play --task NAME`" in capsys.readouterr().out
 
 
 def test_a_wrong_renderer_is_named(monkeypatch, capsys):

@@ -2,7 +2,6 @@
 
 import re
 import signal
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -104,22 +103,6 @@ def test_the_makers_order_of_messages_works_and_a_client_without_check_sum_is_to
     else:
         assert "command refused" in told and "the client never sets it" in told
         assert "torque 0.00 of the limit" in told
-
-
-def test_a_killed_robot_side_leaves_the_last_command(processes, free_domain) -> None:
-    robot = processes.hugwbc(
-        *("simulate-robot", "--domain", free_domain, "--slower", "4", "--duration", "100", "--schedule", "0.1 Start")
-    )
-    side = processes.hugwbc("deploy", "--controller", "hold", "--domain", free_domain, "--slower", "4")
-    lines = iter(side.stdout.readline, "")  # type: ignore[union-attr]
-    assert any("zero torque -> start pose" in line for line in lines)
-    time.sleep(1.0)
-    side.kill()
-    time.sleep(2.0)
-    robot.send_signal(signal.SIGINT)
-    text = output(robot, 130)
-    assert float(re.findall(r"longest silence (\S+) s", text)[0]) > 0.2
-    assert float(re.findall(r"torque (\S+) of the limit", text)[0]) <= 1.0
 
 
 @pytest.mark.parametrize(("net", "domain", "words"), [("eth77", 1, "no network interface"), ("lo", 999, "DDS domain")])

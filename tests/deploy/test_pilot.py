@@ -5,7 +5,6 @@ import pytest
 from deploy_bench import Counting, bring_to, make_pilot
 
 from hugwbc import Command, Gait, load_robot, rotations
-from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.state_machine import START_TIME, Mode
 from hugwbc.deploy.sticks import Sticks
@@ -182,22 +181,3 @@ def test_sticks_reach_the_controller(standing) -> None:
         pilot.observe(standing.next(Remote(ly=0.5)))
     assert controller.commands[-1].gait is Gait.WALKING
     assert controller.commands[-1].v_x == pytest.approx(0.5)
-
-
-def test_equal_histories_give_equal_commands(still) -> None:
-    from deploy_bench import Standing
-
-    from hugwbc.deploy.messages import Messages
-
-    results = []
-    for _ in range(2):
-        pilot, standing = make_pilot(), Standing(still, Messages(H1))
-        bring_to(Mode.RUN, pilot, standing)
-        decision = pilot.observe(standing.next())
-        assert decision.command is not None
-        results.append(Messages(H1).pack_command(decision.command))
-    assert results[0] == results[1]
-
-
-def test_a_pilot_needs_no_network() -> None:
-    assert isinstance(make_pilot(), Pilot)

@@ -14,7 +14,6 @@ from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.robot_side import PERIOD, RobotSide, Settings
 from hugwbc.deploy.state_machine import DAMPING_GAIN, Mode
-from hugwbc.errors import ConfigError
 
 H1 = load_robot()
 TRIALS = 20
@@ -249,11 +248,3 @@ def test_a_defect_ends_the_deployment_with_its_error(standing) -> None:
     with pytest.raises(ZeroDivisionError):
         side.run()
     assert time.perf_counter() - begin < 8.0
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("slower", 0.5), ("slower", float("nan")), ("age", -0.1), ("age", 2.0), ("duration", 0.0)]
-)
-def test_settings_out_of_range_are_refused(name, value) -> None:
-    with pytest.raises(ConfigError):
-        Settings(**{name: value})

@@ -13,7 +13,6 @@ from hugwbc import JointCommand, load_robot
 from hugwbc.deploy import state_machine, wire
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.radio import Radio
-from hugwbc.deploy.remote import Remote
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import Mode
@@ -133,14 +132,6 @@ def test_states_are_as_old_as_the_sensors_latency() -> None:
     assert robot.time - (tick - 1) * 1e-3 == pytest.approx(0.012), "10 ms, and the step since then"
 
 
-def test_losses_hit_states_and_commands() -> None:
-    robot, client, _ = make(radio=Radio(loss=0.2))
-    message = Messages(H1).pack_command(HOLD)
-    states = sum(len(step(robot, client, message)) for _ in range(500))
-    assert states == pytest.approx(400, abs=40)
-    assert robot._commands.lost == pytest.approx(100, abs=40)
-
-
 def test_a_command_that_was_overtaken_is_left_out() -> None:
     robot, client, _ = make(radio=Radio(jitter=0.02))
     messages, torques = Messages(H1), []
@@ -228,9 +219,3 @@ def test_a_robot_side_that_dies_leaves_the_last_command() -> None:
     pair.run(0.3, alive=lambda: False)
     assert pair.side.sent == sent
     assert pair.robot.extremes.silence == pytest.approx(0.2, abs=0.02)
-
-
-def test_remote_is_part_of_the_state() -> None:
-    robot, client, _ = make()
-    (state,) = step(robot, client)
-    assert Messages(H1).unpack_state(state).remote == Remote()

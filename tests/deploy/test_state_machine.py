@@ -20,12 +20,6 @@ def test_idle_sends_nothing_and_a_run_is_the_controllers(machine, still) -> None
     assert machine.command(0.0) is None
 
 
-def test_zero_torque_has_no_gains(machine, still) -> None:
-    machine.enter(Mode.ZERO_TORQUE, "test", still)
-    command = machine.command(1.0)
-    assert command is not None and not np.any((command.kp, command.kd, command.tau, command.dq))
-
-
 def test_the_start_pose_is_reached_in_its_time_with_ramped_gains(machine, still) -> None:
     machine.enter(Mode.START_POSE, "test", still)
     begin = machine.command(still.time)
@@ -48,21 +42,6 @@ def test_damping_only_slows(machine, still) -> None:
     command = machine.command(0.0)
     assert command is not None and not np.any((command.kp, command.tau, command.dq))
     assert set(command.kd) == {DAMPING_GAIN} == set(damping(H1).kd)
-
-
-@pytest.mark.parametrize("mode", [Mode.START_POSE, Mode.RUN])
-def test_a_fault_damps_driven_joints(machine, still, mode) -> None:
-    machine.enter(mode, "test", still)
-    machine.fail("a reason", still)
-    assert machine.mode is Mode.DAMPING and machine.faulty
-    assert machine.events[-1].reason == "a reason" and machine.events[-1].before is mode
-
-
-@pytest.mark.parametrize("mode", [Mode.IDLE, Mode.ZERO_TORQUE, Mode.DAMPING])
-def test_a_fault_leaves_limp_joints_alone(machine, still, mode) -> None:
-    machine.enter(mode, "test", still)
-    machine.fail("a reason", still)
-    assert machine.mode is mode and not machine.faulty
 
 
 def test_every_event_is_told_with_its_reason(still) -> None:

@@ -54,7 +54,3 @@ def test_a_gap_in_time_is_no_jump_beyond_the_stick() -> None:
     sticks.steer(Remote(ly=1.0), 0.0)
     sticks.steer(Remote(ly=1.0), 100.0)
     assert sticks.command_at(0.0).v_x == pytest.approx(0.5 * command_ranges(Gait.WALKING)["v_x"].finishing[1])
-
-
-def test_hands_are_left_to_the_controller() -> None:
-    assert Sticks().hands_at(0.0) is None

@@ -8,7 +8,6 @@ import pytest
 from hugwbc import load_robot, rotations
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.watchdogs import BodyWatch, Intake, Limits, run_refusal, start_refusal, tilt
-from hugwbc.errors import ConfigError
 
 H1 = load_robot()
 
@@ -27,19 +26,10 @@ def test_fresh_states_are_accepted_with_their_age(standing, intake) -> None:
     assert intake.gap == pytest.approx(0.002)
 
 
-def test_without_a_first_state_nothing_is_wrong(intake) -> None:
-    assert intake.fault(1e6) is None
-
-
-@pytest.mark.parametrize("silence", [0.0, 0.01, 0.0199])
-def test_silence_up_to_20_ms_is_borne(standing, intake, silence) -> None:
-    intake.accept(standing.raw(), 5.0)
-    assert intake.fault(5.0 + silence) is None
-
-
 def test_silence_above_20_ms_is_a_fault(standing, intake) -> None:
+    assert intake.fault(1e6) is None, "before the first state"
     intake.accept(standing.raw(), 5.0)
-    assert intake.fault(5.0201) == "no state for 20 ms"
+    assert intake.fault(5.0199) is None and intake.fault(5.0201) == "no state for 20 ms"
 
 
 def test_a_wrong_check_sum_is_refused_and_named(standing, intake) -> None:
@@ -143,10 +133,3 @@ def test_a_run_is_refused_hanging_or_moving(standing) -> None:
     dq = np.zeros(19)
     dq[0] = 3.0
     assert H1.joint_names[0] in str(run_refusal(dataclasses.replace(good, dq=dq), 0.9, H1, Limits()))
-
-
-@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Limits)])
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-def test_limits_that_are_none_are_refused(name, value) -> None:
-    with pytest.raises(ConfigError, match=name):
-        Limits(**{name: value})

@@ -25,14 +25,6 @@ def test_a_bias_is_the_error_whatever_its_sign(synthetic_trace):
     assert metrics.tracking_errors(trace) == pytest.approx(expected)
 
 
-def test_zero_mean_noise_has_the_mean_of_its_absolute_value_as_error(synthetic_trace):
-    trace = synthetic_trace(duration=400.0)
-    noisy = trace.measured + np.random.default_rng(1).normal(0.0, 0.1, trace.measured.shape)
-    errors = metrics.tracking_errors(dataclasses.replace(trace, measured=noisy))
-    for error in errors.values():
-        assert error == pytest.approx(0.1 * math.sqrt(2.0 / math.pi), rel=0.03)  # E|x| of a normal
-
-
 def test_held_foot_contact_counts_the_held_foot_only(synthetic_trace):
     trace = synthetic_trace(Command(gait=Gait.HOPPING_LEFT))
     contact = np.zeros((trace.time.size, 2), dtype=bool)
@@ -90,14 +82,6 @@ def test_a_foot_that_never_steps_counts_as_frequency_and_height_zero(synthetic_t
     still = dataclasses.replace(trace, touch_downs=(np.array([]), np.array([])), clearance=0 * trace.clearance)
     assert metrics.frequency_error(still) == pytest.approx(2.0)
     assert metrics.swing_height_error(still) == pytest.approx(0.15)
-
-
-def test_only_the_feet_that_should_step_are_judged(synthetic_trace):
-    assert metrics.stepping_feet(Gait.WALKING) == metrics.stepping_feet(Gait.JUMPING) == (0, 1)
-    assert metrics.stepping_feet(Gait.HOPPING_LEFT) == (0,)
-    assert metrics.stepping_feet(Gait.HOPPING_RIGHT) == (1,)
-    standing = synthetic_trace(Command(gait=Gait.STANDING))
-    assert math.isnan(metrics.frequency_error(standing)) and math.isnan(metrics.swing_height_error(standing))
 
 
 def test_a_run_that_ended_in_the_settling_time_has_no_errors(synthetic_trace):

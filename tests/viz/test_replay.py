@@ -14,7 +14,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.sim.scenes import Box, Scene, Table
 from hugwbc.viz.framing import Chapter
-from hugwbc.viz.marks import LAYERS, STANCE, SWING
+from hugwbc.viz.marks import STANCE, SWING
 from hugwbc.viz.replay import CONTACT, chapter_bar, gait_bar, replay_html
 
 
@@ -86,12 +86,6 @@ def test_every_track_lasts_as_long_as_the_run(make_run: Callable) -> None:
             assert track["keys"][-1]["time"] == 49, f"{path} would start over before the others"
 
 
-def test_layers_can_be_switched(make_run: Callable) -> None:
-    page = replay_html([make_run()])
-    for layer, name in LAYERS.items():
-        assert f'<input type="checkbox" id="{layer}" checked> {name}' in page
-
-
 def test_replay_keeps_the_robots_in_the_middle(make_run: Callable) -> None:
     run = make_run(seconds=10.0)
     world = _tracks(replay_html([run]))["meshcat/world"][".position"]["keys"]
@@ -122,10 +116,6 @@ def test_the_strip_says_when_each_foot_stands_by_the_clock_and_in_fact(make_run)
     ]  # fmt: skip
     on_ground = sum(float(w) for _, y, w, c in boxes if c == CONTACT and y == "3")
     assert on_ground == pytest.approx(np.count_nonzero(run.foot_contact[:, 0]) / 50, abs=0.03)
-
-
-def test_names_are_escaped(make_run):
-    assert "<title>a &lt;b&gt;</title>" in gait_bar([make_run(name="a <b>")], 0.0, 1.0)
 
 
 def test_objects_that_move_have_tracks_and_the_others_stay(make_run: Callable) -> None:
