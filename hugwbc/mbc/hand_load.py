@@ -57,14 +57,15 @@ class HandLoad:
         """
         told = -hand_loads(upper_body.hand_force, upper_body.payload)
         seen = state.hand_force if self._measured else None
-        if seen is None and not (told.any() or self.force.any() or self._told.any()):
+        tells = bool(told.any() or self._told.any())
+        if seen is None and not (tells or self.force.any()):
             return
-        if not math.isfinite(told.sum() + (0.0 if seen is None else seen.sum())):
+        if not math.isfinite((told.sum() if tells else 0.0) + (0.0 if seen is None else seen.sum())):
             return
         share = 1.0 - math.exp(-self._rate * dt)
-        if told.any() or self._told.any():
+        if tells:
             self._told = self._told + share * (_bounded(told) - self._told)
-        self.force = _without_small(self._told, self._least)
+        self.force = _without_small(self._told, self._least) if tells else _NONE
         if seen is None:
             return
         self._felt = self._felt + share * (_bounded(seen) - self._told - self._felt)

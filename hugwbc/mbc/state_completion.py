@@ -2,6 +2,8 @@
 
 import collections
 import dataclasses
+import itertools
+import math
 
 import numpy as np
 import pinocchio as pin
@@ -78,6 +80,7 @@ class Predictor:
         self._model = kinematics.model
         self._v_joints, self._q_joints = in_place(kinematics.columns), in_place(kinematics.columns + 1)
         self._period = period
+        self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._accelerations: collections.deque[np.ndarray] = collections.deque(maxlen=int(_LONGEST_AGE / period) + 1)
 
     def reset(self) -> None:
@@ -88,33 +91,35 @@ class Predictor:
         """Note the acceleration commanded for the next period: Pinocchio's dv/dt, shape (nv,)."""
         self._accelerations.append(acceleration)
 
-    def predict(self, state: RobotState) -> RobotState:
-        """Return the state `state.age` later; one that is not old is returned as it is.
+    def predict(self, state: RobotState, delay: float = 0.0) -> RobotState:
+        """Return the state `state.age` and a delay later; one that is not old is returned as it is.
 
         Args:
             state: complete reading, with position and velocity.
+            delay: from now on [s].
         """
-        if state.age <= 0.0:
-            return state
-        age = min(state.age, _LONGEST_AGE)
+        age = state.age + delay
+        recorded = len(self._accelerations)
         # Whole periods before the present, and the part of the period in which the reading was taken.
-        pieces = min(int(np.ceil(age / self._period - 1e-6)), len(self._accelerations))
+        pieces = min(math.ceil(min(age, _LONGEST_AGE) / self._period - 1e-6), recorded)
         if pieces <= 0:
             return state
-        durations = np.full(pieces, self._period)
-        durations[0] = min(age - (pieces - 1) * self._period, self._period)
         assert state.position is not None and state.velocity is not None
-        q, v = np.zeros(self._model.nq), np.zeros(self._model.nv)
+        q, v = self._q, self._v
         q[:3], q[3:6], q[6] = state.position, state.orientation[1:], state.orientation[0]
         v[:3], v[3:6] = rotations.rotate_inverse(state.orientation, state.velocity), state.angular_velocity
         q[self._q_joints], v[self._v_joints] = state.q, state.dq
-        steps = durations[:, None]
-        gains = steps * np.array(list(self._accelerations)[-pieces:])
-        velocities = np.cumsum(np.vstack((v, gains)), axis=0)  # at the borders of the pieces
-        # The mean velocity of a piece moves the position, so that constant accelerations give exact parabolas. The axis
-        # of the rotation hardly turns within so short a time, so that the pieces may be added up.
-        q = pin.integrate(self._model, q, (steps * (velocities[:-1] + 0.5 * gains)).sum(axis=0))
-        v = velocities[-1]
+        duration = min(min(age, _LONGEST_AGE) - (pieces - 1) * self._period, self._period)
+        way, carried = np.zeros(v.size), 0.0
+        for acceleration in itertools.islice(self._accelerations, recorded - pieces, None):
+            gain = duration * acceleration
+            # The mean velocity of a piece moves the position, so that constant accelerations give exact parabolas. The
+            # axis of the rotation hardly turns within so short a time, so that the pieces may be added up.
+            way += duration * (v + 0.5 * gain)
+            v = v + gain
+            carried += duration
+            duration = self._period
+        q = pin.integrate(self._model, q, way)
         orientation = q[[6, 3, 4, 5]]
         return dataclasses.replace(
             state,
@@ -124,5 +129,5 @@ class Predictor:
             angular_velocity=v[3:6],
             position=q[:3],
             velocity=rotations.rotate(orientation, v[:3]),
-            age=state.age - float(durations.sum()),
+            age=age - carried,
         )

@@ -133,6 +133,7 @@ class WholeBodyController:
         self._nominal_arms = self._robot.nominal[self._robot.arms]
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
+        self._implausible_speed = _FASTEST_JOINT * self._robot.velocity_limit
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
         for gains in (self._kp, self._kd):  # all commands share these two arrays
             gains.setflags(write=False)
@@ -241,7 +242,7 @@ class WholeBodyController:
         assert state.position is not None and state.velocity is not None
         self._locomotion.follow_jumps(state.position, state.velocity, self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
-        state = self._predictor.predict(dataclasses.replace(state, age=state.age + self._delay))
+        state = self._predictor.predict(state, self._delay)
         stepping = self._locomotion.plan.mode is Mode.WALKING
         self._hand_load.update(state, upper_body, self.period, stepping=stepping)
         self.dynamics.hand_force = self._hand_load.force
@@ -275,7 +276,7 @@ class WholeBodyController:
             return "the pelvis turns faster than it can"
         if velocity is not None and velocity.dot(velocity) > _LARGEST_SPEED**2:
             return "the pelvis moves faster than it can"
-        if (np.abs(state.dq) > _FASTEST_JOINT * robot.velocity_limit).any():
+        if (np.abs(state.dq) > self._implausible_speed).any():
             return "a joint moves faster than it can"
         beyond = np.maximum(robot.lower - state.q, state.q - robot.upper)
         return "a joint is outside its range" if (beyond > _BEYOND_RANGE).any() else ""

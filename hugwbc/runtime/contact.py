@@ -137,16 +137,16 @@ class ContactObserver:
         self.hands.infer(self.residual, dt)
         jacobians = self._wrench_jacobians()
         wrenches, felt = self._weight * jacobians[:, self._rows], self._weight * self.residual[self._rows]
-        normal = wrenches @ wrenches.T + self._ridge
-        self.force = np.linalg.solve(normal, wrenches @ felt).reshape(_FEET, _WRENCH)[:, :3]
+        normal = wrenches.dot(wrenches.T) + self._ridge
+        self.force = np.linalg.solve(normal, wrenches.dot(felt)).reshape(_FEET, _WRENCH)[:, :3]
         left, right = self.sole_velocity[:, :3]
         parting, loaded = left - right, int(self.force[1, 2] > self.force[0, 2])
         # The residual shows the load of a leg that lifts off for some milliseconds more: it is faster, yet has more.
-        slower = int(right @ right < left @ left)
-        if loaded == slower and parting @ parting > params.parting**2:
+        slower = int(right.dot(right) < left.dot(left))
+        if loaded == slower and parting.dot(parting) > params.parting**2:
             rows = slice(_WRENCH * loaded, _WRENCH * (loaded + 1))
             self.force = np.zeros((_FEET, 3))
-            self.force[loaded] = np.linalg.solve(normal[rows, rows], wrenches[rows] @ felt)[:3]
+            self.force[loaded] = np.linalg.solve(normal[rows, rows], wrenches[rows].dot(felt))[:3]
         self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
         return self.contact
 

@@ -157,7 +157,7 @@ class Sensors:
         p, joints = profile, np.ones(self._joints)
         vectors = np.repeat((p.gyro, p.attitude, p.accelerometer, p.gyro_walk, p.accelerometer_walk), 3)
         self._deviations = np.concatenate((p.encoder * joints, p.joint_velocity * joints, p.torque * joints, vectors))
-        self._ends, self._noisy = self._joints * np.arange(1, 4), bool(self._deviations.any())
+        self._noisy = bool(self._deviations.any())
         self.reset()
 
     def reset(self) -> None:
@@ -200,8 +200,9 @@ class Sensors:
         errors = (
             self._deviations * self._rng.standard_normal(self._deviations.size) if self._noisy else self._deviations
         )
-        of_encoders, of_velocities, of_torques, of_imu = np.split(errors, self._ends)
-        of_gyro, of_attitude, of_accelerometer, gyro_walk, accelerometer_walk = of_imu.reshape(5, 3)
+        joints = 3 * self._joints
+        of_encoders, of_velocities, of_torques = errors[:joints].reshape(3, -1)
+        of_gyro, of_attitude, of_accelerometer, gyro_walk, accelerometer_walk = errors[joints:].reshape(5, 3)
         self._let_biases_walk(reading.time, gyro_walk, accelerometer_walk)
         q = qpos[7:] + self._encoder_offset + of_encoders
         dq = qvel[6:] + of_velocities

@@ -24,7 +24,6 @@ from hugwbc.state import GRAVITY, RobotState
 _UPWARDS = np.array([0.0, 0.0, GRAVITY])
 # Warnings after which MuJoCo resets the state.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-_DIVERGED = list(map(int, DIVERGED))
 
 
 _NO_ROOM = "the robot stands in object '{}' at the start; move it away from the origin"
@@ -87,6 +86,7 @@ class Simulation(Engine):
         self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None
         self._footing = None if terrain is None else Footing(self.model, terrain)
         self.data = mujoco.MjData(self.model)
+        self._warnings = self.data.warning.number  # a view; to find it takes longer than to read it
         self.link_names = link_names(self.model)
         self.external_force = self.data.xfrc_applied
         # The control input is the constant part of the PD torque. Stiffness and damping go into the bias, so that the
@@ -159,7 +159,7 @@ class Simulation(Engine):
             pelvis[2] += self._footing.depth(self.data.xpos, self.data.xmat)
             mujoco.mj_kinematics(self.model, self.data)
             self._place_feet(self._footing)
-        mujoco.mj_forward(self.model, self.data)
+        self._compute()
         self._imu_orientation, self._imu_velocity = self._sensed("imu_orientation"), self._velocity_of_imu()
         self._accelerometer = rotations.rotate_inverse(self._imu_orientation, _UPWARDS)  # at rest
         self._torque = self.torque
@@ -169,30 +169,51 @@ class Simulation(Engine):
         return self.state()
 
     def _advance(self, kp: np.ndarray, kd: np.ndarray, constant: np.ndarray) -> None:
-        drives = self._layout.ctrl
+        drives, data = self._layout.ctrl, self.data
         if kp is not self._gains[0] or kd is not self._gains[1]:
             self._gains = kp, kd
             self.model.actuator_biasprm[drives, 1] = -self.variation.strength * kp
             self.model.actuator_biasprm[drives, 2] = -self.variation.strength * kd
-        self.data.ctrl[drives] = constant
+        data.ctrl[drives] = constant
         if self._limit is not None:
-            self._limit.write(self.data.qvel[self._layout.rates], self.model.actuator_forcerange[drives])
-        self.data.warning.number[:] = 0
+            self._limit.write(data.qvel[self._layout.rates], self.model.actuator_forcerange[drives])
+        self._warnings[:] = 0
+        before = data.time
         if self._footing is not None:
             self._place_feet(self._footing)
-        before = self.data.time
-        mujoco.mj_step(self.model, self.data)
-        failures = np.flatnonzero(self.data.warning.number[_DIVERGED])
-        self.diverged |= failures.size > 0
+            mujoco.mj_step(self.model, data)
+        elif self._is_computed():
+            mujoco.mj_step2(self.model, data)
+        else:
+            mujoco.mj_step(self.model, data)
+        numbers = self._warnings.tolist()
+        failure = next((warning for warning in DIVERGED if numbers[warning]), None)
+        self.diverged |= failure is not None
         self._torque = self.torque  # during this step; `mj_forward` computes that of the next one
         if self.gripper is not None:
             self.gripper.update()
-        mujoco.mj_forward(self.model, self.data)
+        self._compute()
         self._feel_acceleration()
         if self._scene_objects is not None:
-            if failures.size:
-                self._scene_objects.note_divergence(before, int(self.data.warning[DIVERGED[failures[0]]].lastinfo))
+            if failure is not None:
+                self._scene_objects.note_divergence(before, int(data.warning[failure].lastinfo))
             self._scene_objects.watch()
+
+    def _compute(self) -> None:
+        """Compute what follows from the state: places, contacts, forces and the readings of the sensors."""
+        mujoco.mj_forward(self.model, self.data)
+        self._computed = self._state()
+
+    def _is_computed(self) -> bool:
+        """Return whether the places and contacts are those of the state, so that a step need not compute them again.
+
+        They are not if someone has moved the robot or an object, or if a gripper has closed or opened.
+        """
+        return self._computed == self._state()
+
+    def _state(self) -> tuple[bytes, bytes, bytes]:
+        data = self.data
+        return data.qpos.tobytes(), data.qvel.tobytes(), data.eq_active.tobytes()
 
     def _feel_acceleration(self) -> None:
         """Set the accelerometer to the change of the IMU's velocity over the step.
@@ -222,7 +243,7 @@ class Simulation(Engine):
         """
         velocity = np.asarray(velocity, dtype=float)
         self.data.qvel[self._layout.qvel][: velocity.size] += velocity
-        mujoco.mj_forward(self.model, self.data)  # update the sensors
+        self._compute()
 
     def _place_feet(self, footing: Footing) -> None:
         self.model.geom_pos[footing.geoms] = footing.positions(self.data.xpos, self.data.xmat)

@@ -194,6 +194,21 @@ def test_force_gives_its_impulse_to_the_centre_of_mass() -> None:
     np.testing.assert_allclose(momentum, [10.0, -5.0, -WEIGHT * 0.2], rtol=0.01)
 
 
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_step_is_that_of_mujoco(moved: bool) -> None:
+    """Also from a state that someone has changed since the last step."""
+    simulation = Simulation(sensing="exact")
+    simulation.step(HOLD, 0.02)
+    if moved:
+        simulation.data.qpos[2] -= 0.01
+    expected = mujoco.MjData(simulation.model)
+    mujoco.mj_copyData(expected, simulation.model, simulation.data)
+    simulation.step(HOLD, simulation.timestep)
+    expected.ctrl[:] = simulation.data.ctrl
+    mujoco.mj_step(simulation.model, expected)
+    np.testing.assert_array_equal(simulation.data.qvel, expected.qvel)
+
+
 def test_force_on_an_unknown_link_is_refused(plane: Simulation) -> None:
     with pytest.raises(UnknownNameError, match=r"unknown link 'torso'. Did you mean 'torso_link'"):
         plane.apply_force(np.zeros(3), 0.1, link="torso")
