@@ -120,7 +120,7 @@ class UpperBody:
     @property
     def indicator(self) -> bool:
         """The paper's I(t): whether any arm joint is under external control."""
-        return bool(self.mask.any())
+        return bool(np.count_nonzero(self.mask))  # faster than `any`
 
 
 @runtime_checkable

@@ -106,11 +106,11 @@ def foot_phases(phase: Array, gait: Array) -> Array:
     xp = _xp(phase)
     phase = np.asarray(phase, dtype=float) if xp is np else phase
     gait = np.asarray(gait) if xp is np else gait
-    offset = xp.where(gait == Gait.WALKING, 0.5, 0.0)
+    offset = xp.where(gait == Gait.WALKING.value, 0.5, 0.0)
     left, right = (phase + offset) % 1.0, phase
-    standing = gait == Gait.STANDING
-    left = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_RIGHT, FLYING_PHASE, left))
-    right = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_LEFT, FLYING_PHASE, right))
+    standing = gait == Gait.STANDING.value
+    left = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_RIGHT.value, FLYING_PHASE, left))
+    right = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_LEFT.value, FLYING_PHASE, right))
     return xp.stack((left, right), -1)
 
 

@@ -86,7 +86,7 @@ class Dynamics(Kinematics):
         self.bias = pin.nonLinearEffects(model, data, self.q, self.v) + self._damping * self.v
         # The kinematics come last, since the calls above overwrite the accelerations of the frames.
         super()._compute()
-        if self.hand_force.any():
+        if np.count_nonzero(self.hand_force):
             for side, force in zip(SIDES, self.hand_force, strict=True):
                 hand = pin.getFrameJacobian(model, data, self.frame_id(f"{side}_hand"), pin.LOCAL_WORLD_ALIGNED)
                 self.bias -= hand[:3].T.dot(force)
@@ -117,7 +117,7 @@ class Dynamics(Kinematics):
             pivot: point in the world [m], shape (3,).
         """
         shift = np.zeros(2)
-        if self.hand_force.any():
+        if np.count_nonzero(self.hand_force):
             for side, force in zip(SIDES, self.hand_force, strict=True):
                 arm = self.position(f"{side}_hand") - pivot
                 shift += force[:2] * arm[2] - force[2] * arm[:2]

@@ -57,7 +57,7 @@ class HandLoad:
         """
         told = -hand_loads(upper_body.hand_force, upper_body.payload)
         seen = state.hand_force if self._measured else None
-        tells = bool(told.any() or self._told.any())
+        tells = np.count_nonzero(told) + np.count_nonzero(self._told) > 0  # faster than `any`
         if seen is None and not (tells or self.force.any()):
             return
         if not math.isfinite((told.sum() if tells else 0.0) + (0.0 if seen is None else seen.sum())):
@@ -76,7 +76,7 @@ class HandLoad:
             return
         lasting = np.minimum(_length(self._mean) / np.maximum(felt, self._least), 1.0)
         pull = _without_small(lasting * self._felt, self._least)
-        if not pull.any():
+        if not np.count_nonzero(pull):
             self._stepped = 0.0
             return
         if stepping:
@@ -94,7 +94,7 @@ def _length(force: np.ndarray) -> np.ndarray:
 
 def _without_small(force: np.ndarray, least: float) -> np.ndarray:
     """Return forces without those of at most `least` [N]; from twice that on they count in full."""
-    if not force.any():
+    if not np.count_nonzero(force):
         return _NONE
     counts = np.minimum(np.maximum(_length(force) / least - 1.0, 0.0), 1.0)
-    return force * counts if counts.any() else _NONE
+    return force * counts if np.count_nonzero(counts) else _NONE

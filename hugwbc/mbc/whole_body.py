@@ -276,10 +276,10 @@ class WholeBodyController:
             return "the pelvis turns faster than it can"
         if velocity is not None and velocity.dot(velocity) > _LARGEST_SPEED**2:
             return "the pelvis moves faster than it can"
-        if (np.abs(state.dq) > self._implausible_speed).any():
+        if np.count_nonzero(np.abs(state.dq) > self._implausible_speed):
             return "a joint moves faster than it can"
         beyond = np.maximum(robot.lower - state.q, state.q - robot.upper)
-        return "a joint is outside its range" if (beyond > _BEYOND_RANGE).any() else ""
+        return "a joint is outside its range" if np.count_nonzero(beyond > _BEYOND_RANGE) else ""
 
     def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> tuple[str, ...]:
         """Set the targets of waist and arms; arm joints under external control become prescribed motion.

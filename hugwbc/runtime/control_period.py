@@ -19,7 +19,7 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
 
-LONGEST_UPDATE = 0.004  # [s] between two updates of the estimator, if the controller's period is longer
+LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator, if the controller's period is longer
 _ROUNDING = 1e-9  # [s]
 
 
@@ -181,7 +181,7 @@ class ControlPeriod:
         self._unseen.append(reading)
         if self._update_due(now):
             planned = self.plan.acceleration if driven else None
-            self.estimate = self.estimator.update(joined(self._unseen), planned)
+            self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)
             self._unseen.clear()
 
     def decide(self, t: float) -> JointCommand:

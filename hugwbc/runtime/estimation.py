@@ -239,14 +239,16 @@ class StateEstimator:
         spreads += [params.initial_gyro_bias, params.initial_accelerometer_bias]
         self._P = np.diag(np.repeat(spreads, 3) ** 2)
         self.contact = np.ones(_FEET, dtype=bool)
-        self._time = state.time
+        self._time, self._gyro = state.time, np.zeros(3) if state.imu_gyro is None else state.imu_gyro
         self._touch_down, self._turning = np.full(_FEET, -np.inf), np.zeros(_FEET)
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
         estimate = self._estimate(state)
         self._observer.reset(estimate)
         return self._estimate(state)
 
-    def update(self, state: RobotState, planned: np.ndarray | None = None) -> RobotState:
+    def update(
+        self, state: RobotState, planned: np.ndarray | None = None, newest_gyro: np.ndarray | None = None
+    ) -> RobotState:
         """Return the estimate at a new reading.
 
         Everything but the time, the age and the IMU's raw readings is replaced. What the `guard` refuses is filled in
@@ -258,6 +260,8 @@ class StateEstimator:
             planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,). They are kept
                 until the readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of
                 another shape.
+            newest_gyro: the last reading of the gyro where that of `state` is a mean over some time [rad/s],
+                shape (3,). The mean turns the estimate; the pelvis moves as the last reading says.
         """
         state = self.guard.admit(state)
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
@@ -270,6 +274,11 @@ class StateEstimator:
         self._time = state.time
         self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
         self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
+        self._gyro = gyro
+        if newest_gyro is not None and not state.coasted:
+            change = newest_gyro - gyro
+            if change.dot(change) < self.guard.params.gyro_jump**2:
+                self._gyro = newest_gyro
         self._kinematics.place(self._estimate(state))
         contact = self._observer.infer(torque, dt)
         self._measure_legs()
@@ -395,7 +404,7 @@ class StateEstimator:
         to_pelvis = rotations.rotation_z(waist)
         rotation = self._R.dot(to_pelvis.T)
         x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()
-        gyro = np.zeros(3) if state.imu_gyro is None else state.imu_gyro - self.gyro_bias
+        gyro = self._gyro - self.gyro_bias
         self._rate = gyro
         angular = to_pelvis.dot(gyro)
         angular[2] -= rate

@@ -144,13 +144,15 @@ class ReadingGuard:
         """Return whether nothing at all is wrong with a reading, after one with which nothing was: the usual case."""
         last, before = self._last, self._raw
         assert last is not None and before is not None
-        if self._analogue >= 0 or self._equal.any() or self._gone.any() or (raw == before).any():
+        # To count takes a tenth of the time of `any` and `all`.
+        troubles = np.count_nonzero(self._equal) + np.count_nonzero(self._gone) + np.count_nonzero(raw == before)
+        if self._analogue >= 0 or troubles:
             return False
         change = raw - last
         change[self._q] -= self._period * last[self._dq]
         # A comparison with NaN is false.
         sound = (np.abs(change) <= self._room) & (raw <= self._highest) & (raw >= self._lowest)
-        return bool(sound.all())
+        return np.count_nonzero(sound) == sound.size
 
     def _clock(self, time: float) -> tuple[float, bool]:
         """Return the time of a reading [s], and whether its stamp can be true."""

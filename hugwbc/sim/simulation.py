@@ -80,6 +80,7 @@ class Simulation(Engine):
             for name in ("foot_force", "elbow_link_force", "sole_velocity")
         }
         self._imu, self._twist = self.model.site("imu").id, np.zeros(6)
+        self._feet = [self.model.body(f"{side}_ankle_link").id for side in SIDES]
         self._floor, self._trunk = self.model.geom("floor").id, self.model.geom("torso_link").id
         self.variation.apply_to(self.model)
         torque_limit = self.model.actuator_forcerange[self._layout.ctrl, 1]
@@ -296,12 +297,12 @@ class Simulation(Engine):
     def pressure_centres(self) -> np.ndarray:
         """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
         centres, contact, wrench = np.full((2, 3), np.nan), self.data.contact, np.zeros(6)
-        links = self.model.geom_bodyid[contact.geom]
-        for foot, side in enumerate(SIDES):
+        links, places = self.model.geom_bodyid[contact.geom].tolist(), contact.pos
+        for foot, link in enumerate(self._feet):
             weighted, total = np.zeros(3), 0.0
-            for index in np.flatnonzero(np.any(links == self.model.body(f"{side}_ankle_link").id, axis=1)):
-                mujoco.mj_contactForce(self.model, self.data, int(index), wrench)
-                weighted += wrench[0] * contact.pos[index]
+            for index in (i for i, pair in enumerate(links) if link in pair):
+                mujoco.mj_contactForce(self.model, self.data, index, wrench)
+                weighted += wrench[0] * places[index]
                 total += wrench[0]
             if total > 0.0:
                 centres[foot] = weighted / total

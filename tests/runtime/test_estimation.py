@@ -215,13 +215,22 @@ def test_qp_walks_on_the_estimate():
     assert trace.safety.failures == 0
 
 
+@pytest.mark.parametrize(("newest", "expected"), [([0.0, 0.0, 0.4], 0.4), ([0.0, 0.0, 90.0], 0.2)])
+def test_the_newest_gyro_reading_moves_the_pelvis_if_it_can_be_true(newest, expected):
+    estimator, reading = StateEstimator(), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
+    estimator.reset(reading)
+    turning = dataclasses.replace(reading, imu_gyro=np.array([0.0, 0.0, 0.2]), time=0.01)
+    estimate = estimator.update(turning, None, np.array(newest))
+    assert estimate.angular_velocity[2] == pytest.approx(expected, abs=0.01)
+
+
 def test_the_loop_tells_the_estimator_what_the_controller_plans():
     told = []
 
     class Listening(StateEstimator):
-        def update(self, state, planned=None):
+        def update(self, state, planned=None, newest_gyro=None):
             told.append(planned)
-            return super().update(state, planned)
+            return super().update(state, planned, newest_gyro)
 
     controller = WholeBodyController()
     loop = ControlLoop(controller, Constant(Command()), Simulation(sensing="robot", seed=0), estimator=Listening())

@@ -46,7 +46,7 @@ class LegFeedForward:
         bend = np.arccos(np.broadcast_to(share, (len(height), 2))) - self._half  # half of the knee's offset
         result = np.zeros((len(height), self._low.size))
         for joints, offset in zip(self._joints, (-bend - pitch[:, None], 2.0 * bend, -bend), strict=True):
-            result[:, joints] = np.clip(offset, self._low[joints], self._high[joints])
+            result[:, joints] = np.minimum(np.maximum(offset, self._low[joints]), self._high[joints])
         return result
 
 

@@ -106,6 +106,7 @@ class NetworkPolicy:
         self._commanded = CommandFeedForward(contract)
         self._readers = [_Reader(contract, terms) for terms in _inputs(contract)]
         self._history = _History(contract)
+        self._given: Command | None = None
         self._start(None)
 
     def _start(self, state: RobotState | None) -> None:
@@ -139,11 +140,10 @@ class NetworkPolicy:
             self._state = state
         else:
             self.held += 1
-        command, _ = command.clamp()
-        gait, given = np.array([int(command.gait)]), command.array()[None]
-        frequency = given[:, _F] if contract.clock_period is None else 1.0 / contract.clock_period
+        if command is not self._given:  # most calls repeat the last command
+            self._given, self._request = command, self._requested(command)
+        gait, asked, frequency = self._request
         self._phase = gaits.advance_phase(self._phase, frequency, self.period)
-        asked = self._feed_forward.asked(given, gait)
         sensed = self._sensed(asked, gait, upper_body.indicator)
         observation, *commands = (read(sensed) for read in self._readers)
         if readable or not self._history.started:
@@ -162,6 +162,13 @@ class NetworkPolicy:
         q += self._commanded.offsets(self._waist, self._posture, self._phase, gait, asked)[0]
         zero = np.zeros_like(q)
         return override_arms(JointCommand(q, zero, self._kp, self._kd, zero), upper_body, self.robot)
+
+    def _requested(self, command: Command) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
+        """Return gait, shape (1,), what to ask the network for, shape (1, 8), and frequency of the clock [Hz]."""
+        command, _ = command.clamp()
+        gait, given, clock_period = np.array([int(command.gait)]), command.array()[None], self.contract.clock_period
+        frequency = given[:, _F] if clock_period is None else 1.0 / clock_period
+        return gait, self._feed_forward.asked(given, gait), frequency
 
     def _sensed(self, command: np.ndarray, gait: np.ndarray, indicator: bool) -> Sensed:
         state = self._state
@@ -192,11 +199,13 @@ class _Reader:
 
     def __init__(self, contract: Contract, terms: Sequence[Term]) -> None:
         self._limit = contract.observation_clip
-        self._parts = [(term, term.columns(contract.joints), np.array(term.scale, dtype=np.float32)) for term in terms]
+        self._parts = [(term, term.columns(contract.joints)) for term in terms]
+        scales = [np.broadcast_to(np.asarray(t.scale, dtype=np.float32), t.size(contract.joints)) for t in terms]
+        self._scale = np.concatenate(scales)
 
     def __call__(self, sensed: Sensed) -> np.ndarray:
         """Return what the network reads of one robot, shape (n,), float32."""
-        row = np.concatenate([scaled(_value(term, sensed, columns), scale) for term, columns, scale in self._parts])
+        row = scaled(np.concatenate([_value(term, sensed, columns) for term, columns in self._parts]), self._scale)
         return row if self._limit is None else np.clip(row, -self._limit, self._limit)
 
 
