@@ -8,7 +8,6 @@ from typing import Any
 
 import tyro
 
-from hugwbc import extensions
 from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.execution import Execution
@@ -58,13 +57,10 @@ class ExecutionOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse, run the experiment, print and write its figures."""
-    name, words = _name(list(words))
-    experiment = experiment_of(name)
-    options = _parse(experiment, words)
+    experiment, spec, options = parse_experiment(words)
     place: ExecutionOptions = options.execution
-    if extensions.names_object(name) and (place.workers > 1 or place.cluster is not None):
+    if EXPERIMENTS.get(experiment.name) is not experiment and (place.workers > 1 or place.cluster is not None):
         raise ConfigError("an experiment of a file runs in one process; leave out --workers and --cluster")
-    spec = ControllerSpec(options.controller.controller, options.controller.policy)
     store = Store(place.results, fresh=place.fresh)
     results = contextlib.nullcontext() if place.results is None else output_folder(place.results)
     check_writable(place.json)
@@ -76,6 +72,14 @@ def run(words: Sequence[str]) -> int:
     say(describe(experiment, result), place.json)
     write_json(place.json, to_json(result))
     return 0
+
+
+def parse_experiment(words: Sequence[str]) -> tuple[Experiment[Any], ControllerSpec, Any]:
+    """Return experiment, controller and options (`experiment`, `execution`) of the words of `hugwbc evaluate`."""
+    name, words = _name(list(words))
+    experiment = experiment_of(name)
+    options = _parse(experiment, words)
+    return experiment, ControllerSpec(options.controller.controller, options.controller.policy), options
 
 
 def describe(experiment: Experiment[Any], result: Result) -> str:

@@ -111,13 +111,17 @@ def controller_digest(spec: ControllerSpec) -> str:
 
 @functools.cache
 def commit() -> str:
-    """Return the commit of this source, with a digest of what differs from it; outside of a repository, the version."""
+    """Return the last commit that changed code or models, with a digest of what differs from it; else the version.
+
+    Rows stay valid when only documents or tests change.
+    """
     root = pathlib.Path(hugwbc.__file__).parents[1]
     try:
         if not _git(root, "ls-files", "hugwbc/__init__.py"):
             return hugwbc.__version__
         changes = _git(root, "diff", "HEAD", "--", "hugwbc", "models")
-        return _git(root, "rev-parse", "HEAD").decode().strip() + (f"+{_digest(changes)[:16]}" if changes else "")
+        last = _git(root, "log", "-1", "--format=%H", "--", "hugwbc", "models").decode().strip()
+        return last + (f"+{_digest(changes)[:16]}" if changes else "")
     except (OSError, subprocess.CalledProcessError):
         return hugwbc.__version__
 

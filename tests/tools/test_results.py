@@ -1,0 +1,67 @@
+"""The tool that writes tables into the documents: places, cells, and the commit that a table belongs to."""
+
+import argparse
+import importlib.util
+import pathlib
+import sys
+from types import ModuleType
+
+import pytest
+
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import Estimate
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("results", ROOT / "tools" / "results.py")
+    assert spec is not None and spec.loader is not None
+    module = sys.modules["results"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_table_has_its_places_and_every_place_its_table(tool) -> None:
+    places = {
+        (path.relative_to(ROOT).as_posix(), part["name"])
+        for path in (ROOT / "README.md", *ROOT.glob("docs/*.md"))
+        for part in tool.marked(path.read_text())
+    }
+    assert places == {(document, name) for name, table in tool.TABLES.items() for document in table.documents}
+
+
+def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
+    title = "Single command, walking"
+    figures = [
+        Figure(title, "E_vy", "m/s", Estimate(0.08, 0.07, 0.09, 16), 0.085),
+        Figure(title, "E_omega", "rad/s", Estimate(0.115, 0.105, 0.125, 16), 0.054),
+        Figure(title, "falls", "% of episodes", Estimate(12.5, 3.5, 36.0, 16)),
+        Figure(title, "touch-down speed, median", "m/s", Estimate(0.9, None, None, 16)),
+    ]
+    table = tool.Table((), {}, ("E_omega", "E_vy", "falls"))
+    assert tool.lay_out(table, {"learned": figures}) == [
+        ["", "E_omega", "E_vy", "falls"],
+        ["paper, walking", "0.054", "0.085", ""],
+        ["learned", "*0.115 ± 0.010*", "0.080 ± 0.010", "2 of 16 (4 to 36 %)"],
+    ]
+    tall = tool.lay_out(tool.Table((), {}, tall=True), {"learned": figures})
+    assert tall[-1] == ["touch-down speed, median [m/s]", "", "0.900"]
+
+
+def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
+    text = "Before.\n\n<!-- results: hands 0123 -->\n| old |\n<!-- end -->\n\nAfter.\n"
+    written = tool.replaced(text, "hands", "| new |", "4567")
+    assert written == "Before.\n\n<!-- results: hands 4567 -->\n| new |\n<!-- end -->\n\nAfter.\n"
+    assert [part["commit"] for part in tool.marked(written)] == ["4567"]
+    with pytest.raises(SystemExit, match="no place for the table feet"):
+        tool.replaced(text, "feet", "", "")
+
+
+def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
+    options = argparse.Namespace(public="networks", quick=True, seed=7)
+    for table in tool.TABLES.values():
+        for words in table.runs.values():
+            run = tool.Run.of("", words, options)
+            assert run.settings.seed == 7 and run.work > 0.0

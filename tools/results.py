@@ -1,0 +1,264 @@
+"""Run what the tables of the documents show, on one commit, and write the tables into the documents.
+
+    python tools/results.py [--workers 2] [--only walking hands] [--quick] [--check] [--public FOLDER]
+
+A table stands between two comments, `<!-- results: NAME COMMIT -->` and `<!-- end -->`, and is never typed. Finished
+episodes are stored in out/evaluation: after a kill, the same command goes on. `--check` runs nothing, and fails if a
+table belongs to another commit than the last one that changed hugwbc/ or models/.
+"""
+
+import argparse
+import dataclasses
+import pathlib
+import re
+import shlex
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from hugwbc.cli.evaluate import parse_experiment
+from hugwbc.cli.output import progress
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.experiment import Experiment, run_experiment
+from hugwbc.evaluation.figures import FALLS, Comparison, Figure
+from hugwbc.evaluation.store import Store, commit
+from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.seeds import REPORT_SEED
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+ERRORS = ("E_vx_low", "E_vx_high", "E_vy", "E_omega", "E_f", "E_l", "E_h", "E_p", "E_w")
+FEET = (
+    "touch-down speed, median",
+    "peak foot force of 10 ms, mean of stances",
+    "hop frequency error",
+    "held foot on the ground",
+)
+GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
+QUICK = 8  # episodes of a run with --quick
+BOTH = {"QP": "qp", "learned": "learned"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table of the documents.
+
+    Attributes:
+        documents: where it stands, relative to the root of the repository.
+        runs: by label, the words of `hugwbc evaluate` without the seed.
+        quantities: names of the figures, in order; all that the runs have if empty.
+        tall: a row for each quantity and a column for each run, instead of the other way round.
+    """
+
+    documents: tuple[str, ...]
+    runs: dict[str, str]
+    quantities: tuple[str, ...] = ()
+    tall: bool = False
+
+
+def _tracking(further: str = "", **labels: str) -> dict[str, str]:
+    """Return runs of single commands for both controllers in all gaits, or in those of `labels`."""
+    gaits = labels or dict.fromkeys(GAITS, "")
+    return {
+        f"{label}, {gait}": f"single-command --controller {name} --gait {gait} --episodes {GAITS[gait]}{further}"
+        for gait in gaits
+        for label, name in BOTH.items()
+    }
+
+
+def _both(words: str) -> dict[str, str]:
+    """Return a run for each controller, whose name takes the place of {}."""
+    return {label: words.format(name) for label, name in BOTH.items()}
+
+
+RESULTS = ("docs/results.md",)
+TABLES = {
+    "walking": Table(("README.md",), _tracking(walking=""), (*ERRORS, FALLS)),
+    "single-commands": Table(RESULTS, _tracking(), (*ERRORS, FALLS)),
+    "feet": Table(RESULTS, _tracking(walking="", jumping="", hopping=""), FEET),
+    "random-commands": Table(RESULTS, _both("random-commands --controller {} --episodes 64"), (*ERRORS, FALLS)),
+    "arm-motion": Table(
+        RESULTS,
+        {
+            f"learned, {kind}": f"single-command --controller learned --intervention {kind} --episodes 128"
+            for kind in ("noise", "motion")
+        },
+        (*ERRORS, FALLS),
+    ),
+    "other-robot": Table(RESULTS, _tracking(" --robot h1-2023"), (*ERRORS, FALLS)),
+    "told-wrong": Table(RESULTS, _tracking(" --told h1-2023", standing="", walking="", hopping=""), (*ERRORS, FALLS)),
+    "public": Table(
+        RESULTS,
+        {
+            name: f"single-command --controller {name} --policy {{public}}/{file}.pt --episodes 128"
+            for name, file in {"unitree-h1": "unitree", "leggedlab-h1": "leggedlab"}.items()
+        },
+        (*ERRORS, FALLS),
+    ),
+    "hands": Table(
+        RESULTS,
+        {
+            f"{label}, {gait}": f"hands --controller {name} --gait {gait} --episodes 3"
+            for gait in ("standing", "walking")
+            for label, name in BOTH.items()
+        },
+    ),
+    "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
+    "tasks": Table(("docs/tasks.md",), _both("tasks --controller {} --episodes 50")),
+    "carry": Table(("docs/forces.md",), _both("carry --controller {} --episodes 4"), tall=True),
+    "pull": Table(("docs/forces.md",), _both("pull --controller {} --gait walking --force 30"), tall=True),
+    "press": Table(("docs/forces.md",), _both("press --controller {}"), tall=True),
+    "push": Table(("docs/forces.md",), _both("push --controller {}"), tall=True),
+    "sway": Table(("docs/forces.md",), _both("sway --controller {}"), tall=True),
+    "faults": Table(("docs/reliability.md",), _both("faults --controller {} --episodes 10")),
+    "stops": Table(("docs/reliability.md",), _both("stops --controller {}"), tall=True),
+    "arrive": Table(("docs/reliability.md",), _both("arrive --controller {} --episodes 20"), tall=True),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One experiment with one controller, as a user would call it."""
+
+    label: str
+    words: str
+    experiment: Experiment[Any]
+    spec: ControllerSpec
+    settings: Any
+
+    @classmethod
+    def of(cls, label: str, words: str, options: argparse.Namespace) -> "Run":
+        """Parse the words of `hugwbc evaluate`, at the seed of the options, and with few episodes if they are quick."""
+        words = words.format(public=options.public)
+        if options.quick:
+            words = re.sub(r"--episodes \d+", f"--episodes {QUICK}", words)
+        words += f" --seed {options.seed}"
+        experiment, spec, parsed = parse_experiment(shlex.split(words))
+        return cls(label, words, experiment, spec, parsed.experiment)
+
+    @property
+    def work(self) -> float:
+        """Return the planned simulated seconds."""
+        return len(self.experiment.plan(self.settings)) * self.settings.duration
+
+
+def cell(figure: Figure | None) -> str:
+    """Return value, half of its 95 % interval, and for falls their number; in italics if worse than the paper's."""
+    if figure is None or figure.value is None:
+        return ""
+    estimate = figure.estimate
+    low, high = (None, None) if estimate is None else (estimate.low, estimate.high)
+    if estimate is not None and low is not None and high is not None and figure.unit.startswith("% of"):
+        count = round(figure.value * estimate.samples / 100.0)
+        return f"{count} of {estimate.samples} ({low:.0f} to {high:.0f} %)"
+    digits = 0 if abs(figure.value) >= 100.0 else 1 if abs(figure.value) >= 10.0 else 3
+    text = f"{figure.value:.{digits}f}"
+    if low is not None and high is not None:
+        text += f" ± {(high - low) / 2.0:.{digits}f}"
+    worse = figure.against_paper in (Comparison.WORSE, Comparison.UNCLEAR_WORSE)
+    return f"*{text}*" if worse else text
+
+
+def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
+    """Return the cells of a table, its heading first.
+
+    Args:
+        table: the table.
+        found: the figures of its runs, by label.
+    """
+    rows: dict[str, dict[str, str]] = {}
+    for label, figures in found.items():
+        titles = list(dict.fromkeys(figure.table for figure in figures))
+        for figure in figures:
+            if table.quantities and figure.quantity not in table.quantities:
+                continue
+            short = figure.quantity in (*ERRORS, FALLS) or not figure.unit
+            name = figure.quantity if short else f"{figure.quantity} [{figure.unit}]"
+            title = figure.table if len(titles) > 1 else ""
+            if figure.paper is not None:
+                paper = ", ".join(filter(None, ("paper", figure.table.rpartition(", ")[2], figure.reference)))
+                rows.setdefault(paper, {})[name] = f"{figure.paper:.3f}"
+            rows.setdefault(": ".join(filter(None, (title, label))), {})[name] = cell(figure)
+    order = list(dict.fromkeys(name for row in rows.values() for name in row))
+    if table.quantities:
+        order.sort(key=lambda name: table.quantities.index(name.partition(" [")[0]))
+    cells = [["", *order], *([label, *(row.get(name, "") for name in order)] for label, row in rows.items())]
+    return [list(column) for column in zip(*cells, strict=True)] if table.tall else cells
+
+
+def markdown(cells: Sequence[Sequence[str]], runs: Sequence[Run]) -> str:
+    """Return cells as a table, above the commands that made it."""
+    lines = [cells[0], ["---"] * len(cells[0]), *cells[1:]]
+    commands = "\n".join(f"hugwbc evaluate {run.words}" for run in runs)
+    return "\n".join(["| " + " | ".join(line) + " |" for line in lines]) + f"\n\n```text\n{commands}\n```"
+
+
+def marked(text: str) -> Iterator[re.Match[str]]:
+    """Yield the generated parts of a document: groups `name`, `commit` and `body`."""
+    return re.finditer(r"<!-- results: (?P<name>[\w-]+) ?(?P<commit>\S*) -->\n(?P<body>.*?)<!-- end -->", text, re.S)
+
+
+def replaced(text: str, name: str, body: str, commit: str) -> str:
+    """Return a document with another table at its place."""
+    for part in marked(text):
+        if part["name"] == name:
+            generated = f"<!-- results: {name} {commit} -->\n{body}\n<!-- end -->"
+            return text[: part.start()] + generated + text[part.end() :]
+    raise SystemExit(f"no place for the table {name}: write '<!-- results: {name} -->' and '<!-- end -->'")
+
+
+def check(tables: dict[str, Table]) -> int:
+    """Print the tables that belong to another commit than the present one, and return 1 if there are any."""
+    now, old = commit()[:12], []
+    for name, table in tables.items():
+        for document in table.documents:
+            commits = [part["commit"] for part in marked((ROOT / document).read_text()) if part["name"] == name]
+            old += [f"{document}: {name} is of commit {each or 'unknown'}" for each in commits or [""] if each != now]
+    print("\n".join([*old, f"{len(old)} tables are not of commit {now}"]))
+    return 1 if old else 0
+
+
+def main() -> int:
+    """Run the experiments of all tables that are asked for, and write each as soon as its runs are there."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--only", nargs="+", choices=TABLES, default=list(TABLES), metavar="TABLE", help=", ".join(TABLES)
+    )
+    parser.add_argument("--workers", type=int, default=2, help="processes that share the episodes")
+    parser.add_argument("--cluster", help="address of a Dask scheduler whose workers run the episodes instead")
+    parser.add_argument("--seed", type=int, default=REPORT_SEED)
+    parser.add_argument(
+        "--quick", action="store_true", help=f"{QUICK} episodes a run; print the tables instead of writing"
+    )
+    parser.add_argument("--check", action="store_true", help="run nothing; fail if a table is of another commit")
+    parser.add_argument("--public", help="folder with other people's networks: unitree.pt, leggedlab.pt")
+    options = parser.parse_args()
+    if options.check:
+        return check({name: TABLES[name] for name in options.only})
+    tables = {name: TABLES[name] for name in options.only if name != "public" or options.public}
+    for name, table in tables.items():  # now, and not after hours
+        for document in table.documents:
+            replaced((ROOT / document).read_text(), name, "", "")
+    runs = {name: [Run.of(*item, options) for item in table.runs.items()] for name, table in tables.items()}
+    total, done, begin = sum(run.work for part in runs.values() for run in part), 0.0, time.monotonic()
+    with Execution(options.workers, cluster=options.cluster) as execution, progress("results") as advance:
+        for name, table in tables.items():
+            found = {}
+            for run in runs[name]:
+                result = run_experiment(run.experiment, run.settings, run.spec, execution=execution, store=Store())
+                found[run.label] = result.figures
+                done += run.work
+                advance(done / total)
+            body = markdown(lay_out(table, found), runs[name])
+            for document in table.documents:
+                if options.quick:
+                    print(f"\n{document}: {name}\n\n{body}", flush=True)
+                else:
+                    path = ROOT / document
+                    path.write_text(replaced(path.read_text(), name, body, commit()[:12]))
+    print(f"{len(tables)} tables at commit {commit()[:12]} in {(time.monotonic() - begin) / 3600.0:.2f} hours")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
