@@ -75,7 +75,7 @@ try robustness $EVALUATE robustness --controller learned --samples 8 --duration 
 try effort $EVALUATE effort --controller learned --speeds 0.5 --duration 3 $RESULTS
 try contacts $EVALUATE contacts --controller learned --episodes 1 $RESULTS
 try random-commands $EVALUATE random-commands --controller learned --episodes 3 $RESULTS
-try small-velocities $EVALUATE small-velocities --controller learned --episodes 4 $RESULTS
+try response $EVALUATE response --controller learned --gait standing --points 2 --duration 3 $RESULTS
 try stops $EVALUATE stops --controller learned --episodes 1 --speeds 0.6 $RESULTS
 try arrive $EVALUATE arrive --controller learned --episodes 1 $RESULTS
 try hands $EVALUATE hands --controller learned --episodes 1 $RESULTS
@@ -95,7 +95,7 @@ needs distributed dask-cluster sh -c "
     dask worker tcp://127.0.0.1:18786 --nthreads 1 --no-dashboard & worker=\$!
     trap 'kill \$worker \$scheduler' EXIT
     sleep 8
-    $EVALUATE small-velocities --controller hold --episodes 4 --cluster tcp://127.0.0.1:18786 $RESULTS"
+    $EVALUATE random-commands --controller hold --episodes 4 --cluster tcp://127.0.0.1:18786 $RESULTS"
 
 # Play
 try play-command $HUGWBC play --controller qp --v-x 0.5 --duration 2 $QUIET

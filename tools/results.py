@@ -95,6 +95,7 @@ TABLES = {
         },
         (*ERRORS, FALLS),
     ),
+    "response": Table(RESULTS, _both("response --controller {}"), tall=True),
     "hands": Table(
         RESULTS,
         {

@@ -41,6 +41,25 @@ def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     return dict(zip(MEASURED_NAMES, errors.mean(axis=0).tolist(), strict=True))
 
 
+def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
+    """Return the means of what is executed of each command after `settle` [s]; NaN after a fall and without steps.
+
+    That of f is the frequency of the touch-downs of a foot, that of l the highest clearance of a swing.
+    """
+    kept, missing = trace.time >= settle, float("nan")
+    if trace.fell or not kept.any():
+        return dict.fromkeys((*MEASURED_NAMES, "f", "l"), missing)
+    means = dict(zip(MEASURED_NAMES, trace.measured[kept].mean(axis=0).tolist(), strict=True))
+    feet = _stepping(trace, settle)
+    downs = [times for times in (touch_downs(trace, foot, settle) for foot in feet) if times.size > 1]
+    heights = [height for foot in feet for height in swings(trace, foot, settle)[1]]
+    frequencies = [(times.size - 1) / (times[-1] - times[0]) for times in downs]
+    return means | {
+        "f": float(np.mean(frequencies)) if frequencies else missing,
+        "l": float(np.mean(heights)) if heights else missing,
+    }
+
+
 def stepping_feet(gait: Gait) -> tuple[int, ...]:
     """Return which feet (0 left, 1 right) step in a gait; the held leg of a hop does not."""
     return {Gait.STANDING: (), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}.get(gait, (0, 1))

@@ -5,35 +5,19 @@ import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-
 from hugwbc.commands import COMMAND_NAMES, Command, default_command
 from hugwbc.controller import Controller
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import Row, Settings, simulate
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import run_plans
-from hugwbc.evaluation.metrics import SETTLE_S, stepping_feet, swings
+from hugwbc.evaluation.metrics import executed_means
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.env.start_recorder import Teacher
 from hugwbc.robot import Robot
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.runtime.trace import Trace
-
-
-def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
-    """Return the means of the executed commands after `settle` [s]; of l, that of the highest clearances of swings."""
-    kept = trace.time >= settle
-    if trace.fell or not kept.any():
-        return dict.fromkeys((*MEASURED_NAMES, "l"), float("nan"))
-    means = dict(zip(MEASURED_NAMES, trace.measured[kept].mean(axis=0).tolist(), strict=True))
-    heights = []
-    for foot in stepping_feet(Gait(int(trace.gait[-1]))):
-        heights += swings(trace, foot, settle)[1].tolist()
-    return means | {"l": float(np.mean(heights)) if heights else float("nan")}
 
 
 def _episode(controller: Controller, settings: Settings, plan: Plan) -> Row:

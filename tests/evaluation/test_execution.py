@@ -9,7 +9,7 @@ import pytest
 from hugwbc.errors import ConfigError, WorkerError
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import _controller, run_experiment
-from hugwbc.evaluation.experiments.small_velocities import EXPERIMENT, SmallVelocitiesSettings
+from hugwbc.evaluation.experiments.random_commands import EXPERIMENT, RandomCommandsSettings
 from hugwbc.evaluation.store import Store
 from hugwbc.runtime.controllers import ControllerSpec
 
@@ -77,7 +77,7 @@ def test_a_cluster_that_is_not_there_is_an_error_with_a_remedy(monkeypatch):
 @pytest.mark.slow
 def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
     distributed = pytest.importorskip("distributed")
-    settings, spec = SmallVelocitiesSettings(episodes=12, duration=0.6, settle=0.3), ControllerSpec("qp")
+    settings, spec = RandomCommandsSettings(episodes=12, duration=0.6, settle=0.3), ControllerSpec("qp")
     alone = run_experiment(EXPERIMENT, settings, spec)
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "host": "127.0.0.1"}
     killed = []

@@ -72,9 +72,9 @@ def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tm
 
 
 def test_two_processes_give_the_numbers_of_one(tmp_path):
-    from hugwbc.evaluation.experiments.small_velocities import EXPERIMENT, SmallVelocitiesSettings
+    from hugwbc.evaluation.experiments.random_commands import EXPERIMENT, RandomCommandsSettings
 
-    settings = SmallVelocitiesSettings(episodes=5, duration=0.3, settle=0.1, conditions=Conditions(timestep=0.005))
+    settings = RandomCommandsSettings(episodes=5, duration=0.3, settle=0.1, conditions=Conditions(timestep=0.005))
     alone = run_experiment(EXPERIMENT, settings, HOLD)
     with Execution(2) as execution:
         assert run_experiment(EXPERIMENT, settings, HOLD, execution=execution, store=Store(tmp_path)) == alone

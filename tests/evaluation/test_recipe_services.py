@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hugwbc.evaluation.recipe_services import RecipeServices, executed_means
+from hugwbc.evaluation.metrics import executed_means
+from hugwbc.evaluation.recipe_services import RecipeServices
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import policy_file
 from hugwbc.mbc import WholeBodyController

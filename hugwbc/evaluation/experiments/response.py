@@ -1,0 +1,152 @@
+"""How does a controller answer each command? Gain, bias and dead zone, and which condition of the arena changes them.
+
+One command at a time takes values spread over its range, the others stay at their defaults. What users ask of a policy
+that plays well and deploys badly: are slow commands ignored, does it drift at zero, and what makes it fail?
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import polars as pl
+from pydantic import Field
+
+from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, command_ranges, default_command
+from hugwbc.controller import Controller
+from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.episode import Row, Settings, ending, simulate
+from hugwbc.evaluation.experiment import Experiment, Measured, Section
+from hugwbc.evaluation.experiments.single_command import sampled_commands
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import known, single
+from hugwbc.evaluation.metrics import executed_means
+from hugwbc.evaluation.plans import Plan
+from hugwbc.settings import settings
+
+if TYPE_CHECKING:
+    from hugwbc.viz.plots import Panel
+
+SLOW = (0.1, 0.2)  # [m/s], [rad/s], in both directions: velocities that are often ignored
+IDEAL = {"drives": "ideal", "sensing": "exact"}
+# What is switched on alone, beside the conditions of the settings and none of them.
+CONDITIONS = {
+    "ideal": {},
+    "drives": {"drives": "real"},
+    "sensors": {"sensing": "robot"},
+    "latency": {"latency": 0.02},
+    "friction": {"friction": 0.4},
+    "mass": {"payload": 5.0},
+}
+
+
+@settings(kw_only=True)
+class ResponseSettings(Settings):
+    """Settings of response, in addition to `Settings`.
+
+    Attributes:
+        points: values of each command, spread evenly over its range; velocities also take 0 and 0.1 and 0.2 both ways.
+        apart: repeat it with ideal drives and sensors, to which real drives, the robot's sensors, a latency of 20 ms, a
+            friction of 0.4 and 5 kg on the torso are added one at a time.
+    """
+
+    points: Annotated[int, Field(ge=2)] = 5
+    apart: bool = False
+
+
+def values(settings: ResponseSettings, name: str) -> list[float]:
+    """Return the values of a command, its default among them."""
+    low, high = command_ranges(settings.gaits[0])[name].finishing
+    chosen = {getattr(default_command(settings.gaits[0]), name), *np.linspace(low, high, settings.points).tolist()}
+    if name in VELOCITY_NAMES:
+        chosen |= {sign * slow for slow in SLOW for sign in (-1.0, 1.0) if low <= sign * slow <= high}
+    return sorted(chosen)
+
+
+def plan(settings: ResponseSettings) -> list[Plan]:
+    """Return an episode for each value of each command under each of the conditions."""
+    conditions: dict[str, Conditions | None] = {"": None}
+    if settings.apart:
+        ideal = dataclasses.replace(settings.conditions, **IDEAL)
+        conditions |= {name: dataclasses.replace(ideal, **changes) for name, changes in CONDITIONS.items()}
+    places = [(name, value) for name in sampled_commands(settings.gaits[0]) for value in values(settings, name)]
+    return [
+        Plan(
+            draw,
+            dataclasses.replace(default_command(settings.gaits[draw % 2]), **{name: value}),
+            {"conditions": label, "command": name, "value": value},
+            conditions=condition,
+        )
+        for label, condition in conditions.items()
+        for draw, (name, value) in enumerate(places)
+    ]
+
+
+def episode(controller: Controller, settings: ResponseSettings, plan: Plan) -> Row:
+    """Return the mean of what is executed of the command after `settle`."""
+    trace = simulate(controller, settings, plan).trace
+    return {"executed": known(executed_means(trace, settings.settle)[str(plan.tags["command"])]), **ending(trace)}
+
+
+def figures(settings: ResponseSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return for each command gain, bias at the default and, of velocities, dead zone; and the falls.
+
+    The gain is the slope of the executed over the commanded values, of episodes without a fall. The dead zone is the
+    largest slow velocity of which less than half is executed.
+    """
+    found = []
+    for label in rows["conditions"].unique(maintain_order=True).to_list():
+        table = ", ".join(filter(None, ("Response", settings.gait, label)))
+        part = rows.filter(pl.col("conditions") == label)
+        for name in part["command"].unique(maintain_order=True).to_list():
+            kept = part.filter((pl.col("command") == name) & pl.col("executed").is_not_null()).sort("value")
+            value, executed = kept["value"].to_numpy(), kept["executed"].to_numpy()
+            default = value == getattr(default_command(settings.gaits[0]), name)
+            gain = float(np.polyfit(value, executed, 1)[0]) if len(value) > 1 else None
+            bias = float((executed - value)[default].mean()) if default.any() else None
+            found.append(Figure(table, f"{name}: gain", "", single(gain)))
+            found.append(Figure(table, f"{name}: bias", COMMAND_UNITS[name], single(bias)))
+            if name in VELOCITY_NAMES:
+                slow = (value != 0.0) & (np.abs(value) <= max(SLOW))
+                ignored = np.abs(value[slow])[executed[slow] / value[slow] < 0.5]
+                zone = float(max(ignored, default=0.0)) if slow.any() else None
+                found.append(Figure(table, f"{name}: dead zone", COMMAND_UNITS[name], single(zone)))
+        found.append(falls_figure(table, part["fell"]))
+    return found
+
+
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+    """Return executed over commanded value for each gait and command."""
+    from hugwbc.viz import charts  # loads matplotlib
+
+    drawn = []
+    for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
+        mine = [(name, rows) for name, chosen, rows in measured if chosen.gait == gait]
+        tables = {name: rows.filter(pl.col("conditions") == "") for name, rows in mine}
+        for command in dict.fromkeys(name for rows in tables.values() for name in rows["command"].to_list()):
+            series = {}
+            for name in controllers:
+                rows = tables[name].filter(pl.col("command") == command).drop_nulls("executed").sort("value")
+                series[name] = rows["value"].to_numpy(), rows["executed"].to_numpy()
+            line = np.unique(np.concatenate([x for x, _ in series.values()]))
+            labels = (f"commanded {command} [{COMMAND_UNITS[command]}]", "executed")
+            drawn.append(charts.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
+    return drawn
+
+
+EXPERIMENT = Experiment(
+    "response",
+    "gain, bias and dead zone of each command; with --apart also which condition of the arena changes them",
+    ResponseSettings,
+    plan,
+    episode,
+    figures,
+    section=Section(
+        "Response",
+        "Each command alone at values over its range. The gain is the slope of executed over commanded values, the "
+        "bias the error at the default, the dead zone the largest slow velocity of which less than half is executed.",
+        lambda: [ResponseSettings(points=2, duration=4.0)],
+        lambda: [ResponseSettings(gait=gait) for gait in ("standing", "walking", "jumping")],
+        pictures,
+    ),
+)
