@@ -28,13 +28,16 @@ from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
+from hugwbc.tasks import load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
 
 _PACKAGE = pathlib.Path(__file__).parents[1]
 WARM_UP_STEPS = 20
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
-QP_COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
-"""Commands under which `qp` is measured; jumping, it plans forces as well."""
+COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
+"""Commands under which controllers are measured; jumping, `qp` plans forces as well."""
+ACTIVITIES = (*COMMANDS, "fetch_box")
+"""What the robot does in the episodes that are measured: commands, and a task."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,29 +176,53 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeSpeed:
-    """Speed of an evaluation episode, walking: physics, sensors, estimator, controller, filter and record.
+    """Speed of an episode with everything in the loop: physics, sensors, estimator, controller, filter and record.
 
     Attributes:
         factor: simulated time for each second of processor time.
         physics: processor time of the episode divided by that of bare MuJoCo steps of a standing robot, measured in
             the same run.
+        period_ms: p50 and p99.9 of the time for a control period [ms].
+        share: the latter as a share of the period.
     """
 
     factor: float
     physics: float
+    period_ms: dict[str, float]
+    share: float
 
 
-def episode_speed(controller: Controller, duration: float) -> EpisodeSpeed:
-    """Measure an episode of `duration` simulated seconds [s], and bare physics after it."""
-    conditions = Conditions()
-    moving, standing = conditions.simulation(duration, (0,)), Simulation()
-    begin = time.process_time()
-    rollout(controller, Constant(WALK), moving, duration=duration, estimator=conditions.estimator())
-    middle = time.process_time()
+def episode_speed(controller: Controller, activity: str, duration: float) -> EpisodeSpeed:
+    """Measure an episode, and bare physics after it.
+
+    Args:
+        controller: the controller.
+        activity: a key of `COMMANDS`, or the name of a task.
+        duration: simulated time [s].
+    """
+    conditions, wall, cpu = Conditions(), [], []
+
+    def over() -> bool:
+        wall.append(time.perf_counter())
+        cpu.append(time.process_time())
+        return len(wall) * controller.period > duration
+
+    if activity in COMMANDS:
+        source, simulation = Constant(COMMANDS[activity]), conditions.simulation(duration, (0,))
+        longest = duration + 2.0 * controller.period
+        rollout(controller, source, simulation, duration=longest, estimator=conditions.estimator(), until=over)
+    else:
+        task = load_task(activity)
+        simulation = conditions.simulation(duration, (0,), task.scene)
+        assert isinstance(simulation, Simulation)
+        run_task(task, controller, simulation, conditions.estimator(), stop=over)
+    standing = Simulation()
     standing.step(JointCommand.position(standing.robot, standing.robot.nominal), standing.timestep)  # sets the gains
-    mujoco.mj_step(standing.model, standing.data, max(1, round(duration / standing.timestep)))
-    end = time.process_time()
-    return EpisodeSpeed(duration / (middle - begin), (middle - begin) / (end - middle))
+    begin, simulated = time.process_time(), (len(cpu) - 1) * controller.period
+    mujoco.mj_step(standing.model, standing.data, max(1, round(simulated / standing.timestep)))
+    bare, spent = time.process_time() - begin, cpu[-1] - cpu[0]
+    p50, p999 = np.percentile(1e3 * np.diff(wall), (50.0, 99.9)).tolist()
+    return EpisodeSpeed(simulated / spent, spent / bare, {"p50": p50, "p99.9": p999}, 1e-3 * p999 / controller.period)
 
 
 def period_shares(controller: Controller, duration: float) -> dict[str, float]:

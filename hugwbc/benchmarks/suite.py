@@ -25,7 +25,7 @@ class BenchSettings:
     threads: int = 1
     """Threads of training, its environment and bare physics; controllers and IK use one."""
     seconds: float = 4.0
-    """Simulated time over which the QP is measured, standing, walking and jumping each, and an episode [s]."""
+    """Simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]."""
     calls: int = 500
     """Calls of the policy and of the IK to measure."""
     ik_targets: int = 20
@@ -56,7 +56,7 @@ class BenchFigures:
         environment: speed of the training environment.
         training: speed of training.
         qp: speed of `qp`, by gait.
-        episodes: speed of one evaluation episode, by controller.
+        episodes: speed of an episode with everything in the loop, by controller and activity.
         policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
         ik: the inverse kinematics solvers, by name.
         workspace: reachable part of a cube around the robot.
@@ -95,12 +95,13 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     bare = environment.bare_steps_per_s
     training = speed.training_speed(bare, settings.count, settings.iterations, settings.threads)
     advance(0.2)
-    qp = {gait: speed.qp_speed(command, settings.seconds) for gait, command in speed.QP_COMMANDS.items()}
+    qp = {gait: speed.qp_speed(command, settings.seconds) for gait, command in speed.COMMANDS.items()}
     advance(0.3)
     policy = load_policy()
     episodes = {
-        name: speed.episode_speed(controller, settings.seconds)
+        f"{name}, {activity}": speed.episode_speed(controller, activity, settings.seconds)
         for name, controller in (("qp", load_controller("qp")), ("policy", policy))
+        for activity in speed.ACTIVITIES
     }
     policy_tick, ik_tick = speed.policy_tick(policy, settings.calls), speed.ik_tick(settings.calls)
     solvers = compare_solvers(settings.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))

@@ -64,7 +64,10 @@ def _describe(figures: BenchFigures) -> str:
     ]
     for name, tick in (("policy", figures.policy_tick_ms), ("ik", figures.ik_tick_ms)):
         rows.append((name, tick["p50"], tick["p99"], "", ""))
-    episodes = [(name, episode.factor, episode.physics) for name, episode in figures.episodes.items()]
+    episodes = [
+        (name, episode.factor, episode.physics, *episode.period_ms.values(), f"{episode.share:.0%}")
+        for name, episode in figures.episodes.items()
+    ]
     unsolved = ", ".join(f"{gait} {speed.unsolved:.2%}" for gait, speed in figures.qp.items())
     return "\n".join(
         [
@@ -77,7 +80,10 @@ def _describe(figures: BenchFigures) -> str:
             format_table(("tick [ms]", "p50", "p99", "CPU p50", "CPU p99"), rows),
             f"unsolved QPs: {unsolved}",
             "",
-            format_table(("episode, walking", "times real time", "times bare physics"), episodes),
+            format_table(
+                ("episode", "times real time", "times bare physics", "period p50 [ms]", "p99.9", "of the period"),
+                episodes,
+            ),
         ]
     )
 

@@ -18,9 +18,11 @@ def test_bench_reports_all_speeds(capsys):
     training = figures["training"]
     assert training["steps_per_s"] > 0.0 and 0.0 < training["collect_fraction"] < 1.0
     assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])
-    assert set(figures["episodes"]) == {"qp", "policy"} and "episode, walking" in printed.err
+    activities = "standing", "walking", "jumping", "fetch_box"
+    assert set(figures["episodes"]) == {f"{name}, {what}" for name in ("qp", "policy") for what in activities}
     for speed in figures["episodes"].values():
-        assert speed["factor"] > 0.0 and speed["physics"] > 1.0
+        assert speed["factor"] > 0.0 and speed["physics"] > 1.0 and speed["period_ms"]["p50"] > 0.0
+    assert "times real time" in printed.err
     assert set(figures["qp"]) == {"standing", "walking", "jumping"}
     for speed in figures["qp"].values():
         assert speed["unsolved"] == 0.0 and speed["ticks"] == 25
@@ -36,3 +38,11 @@ def test_bench_reports_all_speeds(capsys):
     assert "reachable part of a 2 m cube (27 points)" in printed.err
     assert "unsolved QPs: standing 0.00%" in printed.err
     assert "8 robots" in printed.err and "tick [ms]" in printed.err
+
+
+def test_bench_prints_where_the_time_goes(capsys):
+    assert main(["bench", "--profile", "--seconds", "0.1", "--json"]) == 0
+    printed = capsys.readouterr()
+    for shares in json.loads(printed.out).values():
+        assert sum(shares.values()) == pytest.approx(1.0) and {"sim", "runtime"} <= set(shares)
+    assert "walking, share of the time" in printed.err
