@@ -327,14 +327,14 @@ class StateEstimator:
 
     def _measure_legs(self) -> None:
         """Read the sole centres seen from the IMU [m], shape (2, 3), and in the world their covariances and turning."""
-        imu, pelvis = self._placement(self._imu), self._kinematics.q[:3]
-        waist = self._kinematics.data.oMf[self._pelvis].rotation[:, 2]
-        soles = np.array([self._placement(frame) for frame in self._sole_frames])
+        places, pelvis = self._kinematics.data.oMf, self._kinematics.q[:3]
+        waist = places[self._pelvis].rotation[:, 2]
+        soles = np.array([places[frame].translation for frame in self._sole_frames])
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
         # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
         for foot in range(_FEET):
             jacobians[foot, :, self._waist_column] = _cross(soles[foot] - pelvis, waist)
-        self._soles = (soles - imu).dot(self._R)
+        self._soles = (soles - places[self._imu].translation).dot(self._R)
         noise = self.params.encoder**2
         self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
         turning = self._observer.sole_velocity[:, 3:]

@@ -207,7 +207,7 @@ class Sensors:
         q = qpos[7:] + self._encoder_offset + of_encoders
         dq = qvel[6:] + of_velocities
         gyro = reading.imu_gyro + self._gyro_bias + of_gyro
-        turn = np.concatenate(([1.0], 0.5 * (self._attitude_bias + of_attitude)))
+        turn = np.array([1.0, *(0.5 * (self._attitude_bias + of_attitude)).tolist()])
         # A constant error of roll and pitch is one about the world's axes.
         attitude = rotations.multiply(_unit(turn), reading.imu_orientation)
         orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
