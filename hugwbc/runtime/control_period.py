@@ -179,6 +179,8 @@ class ControlPeriod:
             self.estimate = reading
             return
         self._unseen.append(reading)
+        if driven and not self.estimate.coasted:  # what was replaced tells nothing of the motors
+            self.safe.motors.see(reading, now)
         if self._update_due(now):
             planned = self.plan.acceleration if driven else None
             self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)

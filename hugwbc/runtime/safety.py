@@ -15,6 +15,7 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.lowering import Lowering
+from hugwbc.runtime.motor_watch import MotorWatch
 from hugwbc.runtime.payload import PayloadObserver
 from hugwbc.state import RobotState
 
@@ -59,7 +60,7 @@ class SafetyReport:
         overruns: calls of the controller that took longer than its period.
         readings_refused: states in which the reading of a sensor was replaced, by the sensor.
         braked: ticks on which a moving robot that was told to stand still braked (`hugwbc.runtime.braking`).
-        lowered: ticks on which the robot knelt down, or was damped afterwards, since its state was lost.
+        lowered: ticks on which the robot knelt down, or was damped afterwards, with its state lost or a motor dead.
         messages: the first message of each kind of event.
     """
 
@@ -163,8 +164,9 @@ class SafetyFilter:
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
       is reset on the first good state.
-    - A state that the estimator calls lost (`RobotState.lost`) makes the robot kneel down and then damps its joints,
-      until the next `reset` (`hugwbc.runtime.lowering`).
+    - A state that the estimator calls lost (`RobotState.lost`), or a dead motor of a leg (`MotorWatch`, attribute
+      `motors`), makes the robot kneel down and then damps its joints, until the next `reset`
+      (`hugwbc.runtime.lowering`).
     - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). It compensates
       the payload, which is told or estimated (`PayloadObserver`, attribute `payload`). At takeover and release of the
       arms, the step in their command fades (`Handover`).
@@ -200,6 +202,7 @@ class SafetyFilter:
         self._arm_limits = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]
         self._handover = Handover(self.robot.arms)
         self.payload = PayloadObserver()
+        self.motors = MotorWatch(self.robot)
         self._servo: ArmServo | None = None  # built by the first external control of the arms
         self._clock = clock
         self.last_tick_s = 0.0
@@ -212,6 +215,7 @@ class SafetyFilter:
         self._guarded: dict[str, int] = {}
         self._refused: dict[str, int] = {}
         self._lowering = Lowering(self.robot)
+        self.motors.reset()
         self._braking = Braking()
         self._first: dict[str, str | CommandChange] = {}  # event of each kind, in order
         self._given: Command | None = None
@@ -230,6 +234,11 @@ class SafetyFilter:
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
+        joints = self._filtered(state, command, upper_body)
+        self.motors.note(joints)
+        return joints
+
+    def _filtered(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         feasible_command, upper_body = self.admit(command, upper_body)
         feasible_command = self._braking(feasible_command, state, self.period)
         if self._braking.active:
@@ -237,8 +246,9 @@ class SafetyFilter:
         for sensor in state.coasted:
             self._refused[sensor] = self._refused.get(sensor, 0) + 1
             self._first.setdefault(f"refused {sensor}", f"readings of {sensor} refused and replaced")
-        if state.lost or self._lowering.begun:
-            self._count("lowered", f"{state.lost}: kneeling down")
+        lost = state.lost or (self.motors.dead and f"the motor of {self.motors.dead} is dead")
+        if lost or self._lowering.begun:
+            self._count("lowered", f"{lost}: kneeling down")
             return self.limited(self._lowering.command(state, self.period))
         upper_body = self.driven(upper_body, state)
         output = self._controller_output(state, feasible_command, upper_body)

@@ -28,7 +28,7 @@ from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 
 SOFT = 1.0  # [m/s]
-FOR_GOOD = ("IMU gone for good", "encoder stuck for good", "all readings frozen for good")
+FOR_GOOD = ("IMU gone for good", "encoder stuck for good", "all readings frozen for good", "motor of a leg dead")
 # A time START in a fault is that of the episode; conditions without one hold from its beginning.
 FAULTS: Mapping[str, Mapping[str, Any]] = {
     "none": {},
@@ -51,10 +51,10 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     "5 kg on the torso": {"payload": 5.0},
     "10 kg on the torso": {"payload": 10.0},
     "motor of an arm dead": {"faults": ("motor-dead=ARM@START",)},
-    "motor of a leg dead": {"faults": ("motor-dead=JOINT@START",)},
     FOR_GOOD[0]: {"faults": ("imu-gone@START",)},
     FOR_GOOD[1]: {"faults": ("encoder-stuck=JOINT@START",)},
     FOR_GOOD[2]: {"faults": ("frozen@START",)},
+    FOR_GOOD[3]: {"faults": ("motor-dead=JOINT@START",)},
 }
 _LOW = 0.75  # [m], height of the pelvis below which something but the feet may touch the ground
 _LOWER_BODY = ("pelvis", "hip", "knee", "ankle")  # parts of the names of links
@@ -122,7 +122,8 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     """Run one walk with a fault; it continues after a fall.
 
     - `faults`: as they were injected.
-    - `fell`: whether the robot fell, or knelt down since its state was lost; `lowered`: whether it knelt down.
+    - `fell`: whether the robot fell, or knelt down since a fault was noticed; `lowered`: whether it knelt down.
+    - `noticed_s`: time from the fault until it began to kneel [s]; None if it did not.
     - `refused`: number of control periods in which readings were replaced.
     - `touch_speed`: speed at which a link other than the feet touched the ground for the first time, the highest over
       the links [m/s]: that of the pelvis for the legs, of the trunk for the trunk and the arms, if that is higher; None
@@ -142,13 +143,14 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
         on_step=watch,
         past_falls=True,
     )
-    lowered = trace.safety.lowered > 0
+    start, lowered = float(plan.tags["start"]), trace.safety.lowered > 0
     return {
         **ending(trace),
         "faults": list(plan.conditions.faults),
         "fell": watch.touch_speed is not None or lowered,
         "refused": sum(trace.safety.readings_refused.values()),
         "lowered": lowered,
+        "noticed_s": settings.duration - trace.safety.lowered * controller.period - start if lowered else None,
         "touch_speed": watch.touch_speed,
         "first_touch_speed": watch.first_touch_speed,
         "highest_speed": watch.highest_speed,
@@ -204,6 +206,8 @@ def figures(settings: FaultsSettings, rows: pl.DataFrame) -> list[Figure]:
         if name in FOR_GOOD:
             soft = wilson_of(sum(speed < SOFT for speed in first), len(part))
             found.append(Figure(name, "pelvis soft at first", "% of episodes", soft, higher_is_better=True))
+            noticed = part["noticed_s"].drop_nulls().to_list()
+            found += [Figure(name, "noticed after, at most", "s", single(max(noticed)))] if noticed else []
         if touched:
             found.append(Figure(name, "speed at the ground", "m/s", bootstrap_mean(touched)))
             found.append(Figure(name, "speed at the ground, at most", "m/s", single(max(touched))))

@@ -195,10 +195,11 @@ def test_the_acceleration_of_a_hand_that_is_shaken():
 
 def test_a_fault_for_good_goes_well_if_the_ground_is_reached_softly():
     settings = faults.FaultsSettings(episodes=2, only=("IMU gone",))
-    speeds = {"touch_speed": 0.5, "first_touch_speed": 0.4, "highest_speed": 1.0}
+    speeds = {"touch_speed": 0.5, "first_touch_speed": 0.4, "highest_speed": 1.0, "noticed_s": 0.3}
     rows = [END | speeds | {"fault": name, "fell": True} for name in settings.faults for _ in range(2)]
     found = values(faults.figures(settings, frame_of(rows)))
     assert found["IMU gone for good", "went well"] == 100.0 and found["IMU gone for 200 ms", "went well"] == 0.0
+    assert found["IMU gone for good", "noticed after, at most"] == 0.3
     plans = faults.plan(settings)
     assert plans[0].tags["start"] == plans[2].tags["start"] and "imu-gone@" in plans[0].conditions.faults[0]
 

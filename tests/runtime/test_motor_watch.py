@@ -1,0 +1,73 @@
+"""Dead motors of the legs: what is found, how soon, and what is not a fault."""
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, RobotState, UpperBody, load_robot
+from hugwbc.controller import JointCommand
+from hugwbc.runtime import SafetyFilter
+from hugwbc.runtime.motor_watch import MotorWatch
+
+H1 = load_robot()
+PERIOD = 0.002
+KNEE = H1.index("left_knee_joint")
+
+
+def watched(torque, *, asked=12.0, seconds=0.1, noise=1.0):
+    """Return a watch that has seen a knee asked for a torque and measuring another, both [N*m] of time [s]."""
+    watch, rng = MotorWatch(H1), np.random.default_rng(0)
+    for tick in range(round(seconds / PERIOD)):
+        time = tick * PERIOD
+        tau, measured = np.zeros(19), rng.normal(0.0, noise, 19)
+        tau[KNEE] = asked(time) if callable(asked) else asked
+        measured[KNEE] += torque(time) if callable(torque) else torque
+        state = RobotState(H1.nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3), torque=measured, time=time)
+        watch.see(state, time)
+        watch.note(JointCommand(H1.nominal, np.zeros(19), H1.kp, H1.kd, tau))
+    return watch
+
+
+def test_a_dead_motor_is_found_within_a_tenth_of_a_second():
+    assert watched(0.0).dead == "left_knee_joint"
+    assert watched(0.0, seconds=0.02).dead == "", "not at once"
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"torque": 12.0},
+        {"torque": 8.0},  # a weak motor
+        {"torque": 0.0, "asked": 3.0, "seconds": 10.0},  # a motor that is hardly asked for anything
+        {"torque": 6.5, "asked": 7.5, "seconds": 10.0},
+        {"torque": lambda t: 40.0 * np.sin(30.0 * t), "asked": lambda t: 40.0 * np.sin(30.0 * (t + 0.01))},
+    ],
+)
+def test_working_motors_raise_no_alarm(case):
+    assert watched(**{"seconds": 0.3, **case}).dead == ""
+
+
+class Standing:
+    """A controller that asks for the nominal pose."""
+
+    name, period = "standing", PERIOD
+
+    def reset(self, state):
+        """Do nothing."""
+
+    def act(self, state, command, upper_body):
+        """Return the nominal pose."""
+        return JointCommand.position(H1, H1.nominal)
+
+
+def test_the_robot_kneels_when_a_motor_is_dead():
+    safe = SafetyFilter(Standing())
+    state = RobotState(H1.nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    safe.reset(state)
+    safe.act(state, Command(), UpperBody.none())
+    safe.motors.dead = "left_knee_joint"
+    safe.act(state, Command(), UpperBody.none())
+    report = safe.report()
+    assert report.lowered == 1 and "the motor of left_knee_joint is dead: kneeling" in " ".join(report.messages)
+    safe.reset(state)
+    safe.act(state, Command(), UpperBody.none())
+    assert safe.report().lowered == 0
