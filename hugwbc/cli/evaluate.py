@@ -23,36 +23,27 @@ DEFAULT = "single-command"
 
 @dataclasses.dataclass(frozen=True)
 class ControllerOptions:
-    """Which controller is evaluated.
+    """Which controller is evaluated."""
 
-    Attributes:
-        controller: name of the controller: learned, qp, hold (a baseline that only holds its pose) or a plug-in;
-            FILE.py:NAME; or the path of a policy, or of a contract for somebody else's policy (docs/evaluation.md).
-        policy: name of a shipped policy or path of a policy for the learned controller; path of a network for
-            somebody else's policy.
-    """
-
+    # name of the controller: learned, qp, hold (a baseline that only holds its pose) or a plug-in; FILE.py:NAME; or the
+    # path of a policy, or of a contract for somebody else's policy (docs/evaluation.md)
     controller: str = "learned"
+    # name of a shipped policy or path of a policy for the learned controller; path of a network for somebody else's
+    # policy
     policy: str | None = None
 
 
 @dataclasses.dataclass(frozen=True)
 class ExecutionOptions:
-    """Where episodes run and where their rows go.
+    """Where episodes run and where their rows go."""
 
-    Attributes:
-        workers: number of processes that share the episodes.
-        cluster: address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose workers run the episodes instead.
-        results: folder in which finished episodes are stored; those already stored are not run again. None stores none.
-        fresh: run all episodes again; the new rows take the place of the stored ones.
-        json: file to write figures and rows to; without a path, they go to standard output.
-    """
-
-    workers: int = 1
+    workers: int = 1  # number of processes that share the episodes
+    # address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose workers run the episodes instead
     cluster: str | None = None
+    # folder in which finished episodes are stored; those already stored are not run again. None stores none
     results: pathlib.Path | None = DEFAULT_FOLDER
-    fresh: bool = False
-    json: pathlib.Path | None = None
+    fresh: bool = False  # run all episodes again; the new rows take the place of the stored ones
+    json: pathlib.Path | None = None  # file to write figures and rows to; without a path, they go to standard output
 
 
 def run(words: Sequence[str]) -> int:

@@ -18,30 +18,20 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @settings
 class Limits:
-    """When the robot side damps the joints. Times are those of the robot's clock.
+    """When the robot side damps the joints. Times are those of the robot's clock."""
 
-    Attributes:
-        silence: longest time without a fresh, sound state [s].
-        late: longest time by which the controller may lag behind the states [s].
-        tilt: largest angle between the torso's axis and the vertical [rad]; published for the G1.
-        start_tilt: the same at a start [rad].
-        joint_speed: largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles
-            reach 1.8 times theirs (the policy at 1 m/s in simulation).
-        temperature: largest temperature of a motor [degrees Celsius]; published for the G1's casings.
-        lasting: how long joint speed and tilt must be exceeded [s]: single wrong readings are the estimator's task.
-        start_speed: largest speed of a joint when the controller starts [rad/s].
-        carried: least part of the weight on the feet when the controller starts.
-    """
-
-    silence: Positive = 0.02
-    late: Positive = 0.02
-    tilt: Positive = 1.0
-    start_tilt: Positive = 0.3
+    silence: Positive = 0.02  # longest time without a fresh, sound state [s]
+    late: Positive = 0.02  # longest time by which the controller may lag behind the states [s]
+    tilt: Positive = 1.0  # largest angle between the torso's axis and the vertical [rad]; published for the G1
+    start_tilt: Positive = 0.3  # the same at a start [rad]
+    # largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles reach 1.8 times
+    # theirs (the policy at 1 m/s in simulation)
     joint_speed: Positive = 2.5
-    temperature: Positive = 85.0
+    temperature: Positive = 85.0  # largest temperature of a motor [degrees Celsius]; published for the G1's casings
+    # how long joint speed and tilt must be exceeded [s]: single wrong readings are the estimator's task
     lasting: Positive = 0.006
-    start_speed: Positive = 2.0
-    carried: Positive = 0.3
+    start_speed: Positive = 2.0  # largest speed of a joint when the controller starts [rad/s]
+    carried: Positive = 0.3  # least part of the weight on the feet when the controller starts
 
 
 class Intake:

@@ -29,50 +29,36 @@ _LONGEST_ON_GROUND = 200.0  # [s]; the height field for it spans a kilometre and
 
 @settings
 class Conditions:
-    """Physics, ground, robot, sensors and external control of the arms in an episode.
+    """Physics, ground, robot, sensors and external control of the arms in an episode."""
 
-    Attributes:
-        robot: Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
-        drives: Drives of the joints: real (torque-speed limit, friction and delay), or ideal.
-        sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
-            exact (the true state).
-        ground: Ground: firm, or soft.
-        engine: physics engine: mujoco, or physx (PhysX 5, on level ground only).
-        timestep: time step of the physics [s].
-        terrain_roughness: half-width of the uniformly random ground height [m]; 0 for a plane.
-        slope: angle at which the ground rises along x, the robot's initial heading [rad].
-        told: robot that the state estimator and a model-based controller are told; by default the simulated one.
-            Another one shows what wrong masses do.
-        intervention: what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion
-            (motion files).
-        motions: folder of motion files (.npz) for the motion intervention; None for generated motions.
-        payload: mass added to the torso [kg].
-        friction: friction coefficient between robot and ground; None for that of the robot description.
-        latency: age of the sensor readings [s]; None for that of the sensors.
-        gain: factor on the joints' stiffness and damping.
-        strength: factor on the motors' torque.
-        hand_payload: mass in each hand [kg]; no controller is told.
-        faults: faults of sensors and motors, each as KIND@START:DURATION in seconds, such as imu-gone@4:0.2
-            (`hugwbc.sim.faults`).
-    """
-
-    robot: str = Arena.robot
-    drives: str = Arena.drives
+    robot: str = Arena.robot  # Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)
+    drives: str = Arena.drives  # Drives of the joints: real (torque-speed limit, friction and delay), or ideal
+    # Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (the true
+    # state)
     sensing: str = Arena.sensing
-    ground: str = Arena.ground
+    ground: str = Arena.ground  # Ground: firm, or soft
+    # physics engine: mujoco, or physx (PhysX 5, on level ground only)
     engine: Annotated[str, one_of("engine", lambda: ENGINES)] = Simulation.engine
-    timestep: float = SIMULATION_TIMESTEP
+    timestep: float = SIMULATION_TIMESTEP  # time step of the physics [s]
+    # half-width of the uniformly random ground height [m]; 0 for a plane
     terrain_roughness: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
+    # angle at which the ground rises along x, the robot's initial heading [rad]
     slope: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
+    # robot that the state estimator and a model-based controller are told; by default the simulated one. Another one
+    # shows what wrong masses do
     told: str | None = None
+    # what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion (motion files)
     intervention: Annotated[str, one_of("intervention", lambda: INTERVENTIONS)] = "none"
-    motions: str | None = None
-    payload: float = 0.0
+    motions: str | None = None  # folder of motion files (.npz) for the motion intervention; None for generated motions
+    payload: float = 0.0  # mass added to the torso [kg]
+    # friction coefficient between robot and ground; None for that of the robot description
     friction: float | None = None
+    # age of the sensor readings [s]; None for that of the sensors
     latency: Annotated[float, Field(ge=0, le=0.5)] | None = None
-    gain: float = 1.0
-    strength: float = 1.0
-    hand_payload: float = 0.0
+    gain: float = 1.0  # factor on the joints' stiffness and damping
+    strength: float = 1.0  # factor on the motors' torque
+    hand_payload: float = 0.0  # mass in each hand [kg]; no controller is told
+    # faults of sensors and motors, each as KIND@START:DURATION in seconds, such as imu-gone@4:0.2 (`hugwbc.sim.faults`)
     faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -62,21 +62,16 @@ _VELOCITIES = ("v_x", "v_y", "omega")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Wish:
-    """What an action asks for.
+    """What an action asks for."""
 
-    Attributes:
-        command: to the controller.
-        used: whether the left and the right hand have targets, shape (2,), bool; the controller moves the arms where
-            neither has one.
-        points: targets of both hands in the heading frame, level and at the pelvis [m], shape (2, 3).
-        squeeze: force between two used hands [N].
-        grips: whether the left and the right idealised gripper should hold, shape (2,), bool.
-    """
-
-    command: Command = dataclasses.field(default_factory=Command)
+    command: Command = dataclasses.field(default_factory=Command)  # to the controller
+    # whether the left and the right hand have targets, shape (2,), bool; the controller moves the arms where neither
+    # has one
     used: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2, dtype=bool))
+    # targets of both hands in the heading frame, level and at the pelvis [m], shape (2, 3)
     points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
-    squeeze: float = 0.0
+    squeeze: float = 0.0  # force between two used hands [N]
+    # whether the left and the right idealised gripper should hold, shape (2,), bool
     grips: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2, dtype=bool))
 
     @classmethod

@@ -42,22 +42,15 @@ class Entry:
 
 @dataclasses.dataclass(frozen=True)
 class ReportPlan:
-    """The subject of a report.
+    """The subject of a report."""
 
-    Attributes:
-        profile: quick, with few and short episodes; or full, with the paper's sizes.
-        controllers: 1 to 4 controllers, as `ControllerSpec.parse` takes them.
-        ablation: policies that take part only in the experiments of the ablation, by name or path; None for the shipped
-            ones of a training that no controller has.
-        experiments: names of the experiments; all with a section if empty.
-        seed: seed of all experiments.
-    """
-
-    profile: Literal["quick", "full"]
-    controllers: tuple[str, ...]
+    profile: Literal["quick", "full"]  # quick, with few and short episodes; or full, with the paper's sizes
+    controllers: tuple[str, ...]  # 1 to 4 controllers, as `ControllerSpec.parse` takes them
+    # policies that take part only in the experiments of the ablation, by name or path; None for the shipped ones of a
+    # training that no controller has
     ablation: tuple[str, ...] | None = None
-    experiments: tuple[str, ...] = ()
-    seed: int = REPORT_SEED
+    experiments: tuple[str, ...] = ()  # names of the experiments; all with a section if empty
+    seed: int = REPORT_SEED  # seed of all experiments
 
     def __post_init__(self) -> None:
         check_count(len(self.controllers), "controllers")

@@ -33,15 +33,11 @@ UNTRAINED_AGAINST = "noise"  # the training of the paper's policy that is compar
 
 @settings(kw_only=True)
 class InterventionSettings(CountedSettings):
-    """Settings of the experiments that move the arms, in addition to `CountedSettings`.
+    """Settings of the experiments that move the arms, in addition to `CountedSettings`."""
 
-    Attributes:
-        episodes: number of episodes in all, split evenly over the interventions and the commands of the gait.
-        training: training of the paper's policy to compare with: noise, motion or none; by default the one that the
-            policy's own file names, and noise for other controllers.
-    """
-
-    episodes: Count = 96
+    episodes: Count = 96  # number of episodes in all, split evenly over the interventions and the commands of the gait
+    # training of the paper's policy to compare with: noise, motion or none; by default the one that the policy's own
+    # file names, and noise for other controllers
     training: Literal["noise", "motion", "none"] | None = None
     varied = frozenset({"intervention"})
 
