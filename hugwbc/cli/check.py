@@ -12,9 +12,9 @@ CHECK_FAILED = 1
 class CheckOptions:
     """Verify models, versions, controllers and the training; or how a policy was made. Exit code 1 if it is wrong."""
 
+    # Name of a shipped policy, or path of a policy or its folder: print by which stages it was made, from which commit,
+    # at which cost, and check that each took what the one before wrote
     policy: str | None = None
-    """Name of a shipped policy, or path of a policy or its folder: print by which stages it was made, from which
-    commit, at which cost, and check that each took what the one before wrote."""
 
 
 def run(words: Sequence[str]) -> int:

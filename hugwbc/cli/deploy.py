@@ -42,34 +42,26 @@ _RECORDED = ("controller", "policy", "robot", "script", "task", "seed")
 class DeployOptions:
     """Control an H1 over the network, a real one or `hugwbc simulate-robot`. Read docs/deploy.md first."""
 
-    controller: str = "learned"
-    """learned, qp, a plug-in's name, FILE.py:NAME, or the path of a policy or of a contract."""
+    controller: str = "learned"  # learned, qp, a plug-in's name, FILE.py:NAME, or the path of a policy or of a contract
+    # Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy
     policy: str | None = None
-    """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
-    net: str = "lo"
-    """Network interface to the robot, such as eth0; lo for a simulated robot on this machine."""
-    domain: int | None = None
-    """DDS domain; by default 1 on lo (a simulated robot), else 0 (a real one)."""
-    robot: str = DEFAULT_ROBOT
-    """Robot as the controller and the estimator know it: h1, or h1-2023."""
+    net: str = "lo"  # Network interface to the robot, such as eth0; lo for a simulated robot on this machine
+    domain: int | None = None  # DDS domain; by default 1 on lo (a simulated robot), else 0 (a real one)
+    robot: str = DEFAULT_ROBOT  # Robot as the controller and the estimator know it: h1, or h1-2023
+    # Play this script, with its hand targets, once the controller runs: a shipped script's name, or a file (.yaml). By
+    # default the sticks of the remote control give the commands.
     script: str | None = None
-    """Play this script, with its hand targets, once the controller runs: a shipped script's name, or a file (.yaml). By
-    default the sticks of the remote control give the commands."""
+    # Do this task instead (docs/tasks.md), by the object poses on the topic rt/hugwbc/objects: a task of the suite, or
+    # the path of a Python file with one
     task: str | None = None
-    """Do this task instead (docs/tasks.md), by the object poses on the topic rt/hugwbc/objects: a task of the suite, or
-    the path of a Python file with one."""
-    seed: int = 0
-    """Seed of the objects of --task, as given to `simulate-robot`: it determines their sizes."""
-    release: bool = True
-    """Release the robot's motion modes first."""
-    tilt: float = Limits.tilt
-    """Tilt above which the joints are damped [rad]."""
-    record: pathlib.Path | None = None
-    """Record every message to this file."""
+    seed: int = 0  # Seed of the objects of --task, as given to `simulate-robot`: it determines their sizes
+    release: bool = True  # Release the robot's motion modes first
+    tilt: float = Limits.tilt  # Tilt above which the joints are damped [rad]
+    record: pathlib.Path | None = None  # Record every message to this file
+    # Replay this recording through the controller instead, without a network, and compare the commands bit by bit
     replay: pathlib.Path | None = None
-    """Replay this recording through the controller instead, without a network, and compare the commands bit by bit."""
+    # With --replay, write a page that shows the recording in 3D, as the robot side estimated it
     html: pathlib.Path | None = None
-    """With --replay, write a page that shows the recording in 3D, as the robot side estimated it."""
     settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(
         default_factory=lambda: Settings(age=ROBOT.latency)
     )

@@ -16,8 +16,8 @@ from hugwbc.documents import document, document_names, document_title
 class DocsOptions:
     """List the documents, how-tos and scripts that come with the package, or print one of them."""
 
+    # Document or script to print, such as tasks, add-a-task or walk; without one, all are listed
     name: tyro.conf.Positional[str | None] = None
-    """Document or script to print, such as tasks, add-a-task or walk; without one, all are listed."""
 
 
 def run(words: Sequence[str]) -> int:

@@ -11,10 +11,8 @@ from hugwbc.cli.output import parse, say
 class ExportOptions:
     """Write a policy with its contract as an ONNX file, and compare the file with the policy."""
 
-    policy: str | None = None
-    """Name of a shipped policy, or path of a policy file or of the folder of a run."""
-    out: pathlib.Path = pathlib.Path("out/policy.onnx")
-    """File to write."""
+    policy: str | None = None  # Name of a shipped policy, or path of a policy file or of the folder of a run
+    out: pathlib.Path = pathlib.Path("out/policy.onnx")  # File to write
 
 
 def run(words: Sequence[str]) -> int:

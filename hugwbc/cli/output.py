@@ -59,6 +59,7 @@ def parse_settings(
         for field in groups
     ]
     short = dataclasses.make_dataclass(settings.__name__, folded, bases=(settings,), frozen=True)
+    short.__module__ = settings.__module__  # where tyro looks for the comments beside the fields
     try:
         parse(short, words, verb, description)
     except SystemExit as finished:

@@ -41,28 +41,20 @@ NO_BROWSER = "this machine has no browser; open the address in one that reaches 
 class CommandOptions:
     """One command, and targets of the hands."""
 
-    gait: str | None = None
-    """Gait; by default walking if a velocity is given, otherwise standing."""
-    v_x: float | None = None
-    """Forward velocity [m/s]."""
-    v_y: float | None = None
-    """Velocity to the left [m/s]."""
-    omega: float | None = None
-    """Yaw rate [rad/s]."""
-    f: float | None = None
-    """Stride frequency [Hz]."""
+    gait: str | None = None  # Gait; by default walking if a velocity is given, otherwise standing
+    v_x: float | None = None  # Forward velocity [m/s]
+    v_y: float | None = None  # Velocity to the left [m/s]
+    omega: float | None = None  # Yaw rate [rad/s]
+    f: float | None = None  # Stride frequency [Hz]
     l: float | None = None  # noqa: E741  the paper's symbol
-    """Swing height [m]."""
-    h: float | None = None
-    """Pelvis height relative to nominal [m]."""
-    p: float | None = None
-    """Pelvis pitch [rad]."""
-    w: float | None = None
-    """Waist yaw [rad]."""
+    """Swing height [m]"""
+    h: float | None = None  # Pelvis height relative to nominal [m]
+    p: float | None = None  # Pelvis pitch [rad]
+    w: float | None = None  # Waist yaw [rad]
+    # Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`
     left_hand: tuple[float, float, float] | None = None
-    """Target of the left hand in the pelvis frame, x y z [m]; with `--right-hand`."""
+    # Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`
     right_hand: tuple[float, float, float] | None = None
-    """Target of the right hand in the pelvis frame, x y z [m]; with `--left-hand`."""
 
     @property
     def given(self) -> dict[str, Any]:
@@ -74,41 +66,29 @@ class CommandOptions:
 class PageOptions:
     """The live page."""
 
-    host: str = "127.0.0.1"
-    """Host on which to serve it."""
-    port: int = 0
-    """Its port; 0 for any free port."""
-    expose: bool = False
-    """Allow a host that other machines can reach. They can then drive the robot."""
+    host: str = "127.0.0.1"  # Host on which to serve it
+    port: int = 0  # Its port; 0 for any free port
+    expose: bool = False  # Allow a host that other machines can reach. They can then drive the robot.
+    # Folder for what is recorded on it: a script and a replay of each record
     out: pathlib.Path = pathlib.Path("out/play")
-    """Folder for what is recorded on it: a script and a replay of each record."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PlayOptions:
     """Drive a robot from a page in the browser, or watch a command, script, task or motion; Ctrl-C stops."""
 
-    controller: str = "learned"
-    """learned, qp, hold, a plug-in's name, FILE.py:NAME, or a policy's or contract's path."""
-    policy: str | None = None
-    """Shipped policy or path of one, for learned; path of a network, for a contract."""
-    script: str | None = None
-    """Play a script or behaviour: name of a shipped one, a script (.yaml), or FILE.py:NAME."""
-    task: str | None = None
-    """Do a task of the suite, in its scene, such as press_button (docs/tasks.md)."""
-    motion: pathlib.Path | None = None
-    """Move the arms by a file (.npz, .csv), or the whole body by a clip (.bvh)."""
-    listen: int | None = None
-    """Follow another program's messages on this UDP port of this machine; 0 for any."""
-    scene: str | None = None
-    """Objects around the robot: name of a shipped scene, or a file (.yaml)."""
-    seed: int = 0
-    """Seed of the sensors' errors, and of what varies in the scene."""
-    duration: float | None = None
-    """Stop after this time [s]; by default at the end of the script, or on Ctrl-C."""
+    controller: str = "learned"  # learned, qp, hold, a plug-in's name, FILE.py:NAME, or a policy's or contract's path
+    policy: str | None = None  # Shipped policy or path of one, for learned; path of a network, for a contract
+    script: str | None = None  # Play a script or behaviour: name of a shipped one, a script (.yaml), or FILE.py:NAME
+    task: str | None = None  # Do a task of the suite, in its scene, such as press_button (docs/tasks.md)
+    motion: pathlib.Path | None = None  # Move the arms by a file (.npz, .csv), or the whole body by a clip (.bvh)
+    listen: int | None = None  # Follow another program's messages on this UDP port of this machine; 0 for any
+    scene: str | None = None  # Objects around the robot: name of a shipped scene, or a file (.yaml)
+    seed: int = 0  # Seed of the sensors' errors, and of what varies in the scene
+    duration: float | None = None  # Stop after this time [s]; by default at the end of the script, or on Ctrl-C
+    # live: drive from the live page (extra [live]); meshcat: watch; none: run as fast as possible. auto: live if
+    # nothing else commands the robot, otherwise meshcat.
     viewer: Literal["auto", "live", "meshcat", "none"] = "auto"
-    """live: drive from the live page (extra [live]); meshcat: watch; none: run as fast as possible. auto: live if
-    nothing else commands the robot, otherwise meshcat."""
     command: tyro.conf.OmitArgPrefixes[CommandOptions] = dataclasses.field(default_factory=CommandOptions)
     page: tyro.conf.OmitArgPrefixes[PageOptions] = dataclasses.field(default_factory=PageOptions)
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)

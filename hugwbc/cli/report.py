@@ -15,30 +15,24 @@ from hugwbc.seeds import REPORT_SEED
 class ReportOptions:
     """Run all experiments with each controller and write the results together with the paper's figures."""
 
+    # quick: few episodes, about 8 minutes on two cores. full: the paper's sizes; on two cores hours for a policy, days
+    # for qp.
     profile: Literal["quick", "full"] = "quick"
-    """quick: few episodes, about 8 minutes on two cores. full: the paper's sizes; on two
-    cores hours for a policy, days for qp."""
+    # Controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine or
+    # unitree-h1=motion.pt; the first two are compared with each other
     controllers: tuple[str, ...] = ("learned", "qp")
-    """Controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine or
-    unitree-h1=motion.pt; the first two are compared with each other."""
+    # Further policies, by name or path, that take part only in the experiments of intervention: the paper's ablation of
+    # what moved the arms in training, which a policy's file names. By default the shipped policies of each training
+    # that --controllers has no policy of.
     ablation: tuple[str, ...] | None = None
-    """Further policies, by name or path, that take part only in the experiments of intervention: the paper's ablation
-    of what moved the arms in training, which a policy's file names. By default the shipped policies of each training
-    that --controllers has no policy of."""
-    experiments: tuple[str, ...] = ()
-    """Run only these experiments; by default all."""
-    seed: int = REPORT_SEED
-    """Seed of all experiments."""
-    workers: int = 2
-    """Number of processes that share the episodes."""
-    cluster: str | None = None
-    """Address of a Dask scheduler that runs the episodes instead. Needs the extra [cluster]."""
+    experiments: tuple[str, ...] = ()  # Run only these experiments; by default all
+    seed: int = REPORT_SEED  # Seed of all experiments
+    workers: int = 2  # Number of processes that share the episodes
+    cluster: str | None = None  # Address of a Dask scheduler that runs the episodes instead. Needs the extra [cluster].
+    # Folder in which finished episodes are stored; those already stored are not run again
     results: pathlib.Path = DEFAULT_FOLDER
-    """Folder in which finished episodes are stored; those already stored are not run again."""
-    fresh: bool = False
-    """Run all episodes again; the new rows take the place of the stored ones."""
-    out: pathlib.Path = pathlib.Path("out/report")
-    """Folder for report.html, report.md and figures.csv."""
+    fresh: bool = False  # Run all episodes again; the new rows take the place of the stored ones
+    out: pathlib.Path = pathlib.Path("out/report")  # Folder for report.html, report.md and figures.csv
 
 
 def run(words: Sequence[str]) -> int:

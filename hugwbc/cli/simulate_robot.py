@@ -26,31 +26,23 @@ STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 class SimulateRobotOptions:
     """Simulate an H1 that is read and driven by messages alone, on this machine; Ctrl-C stops."""
 
-    net: str = LOOPBACK
-    """Network interface; only lo, because on a real network it would answer for a real robot."""
-    domain: int = 1
-    """DDS domain."""
+    net: str = LOOPBACK  # Network interface; only lo, because on a real network it would answer for a real robot
+    domain: int = 1  # DDS domain
+    # How it starts: hoist (lifted off the ground), ground (on its feet, held by the hoist), or free (without a hoist,
+    # so that it collapses)
     start: str = "hoist"
-    """How it starts: hoist (lifted off the ground), ground (on its feet, held by the hoist), or free (without a hoist,
-    so that it collapses)."""
+    # What its remote control and its hoist do, and when, from the first sound command on [s]: "1 Start, 4 lower, 7 A, 8
+    # release, 9 ly=0.5, 30 Select"
     schedule: str = ""
-    """What its remote control and its hoist do, and when, from the first sound command on [s]:
-    "1 Start, 4 lower, 7 A, 8 release, 9 ly=0.5, 30 Select"."""
+    # Stand among the objects of this task (docs/tasks.md), and say at the end whether it was done: a task of the suite,
+    # or the path of a Python file with one
     task: str | None = None
-    """Stand among the objects of this task (docs/tasks.md), and say at the end whether it was done: a task of the
-    suite, or the path of a Python file with one."""
-    scene: str | None = None
-    """Stand among the objects of this scene file (docs/scenes.md)."""
-    mode: str = ""
-    """Motion mode that is active at first, such as normal; commands are refused until it is released."""
-    slower: float = 1.0
-    """How many times slower than the wall clock it runs."""
-    lockstep: bool = False
-    """Wait for the answer to each state, from `hugwbc deploy --lockstep`."""
-    duration: float | None = None
-    """End after this time [s]; by default on Ctrl-C."""
-    seed: int = 0
-    """Seed of the sensors' errors, of the packets' fates and of the objects."""
+    scene: str | None = None  # Stand among the objects of this scene file (docs/scenes.md)
+    mode: str = ""  # Motion mode that is active at first, such as normal; commands are refused until it is released
+    slower: float = 1.0  # How many times slower than the wall clock it runs
+    lockstep: bool = False  # Wait for the answer to each state, from `hugwbc deploy --lockstep`
+    duration: float | None = None  # End after this time [s]; by default on Ctrl-C
+    seed: int = 0  # Seed of the sensors' errors, of the packets' fates and of the objects
     radio: tyro.conf.OmitArgPrefixes[Radio] = dataclasses.field(default_factory=Radio)
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
 

@@ -22,18 +22,17 @@ class TasksOptions:
     `hugwbc play --task NAME` shows a task, `hugwbc evaluate tasks` gives success rates.
     """
 
+    # Names of tasks, or Python files with tasks of your own; all of the suite by default
     task: tuple[str, ...] = TASK_NAMES
-    """Names of tasks, or Python files with tasks of your own; all of the suite by default."""
+    # New folder for a data set in the layout of LeRobot v3 (docs/demonstrations.md). Needs the extra [record].
     record: pathlib.Path | None = None
-    """New folder for a data set in the layout of LeRobot v3 (docs/demonstrations.md). Needs the extra [record]."""
+    # With `--record`: learned, qp, a plug-in's name, FILE.py:NAME, or the path of a policy or contract
     controller: str = "learned"
-    """With `--record`: learned, qp, a plug-in's name, FILE.py:NAME, or the path of a policy or contract."""
+    # Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy
     policy: str | None = None
-    """Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy."""
-    episodes: int = 10
-    """With `--record`: number of episodes of each task."""
+    episodes: int = 10  # With `--record`: number of episodes of each task
+    # With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on
     seed: int = 0
-    """With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on."""
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
 
 

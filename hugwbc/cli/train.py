@@ -28,14 +28,10 @@ With --processes N, N processes on this machine train as one, each with --env.co
 class RecipeOptions:
     """Make a policy by a recipe, or continue its run; Ctrl-C stops, and the same command continues."""
 
-    recipe: str
-    """Name of a shipped recipe, or path of a recipe file that ends in .yaml."""
-    out: pathlib.Path | None = None
-    """Folder of the run; runs/NAME by default."""
-    smoke: bool = False
-    """Divide every size, to see in a minute that all of it runs."""
-    workers: int = 1
-    """Processes that share the episodes of a calibration."""
+    recipe: str  # Name of a shipped recipe, or path of a recipe file that ends in .yaml
+    out: pathlib.Path | None = None  # Folder of the run; runs/NAME by default
+    smoke: bool = False  # Divide every size, to see in a minute that all of it runs
+    workers: int = 1  # Processes that share the episodes of a calibration
 
 
 def run(words: Sequence[str]) -> int:
