@@ -54,20 +54,8 @@ def check_arena() -> str:
     return f"{parts}, version {arena.version}; engines {', '.join(engines)}"
 
 
-def check_masses() -> str:
-    """Check that the MuJoCo and the URDF model have the same mass."""
-    from hugwbc.kinematics import pinocchio_model
-    from hugwbc.sim import Simulation
-
-    urdf = sum(inertia.mass for inertia in pinocchio_model().inertias)
-    mjcf = float(Simulation().model.body_mass.sum())
-    if abs(urdf - mjcf) > 1e-6:
-        raise CheckError(f"h1.urdf weighs {urdf:.6f} kg, h1.xml {mjcf:.6f} kg; restore both from the repository")
-    return f"h1.xml and h1.urdf weigh {mjcf:.2f} kg"
-
-
 def check_agreement() -> str:
-    """Check that the MuJoCo and the URDF model agree on the mass matrix and the hands' positions in random states."""
+    """Check that the MuJoCo and the URDF model agree on masses, and on the hands' positions in random states."""
     import mujoco
     import pinocchio as pin
 
@@ -76,7 +64,8 @@ def check_agreement() -> str:
     from hugwbc.sim import Simulation
 
     simulation, kinematics, rng = Simulation(), Kinematics(), np.random.default_rng(0)
-    worst = 0.0
+    mass = float(simulation.model.body_mass.sum())
+    worst = abs(sum(inertia.mass for inertia in kinematics.model.inertias) - mass)
     for _ in range(SAMPLES):
         q = rng.uniform(simulation.robot.lower, simulation.robot.upper)
         state = simulation.reset(xy=(1.0, -2.0), yaw=float(rng.uniform(-3.0, 3.0)), q=q)
@@ -90,8 +79,8 @@ def check_agreement() -> str:
         hands = [kinematics.position(f"{s}_hand") - simulation.hand_position(s) for s in SIDES]
         worst = max(worst, np.abs(joints - inertia[np.ix_(columns, columns)]).max(), np.abs(hands).max())
     if worst > 1e-6:
-        raise CheckError(f"h1.xml and h1.urdf differ by up to {worst:.2g} in mass matrix or hand position")
-    return f"h1.xml and h1.urdf agree to {worst:.1e} on {SAMPLES} random states"
+        raise CheckError(f"h1.xml and h1.urdf differ by up to {worst:.2g} in mass, mass matrix or hand position")
+    return f"h1.xml and h1.urdf weigh {mass:.2f} kg, and agree to {worst:.1e} on {SAMPLES} random states"
 
 
 def check_standing() -> str:
@@ -158,7 +147,6 @@ def check_environment() -> str:
 CHECKS: dict[str, Callable[[], str]] = {
     "versions": check_versions,
     "arenas": check_arena,
-    "masses": check_masses,
     "models": check_agreement,
     "controller qp": check_standing,
     "policies": check_policies,
