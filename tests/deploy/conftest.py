@@ -40,3 +40,9 @@ def pilot() -> Pilot:
 def free_domain() -> int:
     """A DDS domain that no other process of the tests uses at the same time."""
     return 100 + os.getpid() % 100
+
+
+@pytest.fixture
+def jumping_pilot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pilots that know of no gaps, for a recording's jump of the clock."""
+    monkeypatch.setattr("hugwbc.deploy.pilot.Pilot._fault", lambda self, message: self._watch.fault(message))

@@ -1,6 +1,7 @@
 """A robot that stands, as messages, and a simulated robot with its robot side in one process, for tests."""
 
 import dataclasses
+import pathlib
 from collections.abc import Callable
 
 import numpy as np
@@ -90,6 +91,32 @@ def bring_to(mode: Mode, pilot: Pilot, standing: Standing) -> None:
     if mode is Mode.DAMPING:
         pilot.observe(standing.next(), [Request.STOP])
     assert pilot.mode is mode
+
+
+class RecordedSide:
+    """A robot side whose states are told, recorded from its first state on; its controller runs with the next one."""
+
+    def __init__(self, path: pathlib.Path, standing: Standing, source: CommandSource | None = None) -> None:
+        self.robot_end, end = local_pair()
+        self.told: list[str] = []
+        self.recorder = Recorder(path, {"controller": "test"})
+        self.side = RobotSide(make_pilot(source=source), H1, end, Settings(), self.recorder, self.told.append)
+        self.standing, self.now = standing, 10.0
+        self.slot()
+        self.side.ask(Request.START)
+        self.slot()
+        standing.tick += 5100  # a jump of the clock instead of five seconds of states
+        for _ in range(30):
+            self.slot()
+        self.side.ask(Request.RUN)
+
+    def slot(self, raw: bytes | None = None) -> None:
+        self.now += 0.002
+        raw = self.standing.raw() if raw is None else raw
+        state = self.side.accept(raw, self.now)
+        if state is not None:
+            self.side.handle(raw, state, self.now)
+        self.side.publish(self.now)
 
 
 class Pair:

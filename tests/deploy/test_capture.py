@@ -5,16 +5,14 @@ import pathlib
 
 import numpy as np
 import pytest
-from deploy_bench import Standing, bring_to, make_pilot
+from deploy_bench import RecordedSide, Standing, bring_to, make_pilot
 from local_endpoint import local_pair
 
 from hugwbc import Command, Gait, load_robot
 from hugwbc.deploy import recording
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, CapturedWorld, grips_of, text_of_grips
 from hugwbc.deploy.messages import Messages
-from hugwbc.deploy.recording import Recorder, Recording, replay
-from hugwbc.deploy.remote import Request
-from hugwbc.deploy.robot_side import RobotSide, Settings
+from hugwbc.deploy.recording import Recording, replay
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import Mode
 from hugwbc.errors import CaptureError
@@ -149,45 +147,22 @@ def test_a_behaviour_sees_what_was_captured(standing: Standing) -> None:
 
 
 def test_a_run_among_objects_is_replayed_bit_for_bit(
-    tmp_path: pathlib.Path, standing: Standing, monkeypatch: pytest.MonkeyPatch
+    tmp_path: pathlib.Path, standing: Standing, jumping_pilot: None
 ) -> None:
-    # A jump of the clock stands for five seconds of states.
-    monkeypatch.setattr("hugwbc.deploy.pilot.Pilot._fault", lambda self, message: self._watch.fault(message))
-    recorder = Recorder(tmp_path / "run.bin", {"controller": "test"})
-    robot_end, end = local_pair()
-    robot_end.texts(GRIPS)
-    told: list[str] = []
-    pilot = make_pilot(source=Looker())
-    side = RobotSide(pilot, H1, end, Settings(), recorder, tell=told.append)
-    now = 10.0
-
-    def slot() -> None:
-        nonlocal now
-        now += 0.002
-        raw = standing.raw()
-        state = side.accept(raw, now)
-        assert state is not None
-        side.handle(raw, state, now)
-
-    slot()
-    side.ask(Request.START)
-    slot()
-    standing.tick += 5100
-    for _ in range(30):
-        slot()
-    side.ask(Request.RUN)
+    source, again = Looker(), Looker()
+    run = RecordedSide(tmp_path / "run.bin", standing, source)
+    run.robot_end.texts(GRIPS)
     for index in range(20):
-        robot_end.publish(OBJECTS, json.dumps(SOUND | {"tick": standing.tick}))
+        run.robot_end.publish(OBJECTS, json.dumps(SOUND | {"tick": standing.tick}))
         if index == 3:
-            robot_end.publish(OBJECTS, "nonsense")
-        slot()
-    recorder.close()
-    assert pilot.mode is Mode.RUN and side.unseen == 1 and len(told) == 1
-    assert [grips_of(text) for text in robot_end.texts(GRIPS)] == [Looker.grips] * 20
+            run.robot_end.publish(OBJECTS, "nonsense")
+        run.slot()
+    run.recorder.close()
+    assert run.side.pilot.mode is Mode.RUN and run.side.unseen == 1 and len(run.told) == 1
+    assert [grips_of(text) for text in run.robot_end.texts(GRIPS)] == [Looker.grips] * 20
     file = Recording(tmp_path / "run.bin")
     assert sum(entry.kind == recording.SEEN for entry in file.entries()) == 20
-    again = Looker()
     result = replay(file, make_pilot(source=again), Messages(H1), 0.0)
     assert result.different == 0 and result.states == 52
-    np.testing.assert_array_equal(again.views[-1].state.position, pilot._control._source.views[-1].state.position)
+    np.testing.assert_array_equal(again.views[-1].state.position, source.views[-1].state.position)
     np.testing.assert_array_equal(again.views[-1].objects["parcel"].position, POSE[:3])

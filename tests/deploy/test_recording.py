@@ -5,15 +5,12 @@ import pathlib
 import zlib
 
 import pytest
-from deploy_bench import Standing, make_pilot
-from local_endpoint import local_pair
+from deploy_bench import RecordedSide, Standing, make_pilot
 
 from hugwbc import load_robot
 from hugwbc.deploy import recording
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.recording import Recorder, Recording, replay
-from hugwbc.deploy.remote import Request
-from hugwbc.deploy.robot_side import RobotSide, Settings
 from hugwbc.deploy.state_machine import Mode
 from hugwbc.errors import ResultFileError
 
@@ -22,44 +19,18 @@ H1 = load_robot()
 
 def record_a_run(path: pathlib.Path, standing: Standing, *, fault: bool = False) -> None:
     """Record a short deployment with requests by the keyboard and, if asked for, a fault."""
-    recorder = Recorder(path, {"controller": "test"})
-    _, end = local_pair()
-    side = RobotSide(make_pilot(), H1, end, Settings(), recorder)
-    now = 10.0
-
-    def slot(raw: bytes) -> None:
-        nonlocal now
-        now += 0.002
-        state = side.accept(raw, now)
-        if state is not None:
-            side.handle(raw, state, now)
-        side.publish(now)
-
-    slot(standing.raw())
-    side.ask(Request.START)
-    slot(standing.raw())
-    standing.tick += 5100
-    side.pilot._last_time = None  # a jump of the clock instead of five seconds of states
-    for _ in range(30):
-        slot(standing.raw())
-    side.ask(Request.RUN)
+    run = RecordedSide(path, standing)
     for _ in range(50):
-        slot(standing.raw())
-    assert side.pilot.mode is Mode.RUN
-    slot(b"torn")
+        run.slot()
+    assert run.side.pilot.mode is Mode.RUN
+    run.slot(b"torn")
     if fault:
-        now += 0.03
-        side.publish(now)
-        slot(standing.raw())
-        assert side.pilot.mode is Mode.DAMPING
-    recorder.close()
-    assert recorder.failure is None
-
-
-@pytest.fixture
-def jumping_pilot(monkeypatch):
-    """Pilots that know of no gaps, for the recording's jump of the clock."""
-    monkeypatch.setattr("hugwbc.deploy.pilot.Pilot._fault", lambda self, message: self._watch.fault(message))
+        run.now += 0.03
+        run.side.publish(run.now)
+        run.slot()
+        assert run.side.pilot.mode is Mode.DAMPING
+    run.recorder.close()
+    assert run.recorder.failure is None
 
 
 @pytest.mark.parametrize("fault", [False, True])
