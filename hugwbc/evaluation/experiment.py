@@ -3,7 +3,7 @@
 import dataclasses
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import polars as pl
 
@@ -14,9 +14,7 @@ from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.store import Store, controller_digest
 from hugwbc.runtime.controllers import ControllerSpec
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz.plots import Panel
 
 S = TypeVar("S", bound=Settings)
 Measured = tuple[str, Any, pl.DataFrame]
@@ -41,7 +39,7 @@ class Section(Generic[S]):
     text: str
     quick: Callable[[], Sequence[S]]
     full: Callable[[], Sequence[S]]
-    pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence["Panel"]] = lambda measured, controllers: ()
+    pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence[Panel]] = lambda measured, controllers: ()
     unavailable: Callable[[], str] = lambda: ""
     ablation: bool = False
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -18,9 +17,8 @@ from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import NotNegative, Positive, settings
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz import charts
+from hugwbc.viz.plots import Panel
 
 _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
 _SHOWN_S = 2.0  # [s] of a gait diagram
@@ -96,10 +94,8 @@ def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
     return [*found, falls_figure(table, rows["fell"])]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return contacts and clock of the first episode of each gait and controller."""
-    from hugwbc.viz import charts  # loads matplotlib
-
     drawn = []
     for controller, _, rows in measured:
         row = rows.row(0, named=True)

@@ -9,7 +9,7 @@ every force.
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import polars as pl
@@ -26,9 +26,8 @@ from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.survival import SurvivalSearch
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Force
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz import charts
+from hugwbc.viz.plots import Panel
 
 DIRECTIONS = tuple(range(0, 360, 45))  # [deg] of the force, counted from the robot's front to its left
 KINDS = {"constant": None, "second": 1.0}  # how long the force acts [s]
@@ -125,10 +124,8 @@ def figures(settings: DisturbanceSettings, rows: pl.DataFrame) -> list[Figure]:
     ]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return the tolerated force over direction, for each kind of force."""
-    from hugwbc.viz import charts  # loads matplotlib
-
     found = {name: searches(chosen, rows.to_dicts()) for name, chosen, rows in measured}
     angles = [math.radians(direction) for direction in DIRECTIONS]
     # Controllers without a result keep their place, so that the colours are the same on the whole page.

@@ -6,7 +6,6 @@ and the time of a call. The times depend on this machine and its load; the other
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -24,9 +23,8 @@ from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import settings
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz import charts
+from hugwbc.viz.plots import Panel
 
 # The columns of a row as figures: name, unit, and factor to that unit.
 COLUMNS = {
@@ -117,10 +115,8 @@ def figures(settings: EffortSettings, rows: pl.DataFrame) -> list[Figure]:
     return found
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return the cost of transport over the executed speed, for each gait that moves."""
-    from hugwbc.viz import charts  # loads matplotlib
-
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
         series = {name: (np.zeros(0), np.zeros(0)) for name in controllers}

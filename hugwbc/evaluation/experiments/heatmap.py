@@ -9,7 +9,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import polars as pl
@@ -24,9 +24,8 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import settings
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz import charts
+from hugwbc.viz.plots import Panel
 
 ORTHOGONAL = 1.5  # times the single-command error
 
@@ -154,10 +153,8 @@ def figures(settings: HeatmapSettings, rows: pl.DataFrame) -> list[Figure]:
     return [*found, falls_figure(table, rows["fell"]), *pairs]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return the maps of all pairs relative to the errors alone, for each gait and controller."""
-    from hugwbc.viz import charts  # loads matplotlib
-
     drawn = []
     for name, chosen, rows in measured:
         single = alone(chosen, rows)

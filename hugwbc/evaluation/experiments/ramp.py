@@ -6,7 +6,6 @@ Each run uses another robot: ground friction, payload and joint gains are drawn 
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -23,9 +22,8 @@ from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.settings import Count, NotNegative, Positive, settings
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz import charts
+from hugwbc.viz.plots import Panel
 
 RAMPED = ("p", "w")
 _START, _APPROACH = 1.0, 2.0  # [s] at the default command, and from there to the minimum
@@ -108,10 +106,8 @@ def figures(settings: RampSettings, rows: pl.DataFrame) -> list[Figure]:
     return found
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return measured over commanded value, averaged over the runs, for each gait and command."""
-    from hugwbc.viz import charts  # loads matplotlib
-
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
         for command in RAMPED:

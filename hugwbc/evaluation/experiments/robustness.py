@@ -8,7 +8,6 @@ cost of the difference.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -22,9 +21,8 @@ from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import ERROR_NAMES
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import Count, settings
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz import charts
+from hugwbc.viz.plots import Panel
 
 NOMINAL = "nominal"
 # Fields of Conditions, and the values of each.
@@ -107,10 +105,8 @@ def figures(settings: RobustnessSettings, rows: pl.DataFrame) -> list[Figure]:
     return [*errors[1:], *falls]
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return the relative error over the value of each factor, for each gait."""
-    from hugwbc.viz import charts  # loads matplotlib
-
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
         found = {name: ratios(rows) for name, chosen, rows in measured if chosen.gait == gait}
