@@ -6,7 +6,7 @@ that plays well and deploys badly: are slow commands ignored, does it drift at z
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import polars as pl
@@ -23,9 +23,8 @@ from hugwbc.evaluation.intervals import known, single
 from hugwbc.evaluation.metrics import executed_means
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import settings
-
-if TYPE_CHECKING:
-    from hugwbc.viz.plots import Panel
+from hugwbc.viz import charts
+from hugwbc.viz.plots import Panel
 
 SLOW = (0.1, 0.2)  # [m/s], [rad/s], in both directions: velocities that are often ignored
 IDEAL = {"drives": "ideal", "sensing": "exact"}
@@ -42,15 +41,12 @@ CONDITIONS = {
 
 @settings(kw_only=True)
 class ResponseSettings(Settings):
-    """Settings of response, in addition to `Settings`.
+    """Settings of response, in addition to `Settings`."""
 
-    Attributes:
-        points: values of each command, spread evenly over its range; velocities also take 0 and 0.1 and 0.2 both ways.
-        apart: repeat it with ideal drives and sensors, to which real drives, the robot's sensors, a latency of 20 ms, a
-            friction of 0.4 and 5 kg on the torso are added one at a time.
-    """
-
+    # values of each command, spread evenly over its range; velocities also take 0 and 0.1 and 0.2 both ways
     points: Annotated[int, Field(ge=2)] = 5
+    # repeat it with ideal drives and sensors, to which real drives, the robot's sensors, a latency of 20 ms, a friction
+    # of 0.4 and 5 kg on the torso are added one at a time
     apart: bool = False
 
 
@@ -115,10 +111,8 @@ def figures(settings: ResponseSettings, rows: pl.DataFrame) -> list[Figure]:
     return found
 
 
-def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list["Panel"]:
+def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return executed over commanded value for each gait and command."""
-    from hugwbc.viz import charts  # loads matplotlib
-
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
         mine = [(name, rows) for name, chosen, rows in measured if chosen.gait == gait]
