@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 class BenchOptions(BenchSettings):
     """Measure training, controllers, hand IK (with mink and pink for comparison) and the hands' reachable workspace."""
 
-    json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output
-    profile: bool = False  # Print only where the time of an episode goes, by room, for both controllers
+    json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.
+    profile: bool = False  # Print only where the time of an episode goes, by room, for both controllers.
 
 
 def run(words: Sequence[str]) -> int:
