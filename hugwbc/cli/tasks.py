@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import pathlib
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 
 import tyro
@@ -13,6 +14,7 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, load_task
+from hugwbc.viz.cameras import SIZE, check_cameras, render_films
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +35,8 @@ class TasksOptions:
     episodes: int = 10  # With `--record`: number of episodes of each task
     # With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on
     seed: int = 0
+    # With `--record`: films of 224 x 224 pixels that are recorded too: head, front
+    cameras: tuple[str, ...] = ()
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
 
 
@@ -82,6 +86,7 @@ def _said(words: Callable[[], str]) -> Iterator[None]:
 
 
 def _record(options: TasksOptions, folder: pathlib.Path) -> None:
+    check_cameras(options.cameras)
     try:
         from hugwbc.tasks.demonstration import FPS, demonstrate
         from hugwbc.tasks.lerobot_dataset import DatasetWriter
@@ -92,7 +97,8 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     with (
         _said(lambda: f"wrote {done} of {total} episodes to {folder}" if folder.is_dir() else "nothing was written"),
         output_folder(folder.absolute().parent),
-        DatasetWriter(folder, tasks, load_robot(arena.robot)) as writer,
+        DatasetWriter(folder, tasks, load_robot(arena.robot), dict.fromkeys(options.cameras, SIZE)) as writer,
+        tempfile.TemporaryDirectory() as films,
         progress(f"{options.controller}, recording: {total} episodes") as advance,
     ):
         controller = ControllerSpec(options.controller, options.policy).told(arena).build()
@@ -104,7 +110,11 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
             for seed in range(options.seed, options.seed + options.episodes):
                 simulation = arena.simulation(seed=seed, scene=task.scene)
                 episode = demonstrate(task, controller, simulation, seed=seed, on_progress=on_progress)
-                writer.add(episode)
+                images = {}
+                if options.cameras:
+                    found = render_films(simulation.model, episode.qpos, options.cameras, FPS, pathlib.Path(films))
+                    images = {name: (pathlib.Path(films) / f"{name}.mp4", of_it) for name, of_it in found.items()}
+                writer.add(episode, images)
                 done += 1
                 verdict = episode.verdict
                 words = "done" if verdict.success else f"not done: {verdict.reason}"

@@ -119,6 +119,7 @@ class Demonstration:
         objects: poses of the bodies of the scene as they were seen: position [m] and quaternion (w, x, y, z), in the
             order of `Scene.body_names`, shape (T, bodies, 7).
         action: the requests, shape (T, names of `ACTION_NAMES`).
+        qpos: true positions of all joints of the simulation, from which cameras are rendered, shape (T, model.nq).
         steps: what the robot was at, in the words of the behaviour, one for each frame.
         verdict: whether the task was done, from the true states.
     """
@@ -130,6 +131,7 @@ class Demonstration:
     state: np.ndarray
     objects: np.ndarray
     action: np.ndarray
+    qpos: np.ndarray
     steps: tuple[str, ...]
     verdict: Verdict
 
@@ -153,7 +155,7 @@ def demonstrate(
         seed: that of the simulation, to be noted.
         on_progress: called with the fraction of the time limit.
     """
-    watch = _Watch()
+    watch = _Watch(simulation)
 
     def watched(view: View, shapes: Shapes) -> Course:
         return watch.course(task.behaviour(view, shapes), view)
@@ -171,6 +173,7 @@ def demonstrate(
         state=np.array(watch.states[:count]).reshape(count, -1),
         objects=np.array(watch.objects[:count]).reshape(count, bodies, 7),
         action=np.array(watch.actions).reshape(count, len(ACTION_NAMES)),
+        qpos=np.array(watch.positions[:count]).reshape(count, -1),
         steps=tuple(watch.steps[:count]),
         verdict=run.verdict,
     )
@@ -182,7 +185,9 @@ class _Watch:
     A command reaches the robot softened, so each action is taken from the next view, which says what was carried out.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self.positions: list[np.ndarray] = []
         self.states: list[np.ndarray] = []
         self.objects: list[np.ndarray] = []
         self.actions: list[np.ndarray] = []
@@ -219,4 +224,5 @@ class _Watch:
         self.states.append(state_vector(view))
         poses = [np.concatenate((thing.position, thing.orientation)) for thing in view.objects.values()]
         self.objects.append(np.array(poses))
+        self.positions.append(self._simulation.data.qpos.copy())
         self.steps.append(doing)

@@ -7,6 +7,7 @@ FOLDER/
   meta/subtasks.parquet                           the steps of the behaviours, in words
   meta/episodes/chunk-000/file-000.parquet        a row for each episode: its frames, its verdict, its statistics
   data/chunk-000/file-000.parquet                 a row for each frame of the first episode, and so on
+  videos/observation.images.head/chunk-000/file-000.mp4   what a camera saw in the first episode, and so on
 """
 
 import json
@@ -33,17 +34,28 @@ _FILES_IN_CHUNK = 1000
 _FILE_SIZE = 100  # [MB], which readers expect to be told; a file has one episode
 _PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _DATA, _EPISODES = f"data/{_PLACE}", f"meta/episodes/{_PLACE}"
+_VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _ARROW = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
 _COUNTED = ("frame_index", "episode_index", "index", "task_index", "subtask_index")
 Stats = dict[str, list[float] | list[int]]
+Film = tuple[pathlib.Path, Mapping[str, Any]]
+"""A film with a picture for each frame of an episode; "min", "max", "mean" and "std" of its channels, from 0 to 1, and
+"count", the pictures that these are of."""
 
 
-def features_of(tasks: Sequence[Task], robot: Robot) -> dict[str, dict[str, Any]]:
+def features_of(
+    tasks: Sequence[Task], robot: Robot, images: Mapping[str, int] | None = None
+) -> dict[str, dict[str, Any]]:
     """Return the columns of the frames: type, shape and the names of their numbers.
 
     A body has the same seven numbers in all episodes of a task. Where several tasks are in one data set, they share the
     numbers: body k of each of them is `object_k`, and unused ones are 0.
+
+    Args:
+        tasks: the tasks.
+        robot: the robot.
+        images: height and width of the films by camera [pixels]; they are not columns, but files of their own.
     """
     scenes = [task.scene.body_names for task in tasks]
     most = max(len(bodies) for bodies in scenes)
@@ -58,6 +70,18 @@ def features_of(tasks: Sequence[Task], robot: Robot) -> dict[str, dict[str, Any]
         **{key: {"dtype": "bool", "shape": [1], "names": None} for key in ("next.done", "next.success")},
         "timestamp": {"dtype": "float32", "shape": [1], "names": None},
         **{key: {"dtype": "int64", "shape": [1], "names": None} for key in _COUNTED},
+        **{f"observation.images.{name}": _video_feature(size) for name, size in (images or {}).items()},
+    }
+
+
+def _video_feature(size: int) -> dict[str, Any]:
+    info = {"height": size, "width": size, "channels": 3, "codec": "h264", "pix_fmt": "yuv420p", "fps": FPS}
+    info |= {"is_depth_map": False}
+    return {
+        "dtype": "video",
+        "shape": [size, size, 3],
+        "names": ["height", "width", "channels"],
+        "info": {**{f"video.{name}": value for name, value in info.items()}, "has_audio": False},
     }
 
 
@@ -68,13 +92,16 @@ class DatasetWriter:
     An error or Ctrl-C ends the data set after the last complete episode.
     """
 
-    def __init__(self, folder: str | pathlib.Path, tasks: Sequence[Task], robot: Robot) -> None:
+    def __init__(
+        self, folder: str | pathlib.Path, tasks: Sequence[Task], robot: Robot, images: Mapping[str, int] | None = None
+    ) -> None:
         """Prepare the columns.
 
         Args:
             folder: path of the new data set; it must not exist.
             tasks: tasks of which there will be episodes, at least one.
             robot: the robot.
+            images: height and width of the films of each episode by camera [pixels]; None for no films.
         """
         self.folder = pathlib.Path(folder).absolute()
         if os.path.lexists(self.folder):
@@ -82,10 +109,13 @@ class DatasetWriter:
         self._tasks = [task.name for task in tasks]
         self._abouts = [task.about for task in tasks]
         self._robot = robot
-        self._features = features_of(tasks, robot)
-        self._schema = pa.schema([(key, _arrow_type(feature)) for key, feature in self._features.items()])
+        self._features = features_of(tasks, robot, images)
+        columns = {key: feature for key, feature in self._features.items() if feature["dtype"] != "video"}
+        self._videos = [key for key in self._features if key not in columns]
+        self._schema = pa.schema([(key, _arrow_type(feature)) for key, feature in columns.items()])
         self._staging = self.folder.with_name(f".{self.folder.name}.{secrets.token_hex(4)}.partial")
         self._steps: dict[str, int] = {}
+        self._seen: dict[str, list[Mapping[str, Any]]] = {}
         self._episodes: list[dict[str, Any]] = []
         self._frames = 0
 
@@ -114,8 +144,13 @@ class DatasetWriter:
         if complete:
             self._name()
 
-    def add(self, episode: Demonstration) -> None:
-        """Write one episode."""
+    def add(self, episode: Demonstration, films: Mapping[str, Film] | None = None) -> None:
+        """Write one episode, and move its films to their places.
+
+        Args:
+            episode: the episode.
+            films: a film by camera, if the data set has images.
+        """
         if episode.task.name not in self._tasks or episode.robot != self._robot.name or not len(episode.state):
             raise ConfigError(
                 f"an episode of task '{episode.task.name}' with robot {episode.robot} and {len(episode.state)} frames "
@@ -127,6 +162,16 @@ class DatasetWriter:
         path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(pa.Table.from_arrays(arrays, schema=self._schema), path)
         count, verdict = len(episode.state), episode.verdict
+        videos: dict[str, Any] = {}
+        for key in self._videos:
+            film, statistics = (films or {})[key.rpartition(".")[2]]
+            target = self._staging / _VIDEO.format(video_key=key, **place)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.move(film, target)
+            videos |= {f"videos/{key}/{name}": value for name, value in place.items()}
+            videos |= {f"videos/{key}/from_timestamp": 0.0, f"videos/{key}/to_timestamp": count / FPS}
+            self._seen.setdefault(key, []).append(statistics)
+            videos |= {f"stats/{key}/{name}": value for name, value in _of_channels(statistics).items()}
         self._episodes.append(
             {
                 "episode_index": len(self._episodes),
@@ -145,6 +190,7 @@ class DatasetWriter:
                 "reason": verdict.reason,
                 "detail": verdict.detail,
                 **_flat(columns),
+                **videos,
             }
         )
         self._frames += count
@@ -180,7 +226,8 @@ class DatasetWriter:
         pq.write_table(pa.Table.from_pylist(self._episodes), path)
         _write_words(meta / "tasks.parquet", "task", self._abouts)
         _write_words(meta / "subtasks.parquet", "subtask", list(self._steps))
-        _write_json(meta / "stats.json", {key: _stats(self._whole(key)) for key in self._features})
+        numbers = {key: _stats(self._whole(key)) for key in self._schema.names}
+        _write_json(meta / "stats.json", numbers | self._image_stats())
         _write_json(meta / "info.json", self._info())
 
     def _name(self) -> None:
@@ -201,6 +248,19 @@ class DatasetWriter:
             return pc.list_flatten(column).to_numpy().reshape(len(column), -1)
         return column.to_numpy()
 
+    def _image_stats(self) -> dict[str, Any]:
+        """Return the statistics of the images of all episodes by camera."""
+        found = {}
+        for key, parts in self._seen.items():
+            counts = np.array([part["count"] for part in parts], dtype=float)[:, None]
+            low, high, mean, std = (np.array([part[name] for part in parts]) for name in ("min", "max", "mean", "std"))
+            whole = (counts * mean).sum(axis=0) / counts.sum()
+            square = (counts * (std**2 + mean**2)).sum(axis=0) / counts.sum()
+            spread = np.sqrt(np.maximum(square - whole**2, 0.0))
+            total = {"min": low.min(axis=0), "max": high.max(axis=0), "mean": whole, "std": spread}
+            found[key] = _of_channels({**total, "count": int(counts.sum())})
+        return found
+
     def _info(self) -> dict[str, Any]:
         return {
             "codebase_version": VERSION,
@@ -214,7 +274,7 @@ class DatasetWriter:
             "fps": FPS,
             "splits": {"train": f"0:{len(self._episodes)}"},
             "data_path": _DATA,
-            "video_path": None,
+            "video_path": _VIDEO if self._videos else None,
             "features": self._features,
         }
 
@@ -242,6 +302,12 @@ def _stats(values: np.ndarray) -> Stats:
     quantiles = np.quantile(rows, list(_QUANTILES.values()), axis=0)
     found |= dict(zip(_QUANTILES, quantiles, strict=True))
     return {**{name: value.tolist() for name, value in found.items()}, "count": [len(rows)]}
+
+
+def _of_channels(statistics: Mapping[str, Any]) -> dict[str, Any]:
+    """Return statistics of channels in the shape of images: (3, 1, 1)."""
+    shaped = {name: np.reshape(statistics[name], (3, 1, 1)).tolist() for name in ("min", "max", "mean", "std")}
+    return {**shaped, "count": [statistics["count"]]}
 
 
 def _flat(columns: Mapping[str, np.ndarray]) -> dict[str, Any]:

@@ -74,7 +74,7 @@ def write_video(
         # The log goes to a file: a driver that prints a lot would block on a pipe that nobody reads.
         with log.open("w", encoding="utf-8") as errors:
             process = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=_environment(), cwd=folder
+                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=renderer_environment(), cwd=folder
             )
         assert process.stdout is not None
         for line in process.stdout:
@@ -132,7 +132,7 @@ def _put(film: pathlib.Path, path: str | pathlib.Path) -> str | None:
     return None
 
 
-def _environment() -> dict[str, str]:
+def renderer_environment() -> dict[str, str]:
     """Return the renderer's environment: EGL on Linux without a display, unless the user has chosen another library."""
     environment = dict(os.environ)
     if sys.platform.startswith("linux") and "DISPLAY" not in environment:

@@ -4,6 +4,7 @@ import json
 import pathlib
 
 import datasets
+import imageio.v2 as imageio
 import numpy as np
 import pandas
 import pyarrow.parquet as pq
@@ -74,6 +75,7 @@ def made_up(
         state=rng.normal(size=(frames, len(STATE))),
         objects=rng.normal(size=(frames, len(task.scene.body_names), 7)),
         action=rng.normal(size=(frames, len(ACTION_NAMES))),
+        qpos=np.zeros((frames, 1)),
         steps=tuple(steps[place * len(steps) // frames] for place in range(frames)),
         verdict=Verdict(success, "" if success else "nobody pressed", "", 1.0 if success else 0.25),
     )
@@ -333,10 +335,30 @@ def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys):
     assert "never overwritten" in capsys.readouterr().err
 
 
+def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pathlib.Path("own.py").write_text(OWN)
+    words = ["tasks", "--task", "own.py", "--controller", "hold", "--episodes", "1", "--record", "demos"]
+    assert main([*words, "--cameras", "head", "front"]) == 0
+    info = read_info(pathlib.Path("demos"))
+    rows = pq.read_table("demos/meta/episodes").to_pylist()
+    stats = json.loads(pathlib.Path("demos/meta/stats.json").read_text())
+    for key in ("observation.images.head", "observation.images.front"):
+        assert info["features"][key]["dtype"] == "video" and info["features"][key]["shape"] == [224, 224, 3]
+        assert np.shape(stats[key]["mean"]) == (3, 1, 1) and 0.0 < stats[key]["mean"][0][0][0] < 1.0
+        for row in rows:
+            place = {name: row[f"videos/{key}/{name}"] for name in ("chunk_index", "file_index")}
+            film = imageio.get_reader(pathlib.Path("demos") / info["video_path"].format(video_key=key, **place))
+            assert film.count_frames() == row["length"] == round(row[f"videos/{key}/to_timestamp"] * info["fps"])
+            assert film.get_data(row["length"] - 1).std() > 0.5, "no blank picture"
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--episodes", "3"], "--record"),
+        (["--cameras", "head"], "--record"),
+        (["--record", "new", "--cameras", "heed"], "Did you mean 'head'"),
         (["--record", "new", "--episodes", "0"], "at least 1"),
         (["--task", "fetch_bx"], "fetch_box"),
         (["--task", "fetch_box", "fetch_box"], "each once"),
