@@ -31,6 +31,8 @@ class MotorWatch:
     def __init__(self, robot: Robot) -> None:
         self._robot, self._legs = robot, in_place(robot.legs)
         self._limit = robot.torque_limit[self._legs]
+        self._fastest = robot.velocity_limit[self._legs]
+        self._slope = self._limit / (self._fastest - robot.corner_speed[self._legs])
         self.reset()
 
     def reset(self) -> None:
@@ -53,7 +55,8 @@ class MotorWatch:
             return
         legs = self._legs
         asked = command.tau + command.kp * (command.q - reading.q) + command.kd * (command.dq - reading.dq)
-        asked = np.minimum(np.abs(asked[legs]), np.minimum(self._limit, _MOST))
+        speed = reading.dq[legs] * np.sign(asked[legs])  # a motor has no torque to drive a joint at its highest speed
+        asked = np.minimum(np.abs(asked[legs]), np.minimum(self._slope * (self._fastest - speed), _MOST))
         missing = np.where(asked > ASKED, self._missing + elapsed * asked, math.exp(-elapsed / _FORGET) * self._missing)
         # A comparison with NaN is false.
         self._missing = np.where(np.abs(reading.torque[legs]) <= QUIET, missing, 0.0)
