@@ -59,7 +59,7 @@ def test_an_unknown_layer_is_refused_before_anything_is_drawn(make_run: Callable
 def test_video_without_opengl_gives_a_reason(
     make_run: Callable, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(video, "_environment", lambda: {"MUJOCO_GL": "nonsense"})
+    monkeypatch.setattr(video, "renderer_environment", lambda: {"MUJOCO_GL": "nonsense"})
     reason = video.write_video(tmp_path / "runs.mp4", [make_run(seconds=0.1)])
     assert reason is not None
     assert reason.startswith("no video: ") and "nonsense" in reason and "libegl1" in reason
