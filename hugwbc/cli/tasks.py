@@ -14,7 +14,6 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, load_task
-from hugwbc.viz.cameras import SIZE, check_cameras, render_films
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,6 +85,8 @@ def _said(words: Callable[[], str]) -> Iterator[None]:
 
 
 def _record(options: TasksOptions, folder: pathlib.Path) -> None:
+    from hugwbc.viz.cameras import SIZE, check_cameras, render_films
+
     check_cameras(options.cameras)
     try:
         from hugwbc.tasks.demonstration import FPS, demonstrate

@@ -2,13 +2,16 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.projections.polar import PolarAxes
 
 from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import INK, Panel, picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.projections.polar import PolarAxes
 
 _MAPS_HEIGHT, _POLAR_HEIGHT, _CLOUD_HEIGHT = 5.0, 5.0, 5.0  # [in]
 _GAP = 1  # number of empty cells between two heat maps
@@ -23,7 +26,7 @@ def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], n
     which goes from 0 to `_TOP`.
     """
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         points = len(next(iter(maps.values())))
         pitch = points + _GAP
         size = pitch * len(names) - _GAP
@@ -52,7 +55,7 @@ def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], n
 def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
     """Draw one closed curve for each name over directions [rad]; 0 (ahead) points up, angles grow to the left."""
 
-    def draw(axes: PolarAxes) -> None:
+    def draw(axes: "PolarAxes") -> None:
         axes.set_theta_zero_location("N")
         round_trip = [*angles, angles[0]]
         for (name, values), colour in zip(series.items(), LABEL_COLOURS, strict=False):
@@ -86,7 +89,7 @@ def gait_diagram(
     """
     colour = LABEL_COLOURS[controller % len(LABEL_COLOURS)]
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         for foot, lane in enumerate((1.0, 0.0)):
             axes.broken_barh(spans(time, contact[:, foot]), (lane - 0.36, 0.72), facecolors=colour, alpha=0.35)
             axes.plot(time, lane + 0.36 * clock[:, foot], color=INK, linewidth=1.1)
@@ -102,7 +105,7 @@ def gait_diagram(
 def hand_cloud(title: str, left: np.ndarray, right: np.ndarray) -> Panel:
     """Draw hand positions (n, 3) in the pelvis frame as seen from behind, with y to the left and z up [m]."""
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         for points, colour, name in ((left, LABEL_COLOURS[0], FEET[0]), (right, LABEL_COLOURS[1], FEET[1])):
             axes.plot(points[:, 1], points[:, 2], ".", color=colour, markersize=2.5, alpha=0.6, label=name)
         axes.set_aspect("equal")
@@ -129,7 +132,7 @@ def curves(
     axis.
     """
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         for (name, (x, y)), colour in zip(series.items(), LABEL_COLOURS, strict=False):
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
         if dashed is not None:

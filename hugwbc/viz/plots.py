@@ -3,12 +3,9 @@
 import dataclasses
 import io
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
@@ -17,6 +14,9 @@ from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter, chapter_spans, check_traces
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TITLES = {
     "v_x": "Forward velocity v_x",
@@ -70,7 +70,7 @@ def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -
     panels = []
     for name in (*MEASURED_NAMES, "l"):
 
-        def draw(axes: Axes, name: str = name) -> None:
+        def draw(axes: "Axes", name: str = name) -> None:
             for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
                 # Lines that lie on each other stay visible, above all the quick ones of the soles.
                 axes.plot(trace.time, _measured(trace, name), color=colour, alpha=0.75 if name == "l" else 0.9)
@@ -90,7 +90,7 @@ def _commanded(trace: Trace, name: str) -> np.ndarray:
     return np.where(trace.gait == Gait.STANDING, np.nan, values) if name == "l" else values
 
 
-def _widen(axes: Axes) -> None:
+def _widen(axes: "Axes") -> None:
     """Widen the vertical axis to `SMALLEST_SPAN`, so that ripples of a constant quantity look small."""
     low, high = axes.get_ylim()
     missing = max(0.0, SMALLEST_SPAN - (high - low)) / 2
@@ -111,7 +111,7 @@ def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> li
     panels = []
     for index, side in enumerate(("Left", "Right")):
 
-        def draw(axes: Axes, index: int = index) -> None:
+        def draw(axes: "Axes", index: int = index) -> None:
             for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
                 axes.plot(trace.time, 100 * trace.hand_error[:, index], color=colour)
             axes.set_ylim(bottom=0.0)
@@ -125,14 +125,14 @@ def torque_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> 
     """Plot the torque of the joint nearest to its limit over time, and the RMS torque of every joint."""
     check_traces(traces)
 
-    def draw_peak(axes: Axes) -> None:
+    def draw_peak(axes: "Axes") -> None:
         for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
             limit = load_robot(trace.robot).torque_limit
             axes.plot(trace.time, 100 * np.max(np.abs(trace.torque) / limit, axis=1), color=colour)
         axes.set_ylim(0.0, 105.0)
         axes.set_ylabel("% of limit")
 
-    def draw_rms(axes: Axes) -> None:
+    def draw_rms(axes: "Axes") -> None:
         width = 0.8 / len(traces)
         robot = load_robot(traces[0].robot)
         slots = np.arange(len(robot.joint_names))
@@ -151,9 +151,9 @@ def torque_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> 
 
 
 def _time_panel(
-    title: str, draw: Callable[[Axes], None], traces: Sequence[Trace], chapters: Sequence[Chapter]
+    title: str, draw: Callable[["Axes"], None], traces: Sequence[Trace], chapters: Sequence[Chapter]
 ) -> Panel:
-    def with_time(axes: Axes) -> None:
+    def with_time(axes: "Axes") -> None:
         draw(axes)
         axes.set_xlabel("s")
         start, end = (f(trace.time[i] for trace in traces) for f, i in ((min, 0), (max, -1)))
@@ -164,7 +164,7 @@ def _time_panel(
     return Panel(title, picture(title, with_time))
 
 
-def _shade(axes: Axes, chapters: Sequence[Chapter], start: float, end: float) -> None:
+def _shade(axes: "Axes", chapters: Sequence[Chapter], start: float, end: float) -> None:
     """Shade every other chapter, and write the names of those that are long enough above the axes."""
     for number, (name, begin, stop) in enumerate(chapter_spans(chapters, start, end)):
         if number % 2:
@@ -180,7 +180,7 @@ def path_panel(traces: Sequence[Trace]) -> Panel:
     """Draw the ways of the robots from above, each with a triangle that points ahead where it ended."""
     check_traces(traces)
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
             way = trace.qpos[:, :2]
             axes.plot(way[:, 0], way[:, 1], color=colour)
@@ -206,6 +206,9 @@ def picture(salt: str, draw: Callable[[Any], Any], height: float = _SIZE[1], **a
     The salt makes the ids in the picture: different for each picture of a page, equal in every run. The height [in] is
     that at a width of 6 in, and `axes` are options of `Figure.add_subplot`.
     """
+    import matplotlib  # here: every verb that knows experiments imports this module, and few draw
+    from matplotlib.figure import Figure
+
     style = cast("Any", {**_STYLE, "svg.hashsalt": salt})
     with matplotlib.rc_context(style):
         figure = Figure(figsize=(_SIZE[0], height), layout="constrained")
