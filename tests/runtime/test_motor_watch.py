@@ -6,6 +6,7 @@ import pytest
 from hugwbc import Command, RobotState, UpperBody, load_robot
 from hugwbc.controller import JointCommand
 from hugwbc.runtime import SafetyFilter
+from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.motor_watch import MotorWatch
 
 H1 = load_robot()
@@ -46,21 +47,8 @@ def test_working_motors_raise_no_alarm(case):
     assert watched(**{"seconds": 0.3, **case}).dead == ""
 
 
-class Standing:
-    """A controller that asks for the nominal pose."""
-
-    name, period = "standing", PERIOD
-
-    def reset(self, state):
-        """Do nothing."""
-
-    def act(self, state, command, upper_body):
-        """Return the nominal pose."""
-        return JointCommand.position(H1, H1.nominal)
-
-
 def test_the_robot_kneels_when_a_motor_is_dead():
-    safe = SafetyFilter(Standing())
+    safe = SafetyFilter(HoldController(H1))
     state = RobotState(H1.nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3))
     safe.reset(state)
     safe.act(state, Command(), UpperBody.none())

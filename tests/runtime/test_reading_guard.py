@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, RobotState, UpperBody, load_robot
-from hugwbc.controller import JointCommand
 from hugwbc.runtime import SafetyFilter
+from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.lowering import LoweringParams
 from hugwbc.runtime.reading_guard import ALL, IMU, ReadingGuard
 
@@ -126,21 +126,10 @@ def test_what_does_not_come_back_is_lost(walked, values, why):
     assert all(state.is_finite for state in states)
 
 
-class Follower:
-    """A controller that asks for the nominal pose."""
-
-    name, period = "follower", PERIOD
-
-    def reset(self, state):
-        """Do nothing."""
-
-    def act(self, state, command, upper_body):
-        """Return the nominal pose."""
-        return JointCommand.position(H1, H1.nominal)
-
-
 def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
-    safe, state = SafetyFilter(Follower()), reading(0, np.random.default_rng(0), walking=False)
+    controller = HoldController(H1)
+    controller.period = PERIOD
+    safe, state = SafetyFilter(controller), reading(0, np.random.default_rng(0), walking=False)
     safe.reset(state)
     lost = dataclasses.replace(state, coasted=(IMU,), lost="the IMU failed for 300 ms")
     commands = [safe.act(lost, Command(), UpperBody.none())]
