@@ -8,9 +8,8 @@ import pathlib
 import sys
 
 import numpy as np
+import polars as pl
 from matplotlib.figure import Figure
-
-from hugwbc.report.training_curve import read_training
 
 IMAGES = pathlib.Path(__file__).parent / "images"
 RECORD = IMAGES / "training.csv"
@@ -21,8 +20,7 @@ ITERATIONS = 20
 
 def keep_record(run: pathlib.Path) -> None:
     """Write means over every `ITERATIONS` iterations of a run as the record; drop an incomplete rest."""
-    record = read_training(run / "metrics.csv")
-    rows = np.stack([record[name] for name in COLUMNS], axis=1)
+    rows = pl.read_csv(run / "metrics.csv", infer_schema_length=None).select(COLUMNS).cast(pl.Float64).to_numpy()
     whole = len(rows) - len(rows) % ITERATIONS
     if not whole:
         sys.exit(f"{run} has {len(rows)} iterations, a point of the curve takes {ITERATIONS}; train for longer")
@@ -35,7 +33,7 @@ def keep_record(run: pathlib.Path) -> None:
 
 def draw() -> None:
     """Plot episode length and errors of walking over the environment steps of the record."""
-    record = read_training(RECORD)
+    record = pl.read_csv(RECORD)
     steps = record["steps"] / 1e6
     figure = Figure(figsize=(10, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -72,7 +72,6 @@ try disturbance $EVALUATE disturbance --controller learned --rollouts 4 $RESULTS
 try ramp $EVALUATE ramp --controller learned --episodes 1 $RESULTS
 try tour $EVALUATE tour --controller learned --episodes 1 $RESULTS
 try robustness $EVALUATE robustness --controller learned --samples 8 --duration 2.5 $RESULTS
-try effort $EVALUATE effort --controller learned --speeds 0.5 --duration 3 $RESULTS
 try contacts $EVALUATE contacts --controller learned --episodes 1 $RESULTS
 try random-commands $EVALUATE random-commands --controller learned --episodes 3 $RESULTS
 try response $EVALUATE response --controller learned --gait standing --points 2 --duration 3 $RESULTS

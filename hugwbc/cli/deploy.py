@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from hugwbc.cli.output import check_writable, parse, say
+from hugwbc.cli.output import parse, say
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.messages import Messages
@@ -16,7 +16,6 @@ from hugwbc.deploy.motion_switcher import release_modes
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.remote import OF_KEY, Request
-from hugwbc.deploy.replayed import ReplayedRun
 from hugwbc.deploy.robot_side import RobotSide, Settings
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.deploy.transport import Endpoint
@@ -60,8 +59,6 @@ class DeployOptions:
     record: pathlib.Path | None = None  # Record every message to this file
     # Replay this recording through the controller instead, without a network, and compare the commands bit by bit
     replay: pathlib.Path | None = None
-    # With --replay, write a page that shows the recording in 3D, as the robot side estimated it
-    html: pathlib.Path | None = None
     settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(
         default_factory=lambda: Settings(age=ROBOT.latency)
     )
@@ -71,9 +68,7 @@ def run(words: Sequence[str]) -> int:
     """Parse the options, and deploy or replay; return the exit code: 1 after a fault, or for a replay that differs."""
     options = parse(DeployOptions, words, "deploy", DeployOptions.__doc__)
     if options.replay is not None:
-        return _replay(options.replay, options.html)
-    if options.html is not None:
-        raise ConfigError("--html shows a recording; add --replay FILE, or leave it out")
+        return _replay(options.replay)
     settings = options.settings
     if options.net != LOOPBACK and (settings.lockstep or settings.slower != 1.0):
         raise ConfigError(f"--lockstep and --slower are for a simulated robot on {LOOPBACK}; a real one does not wait")
@@ -162,22 +157,14 @@ def _source(header: dict[str, Any]) -> CommandSource:
     return Sticks() if header["script"] is None else load_script(header["script"])
 
 
-def _replay(path: pathlib.Path, page: pathlib.Path | None) -> int:
-    """Replay a recording, compare its commands, and write a page; return the exit code."""
-    check_writable(page)
+def _replay(path: pathlib.Path) -> int:
+    """Replay a recording and compare its commands; return the exit code."""
     recording = Recording(path)
     robot, pilot = _build(recording.header)
     age = recording.header.get("age")
     if not isinstance(age, int | float):
         raise ConfigError(f"{path} does not say how old the readings were; record it again")
-    run = ReplayedRun(robot)
-    result = replay(recording, pilot, Messages(robot), float(age), run.add)
+    result = replay(recording, pilot, Messages(robot), float(age))
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
     say(f"{result.states} states, {result.decisions} commands: {same}")
-    trace = run.trace(pilot.safe.name, pilot)
-    if page is not None and trace is not None:
-        from hugwbc.viz.replay import write_replay
-
-        write_replay(page, [trace], title=f"replay of {path.name}")
-        say(f"wrote {page}")
     return FAULT if result.different else 0

@@ -13,7 +13,7 @@ import tyro
 
 from hugwbc.behaviours import BehaviourSource, load_plan
 from hugwbc.behaviours.source import LONGEST
-from hugwbc.cli.output import output_folder, parse_settings, say, say_arena
+from hugwbc.cli.output import parse_settings, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ConfigError, TargetError
 from hugwbc.gait import Gait
@@ -69,8 +69,6 @@ class PageOptions:
     host: str = "127.0.0.1"  # Host on which to serve it
     port: int = 0  # Its port; 0 for any free port
     expose: bool = False  # Allow a host that other machines can reach. They can then drive the robot.
-    # Folder for what is recorded on it: a script and a replay of each record
-    out: pathlib.Path = pathlib.Path("out/play")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -220,8 +218,7 @@ def _drive(options: PlayOptions) -> int:
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 
     try:
-        with output_folder(serve.out):
-            Drive(loop, page, folder=serve.out, perform=perform, tell=say).run(options.duration or np.inf)
+        Drive(loop, page, perform=perform, tell=say).run(options.duration or np.inf)
     finally:
         page.close()
     return 0

@@ -182,11 +182,6 @@ class Pilot:
         self._last = self._control.decide(time - self._run_start)
         return Decision(time, self._last, new=True)
 
-    @property
-    def commanded(self) -> JointCommand | None:
-        """The last joint command; None while nothing is to be sent."""
-        return self._last
-
     def damped(self) -> JointCommand:
         """Return the command that only damps the joints."""
         return damping(self._robot)

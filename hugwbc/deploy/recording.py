@@ -11,7 +11,7 @@ import queue
 import struct
 import threading
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, BinaryIO
 
 from hugwbc.deploy.capture import Capture
@@ -149,16 +149,10 @@ class ReplayResult:
     first: float | None  # time of the first one that does [s]; None if none does
 
 
-def replay(
-    recording: Recording,
-    pilot: Pilot,
-    messages: Messages,
-    age: float,
-    on_decision: Callable[[Pilot], None] = lambda pilot: None,
-) -> ReplayResult:
+def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -> ReplayResult:
     """Feed a recording to a new pilot, built as the recorded one was, and compare its commands with the recorded ones.
 
-    The age of a reading when it arrives [s] is that of the recording. `on_decision` is called after each decision.
+    The age of a reading when it arrives [s] is that of the recording.
     """
     intake = Intake(messages, pilot.limits, age)
     asked: list[Request] = []
@@ -180,7 +174,6 @@ def replay(
                 decided = pilot.observe(state, asked, fault).command
                 command = b"" if decided is None else messages.pack_command(decided)
                 asked, fault = [], None
-                on_decision(pilot)
         elif entry.kind == DECISION:
             decisions += 1
             if entry.content != command:

@@ -1,4 +1,4 @@
-"""Figures of a run from its trace: tracking errors, feet, impacts, hands, effort, smoothness and computing time.
+"""Figures of a run from its trace: tracking errors, feet, impacts, hands, effort and computing time.
 
 The tracking errors are those of the HugWBC paper (Xue et al., RSS 2025): the mean L1 error of every command, for the
 foot commands f and l over complete gait cycles, for the others over control steps. The paper does not say whether the
@@ -300,42 +300,6 @@ def cost_of_transport(trace: Trace, mass: float, settle: float = SETTLE_S) -> fl
     pace = speed(trace, settle)
     way = pace * (trace.time[-1] - settle)
     return mechanical_power(trace, settle) / (mass * GRAVITY * pace) if way >= SHORTEST_WAY else float("nan")
-
-
-def limit_use(values: np.ndarray, limit: np.ndarray) -> dict[str, float]:
-    """Return root mean square and peak of |value| / limit, of the joint that uses most; values of shape (T, 19)."""
-    share = np.abs(values) / limit
-    return {"rms": float(np.sqrt((share**2).mean(axis=0)).max()), "peak": float(share.max())}
-
-
-def torque_use(trace: Trace, settle: float = SETTLE_S) -> dict[str, float] | None:
-    """Return the `limit_use` of the torques; None if the run ended before `settle`."""
-    kept = trace.time >= settle
-    return limit_use(trace.torque[kept], load_robot(trace.robot).torque_limit) if kept.any() else None
-
-
-def joint_speed_use(trace: Trace, settle: float = SETTLE_S) -> dict[str, float] | None:
-    """Return the `limit_use` of the joint speeds; None if the run ended before `settle`."""
-    kept = trace.time >= settle
-    return limit_use(trace.qvel[kept, 6:], load_robot(trace.robot).velocity_limit) if kept.any() else None
-
-
-# Smoothness
-
-
-def torque_rate(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Return the root mean square over time and joints of the torque's rate of change [N*m/s].
-
-    Unlike the roughness of position targets, it compares controllers that command positions with controllers that
-    command torques. NaN if the run ended before `settle`.
-    """
-    torque = trace.torque[trace.time >= settle]
-    return float(np.sqrt(np.mean((np.diff(torque, axis=0) / RECORD_PERIOD) ** 2))) if len(torque) > 1 else float("nan")
-
-
-def target_jerk(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Return the `jitter` of the commanded joint positions [rad^2/s^6]; NaN if the run ended before `settle`."""
-    return jitter(trace.target[trace.time >= settle], RECORD_PERIOD)
 
 
 def jitter(positions: np.ndarray, dt: float) -> float:

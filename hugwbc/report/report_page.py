@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from hugwbc.evaluation.experiment import Experiment, Result, Section, frame_of
@@ -14,7 +14,6 @@ from hugwbc.files import write_whole
 from hugwbc.report import page
 from hugwbc.report.clouds import LEVELS, hand_clouds
 from hugwbc.report.figure_tables import comparison_sentence, comparison_table, figures_csv
-from hugwbc.report.training_curve import read_training, smoothed
 from hugwbc.viz import charts
 from hugwbc.viz.framing import LABEL_COLOURS
 
@@ -25,12 +24,6 @@ LEGEND = (
     "interval. The paper's column was not measured under our conditions: its policies were trained and tested in "
     "another simulator (Isaac Gym), with wider randomisation and another description of the robot (51.65 kg)."
 )
-_TRAINING_PANELS: Mapping[str, tuple[tuple[str, ...], str]] = {
-    "Reward": (("reward",), "a step"),
-    "Episode length": (("episode_length",), "steps"),
-    "Tracking error while walking": (tuple(f"walking_error/{n}" for n in ("v_x", "v_y", "omega")), "m/s, rad/s"),
-    "Curricula": (("alpha", "penalty_scale", "max_speed"), ""),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +33,6 @@ class Report:
     results: Sequence[Result]  # results of the experiments
     controllers: Sequence[str]  # labels, at least one; the first two are compared
     notes: Sequence[str]  # sentences on how the report was made and what it lacks
-    training: pathlib.Path | None = None  # record of the learned policy's training; None if there is none
 
     @functools.cached_property
     def figures(self) -> list[Figure]:
@@ -100,7 +92,7 @@ def report_markdown(report: Report) -> str:
 def report_page(report: Report) -> str:
     """Return the report as a page that loads nothing else."""
     parts = [(section.title, _section(report, experiment, section)) for experiment, section in sections()]
-    parts += [("Noise of the intervention", _clouds()), ("Training", _training(report.training))]
+    parts.append(("Noise of the intervention", _clouds()))
     parts = [(title, html) for title, html in parts if html]
     body = [
         page.heading(TITLE, 1),
@@ -131,17 +123,3 @@ def _clouds() -> str:
     )
     drawn = [charts.hand_cloud(f"level {level:g}", *hand_clouds(level)) for level in LEVELS]
     return f"{text}\n{page.legend(charts.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
-
-
-def _training(path: pathlib.Path | None) -> str:
-    if path is None:
-        return ""
-    record = read_training(path)
-    steps, parts = record["steps"] / 1e6, []
-    for title, (names, unit) in _TRAINING_PANELS.items():
-        series = {name.split("/")[-1]: (steps, smoothed(record[name])) for name in names if name in record}
-        if series:
-            labels = ("million steps of the environment", unit)
-            parts.append(charts.curves(title, series, labels, named=len(series) > 1))
-    text = page.paragraph("Running means over nine records of the policy's training, as it wrote them.")
-    return f"{text}\n{page.pictures(parts)}"

@@ -6,7 +6,6 @@ not how many episodes its tables average over; the full profile takes 256 for ea
 
 import dataclasses
 import functools
-import pathlib
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -20,7 +19,6 @@ from hugwbc.evaluation.store import Store, commit
 from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.records import versions
 from hugwbc.report.report_page import Report
-from hugwbc.report.training_curve import TRAINING_FILE, read_training
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.seeds import REPORT_SEED
 from hugwbc.viz.framing import check_count
@@ -63,8 +61,6 @@ class ReportPlan:
                 raise UnknownNameError("experiment of the report", name, known)
             if reason := known[name].unavailable():
                 raise ConfigError(reason)
-        if self.training is not None:  # now, and not only when all episodes have run
-            read_training(self.training)
 
     @functools.cached_property
     def specs(self) -> list[ControllerSpec]:
@@ -92,12 +88,6 @@ class ReportPlan:
             for spec in (*self.specs, *(self.further if section.ablation else ()))
         ]
 
-    @functools.cached_property
-    def training(self) -> pathlib.Path | None:
-        """The training record of the first learned policy that has one."""
-        records = (file.parent / TRAINING_FILE for spec in self.specs for file in spec.files())
-        return next((path for path in records if path.is_file()), None)
-
     def run(self, execution: Execution, store: Store, on_progress: Callable[[float], object]) -> Report:
         """Run what is not stored yet, and build the report."""
         total, done = sum(entry.work for entry in self.entries), 0.0
@@ -114,7 +104,7 @@ class ReportPlan:
             )
             done += entry.work
             on_progress(done / total)
-        return Report(results, [spec.label for spec in self.specs], self._notes(results), self.training)
+        return Report(results, [spec.label for spec in self.specs], self._notes(results))
 
     def _notes(self, results: list[Result]) -> list[str]:
         """Say how the report was made, and what it lacks."""

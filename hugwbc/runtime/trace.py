@@ -18,7 +18,7 @@ SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for a shorter time h
 class Trace:
     """The record of one run: T samples, one every `RECORD_PERIOD`.
 
-    `hugwbc.runtime.trace_file` keeps it in a file, `hugwbc.viz.inline.show` replays it.
+    `hugwbc.runtime.trace_file` keeps it in a file, `hugwbc.viz.show.keep_replay` writes a page that replays it.
 
     Attributes:
         name: name of the controller.

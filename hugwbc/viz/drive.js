@@ -76,7 +76,7 @@
       `<tr><th scope="row">${label} [${unit}]</th><td></td><td></td><td></td></tr>`).join("");
     box.innerHTML = `
       <div class="row" role="group" aria-label="Gait">${ABOUT.gaits.map((gait) => button(gait, gait.replace("_", " "))).join("")}</div>
-      <div class="row">${button("stop", "stop")}${button("reset", "reset")}${button("camera", "camera")}${button("record", "record")}</div>
+      <div class="row">${button("stop", "stop")}${button("reset", "reset")}${button("camera", "camera")}</div>
       <div class="row tasks" ${ABOUT.tasks.length ? "" : "hidden"}><label>task <select>${ABOUT.tasks.map((task) =>
         `<option value="${task}">${task.replaceAll("_", " ")}</option>`).join("")}</select></label>${button(`task:${ABOUT.tasks[0]}`, "do it")}</div>
       <div class="line" role="status"></div>
@@ -126,10 +126,9 @@
     if (status.line === undefined) return;
     for (const button of box.querySelectorAll("button")) {
       const action = button.dataset.action;
-      const on = action === status.gait || action === `task:${status.task}` || (action === "record" && status.recording) || (action === "camera" && status.follows);
+      const on = action === status.gait || action === `task:${status.task}` || (action === "camera" && status.follows);
       button.setAttribute("aria-pressed", String(on));
       button.classList.toggle("coming", action === status.next && action !== status.gait);
-      button.hidden = (status.missing ?? []).includes(action);
     }
     box.querySelector('[data-action="camera"]').textContent = `camera ${status.camera}`;
     line.textContent = status.line;

@@ -30,7 +30,6 @@ PRESSED: Mapping[str, str] = {
     "KeyR": "reset",
     "KeyC": "camera",
     "KeyP": "push",
-    "KeyL": "record",
     "KeyZ": "lower",
     "KeyX": "higher",
     "Pad0": Gait.WALKING.label,
@@ -40,7 +39,6 @@ PRESSED: Mapping[str, str] = {
     "Pad4": Gait.HOPPING_LEFT.label,
     "Pad5": Gait.HOPPING_RIGHT.label,
     "Pad8": "reset",
-    "Pad9": "record",
 }
 TASK = "task:"  # the beginning of the action that does a task
 ACTIONS = tuple(dict.fromkeys(PRESSED.values()))
@@ -55,7 +53,6 @@ HELP = (
     ("R", "reset"),
     ("C", "camera: follow, turn along, let go"),
     ("P", "push"),
-    ("L", "record"),
     ("gamepad", "left stick walks, right stick turns, left trigger squats, A walk, B stop, Y camera, Back reset"),
 )
 KEY_CODES = (*HELD, *SHIFT, *(code for code in PRESSED if not code.startswith("Pad")))  # that the page takes

@@ -81,8 +81,6 @@ class LivePage:
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
         self.source = LiveSource()  # what the person asks for, for the control loop
         self.pushes: list[np.ndarray] = []  # forces that wait, in the pelvis' heading frame [N], each (3,)
-        self.recording: bool | None = None  # whether the drive is recorded; None if nobody records it
-        self.can_reset = False  # whether whoever runs the robot asks `take` for resets
         self._asked: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show the command
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
@@ -234,7 +232,7 @@ class LivePage:
         self._show_sliders()
 
     def take(self, action: str) -> bool:
-        """Return whether an action was requested since the last call: "reset" or "record"."""
+        """Return whether an action, such as "reset", was requested since the last call."""
         asked = action in self._asked
         self._asked.discard(action)
         return asked
@@ -370,16 +368,11 @@ class LivePage:
             "measured": {name: float(getattr(measured, name)) for name in MEASURED_NAMES},
             "camera": self._camera,
             "follows": self._camera != "stays",
-            "recording": bool(self.recording),
-            "missing": [
-                *([] if self.can_reset else ["reset"]),
-                *(["record"] if self.recording is None else []),
-            ],
         }
         if task:  # the task commands the robot, not the person
             line = f"{task.replace('_', ' ')} at {state.time:.1f} s, {about}"
             status |= {"task": task, "line": line, "notes": [notice] if notice else [], "gait": "", "next": ""}
-            status |= {"asked": {}, "commanded": {}, "changed": [], "missing": ["record"]}
+            status |= {"asked": {}, "commanded": {}, "changed": []}
         self.link.say(**finite_json(status))
 
     def close(self) -> None:

@@ -54,8 +54,3 @@ def test_the_extra_is_named_where_it_is_missing(monkeypatch, capsys) -> None:
     finally:
         wire.idl_class.cache_clear()
         wire.layout.cache_clear()
-
-
-def test_a_page_without_a_recording_is_refused(capsys) -> None:
-    assert main(["deploy", "--html", "page.html"]) == 2
-    assert "add --replay" in capsys.readouterr().err

@@ -2,14 +2,12 @@
 
 import csv
 import dataclasses
-import shutil
 
 import pytest
 
 from hugwbc.cli import main
 from hugwbc.evaluation import episode
 from hugwbc.evaluation.experiments import EXPERIMENTS
-from hugwbc.learned.policy import policy_dir
 from hugwbc.report.report_page import sections
 
 
@@ -86,13 +84,4 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path, capsys):
     ):
         assert main([*words, *out]) == 2
         assert message in capsys.readouterr().err
-    assert not (tmp_path / "results").exists()
-
-
-def test_a_training_record_that_cannot_be_used_is_told_before_anything_runs(tmp_path, capsys):
-    shutil.copytree(policy_dir() / "h1", tmp_path / "mine")
-    (tmp_path / "mine" / "training.csv").write_text("steps,reward\n1,x\n")
-    words = ["report", "--controllers", str(tmp_path / "mine"), "--out", str(tmp_path / "out")]
-    assert main([*words, "--results", str(tmp_path / "results")]) == 2
-    assert "is not a training record" in capsys.readouterr().err
     assert not (tmp_path / "results").exists()

@@ -20,7 +20,6 @@ from hugwbc import Command, Gait, rotations
 from hugwbc.errors import ConfigError, SceneError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, UpperBodySource
-from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Scene, Table, Tray
 from hugwbc.viz.drive import Drive
@@ -145,7 +144,7 @@ def tray_on_a_table():
     return Scene((Table(name="desk", position=(2.0, 0.0)), Tray(name="tray", on="desk")))
 
 
-def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(tmp_path):
+def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown():
     own, staged = Simulation(sensing="exact"), Simulation(sensing="exact", scene=tray_on_a_table())
     page, told, seen = LivePage(own, name="test", tasks=("carry", "press")), [], []
     page.link.clock = lambda: 100.0  # the page is never silent
@@ -219,12 +218,12 @@ def test_meshes_have_the_size_of_the_shapes():
 class Driven:
     """A robot that runs in real time in a thread, with its page."""
 
-    def __init__(self, folder):
+    def __init__(self):
         self.simulation = Simulation(sensing="exact")
         self.page = LivePage(self.simulation, name="qp", tasks=("press_button", "carry_tray"))
         self.loop = ControlLoop(WholeBodyController(), self.page.source, self.simulation, UpperBodySource())
         self.told = []
-        self.drive = Drive(self.loop, self.page, folder=folder, tell=self.told.append)
+        self.drive = Drive(self.loop, self.page, tell=self.told.append)
         self._running = True
         self._thread = threading.Thread(target=self.drive.run, args=(np.inf, lambda: not self._running), daemon=True)
         self._thread.start()
@@ -244,8 +243,8 @@ class Driven:
 
 
 @pytest.fixture
-def driven(tmp_path):
-    robot = Driven(tmp_path)
+def driven():
+    robot = Driven()
     yield robot
     robot.close()
 
@@ -311,7 +310,6 @@ def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, 
 @pytest.mark.slow
 def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser_page):
     page, simulation, source = browser_page, driven.simulation, driven.page.source
-    page.get_by_role("button", name="record").click()
     # From standing, W walks and says so.
     page.keyboard.down("w")
     page.wait_for_function("document.body.innerText.includes('starts walking')")
@@ -324,14 +322,9 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     page.keyboard.up("w")
     assert driven.until(lambda: source.wanted == Command()), "nothing is held: it stands"
     assert not simulation.fallen
-    # Reset stands it up at the origin, and writes what was recorded: a script that walks and turns.
+    # Reset stands it up at the origin.
     page.keyboard.press("r")
     assert driven.until(lambda: np.linalg.norm(simulation.data.qpos[:2]) < 0.05 and simulation.time < 2.0)
-    assert driven.until(lambda: len(driven.drive.written) == 2)
-    script = load_script(driven.drive.written[0])
-    commands = [script.command_at(t) for t in np.arange(0.0, script.duration, 0.1)]
-    assert max(command.v_x for command in commands) > 0.4 and max(command.omega for command in commands) > 0.4
-    assert "set_animation" in driven.drive.written[1].read_text(encoding="utf-8")
     # A page that is closed while a key is held: the command is 0 within half a second, and the robot stays up.
     page.keyboard.down("w")
     assert driven.until(lambda: source.command.v_x > 0.4)
@@ -345,8 +338,8 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
 
 
 @pytest.mark.slow
-def test_a_real_task_of_the_menu_is_done_by_play_and_a_closed_page_stops_the_next_one(browser, tmp_path):
-    words = ["play", "--viewer", "live", "--controller", "qp", "--out", str(tmp_path)]
+def test_a_real_task_of_the_menu_is_done_by_play_and_a_closed_page_stops_the_next_one(browser):
+    words = ["play", "--viewer", "live", "--controller", "qp"]
     command = [sys.executable, "-u", "-m", "hugwbc.cli", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as play:
         lines = iter(play.stdout)

@@ -1,4 +1,4 @@
-"""The paper's figure of gaits: when each foot is on the ground, and how well that agrees with the clock."""
+"""The paper's figure of gaits: when each foot is on the ground, how well that fits the clock, and what it costs."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,10 +9,11 @@ import polars as pl
 from hugwbc import gait as gaits
 from hugwbc.commands import Command, default_command
 from hugwbc.controller import Controller
+from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
@@ -52,10 +53,12 @@ def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> R
     - `left`, `right`: whether the foot is on the ground, 1 or 0, every `RECORD_PERIOD`.
     - `offset`: phase of the clock at the first sample that agrees best [cycles]; every controller starts its clock when
       it is ready. `agreement`: part of all samples of both feet in which contact and clock agree.
+    - `cost_of_transport`: see `metrics.cost_of_transport`; None on the spot and after a fall.
     """
     trace, command = simulate(controller, settings, plan).trace, plan.command
     contact = trace.foot_contact[trace.time >= settings.settle - 1e-9]
     offset, agreement = fit_clock(contact, command.gait, command.f) if len(contact) else (0.0, None)
+    cost = metrics.cost_of_transport(trace, trace.mass + settings.conditions.payload, settings.settle)
     return {
         "gait": command.gait.label,
         "frequency": command.f,
@@ -63,6 +66,7 @@ def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> R
         "right": contact[:, 1].astype(int).tolist(),
         "offset": offset,
         "agreement": agreement,
+        "cost_of_transport": None if trace.fell else known(cost),
         **ending(trace),
     }
 
@@ -83,7 +87,7 @@ def fit_clock(contact: np.ndarray, gait: Gait, frequency: float) -> tuple[float,
 
 
 def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return the part of the time in which the feet do what the clock says, and in which each is on the ground."""
+    """Return how much of the time the feet do what the clock says and each is on the ground, and the cost."""
     gait = settings.gait.replace("_", " ")
     agreement = bootstrap_mean([None if part is None else 100.0 * part for part in rows["agreement"]])
     table, found = f"Contacts, {gait}", []
@@ -91,6 +95,8 @@ def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
     for side in ("left", "right"):
         stance = bootstrap_mean([100.0 * sum(foot) / len(foot) if len(foot) else None for foot in rows[side]])
         found.append(Figure(table, f"{side} foot on the ground", "% of the time", stance))
+    cost = bootstrap_mean(rows["cost_of_transport"])
+    found += [Figure(table, "cost of transport", "", cost)] if cost.value is not None else []
     return [*found, falls_figure(table, rows["fell"])]
 
 
@@ -116,7 +122,7 @@ def every_gait() -> list[ContactsSettings]:
 
 EXPERIMENT = Experiment(
     "contacts",
-    "contacts of the feet against the clock of the gait",
+    "contacts of the feet against the clock of the gait, and the cost of transport",
     ContactsSettings,
     plan,
     episode,
@@ -124,7 +130,8 @@ EXPERIMENT = Experiment(
     section=Section(
         "Contacts",
         "When each foot is on the ground (bars) and the clock of the commanded gait (curves: high in stance). The "
-        "clock is shifted in time to where it agrees best, as every controller starts it when it is ready.",
+        "clock is shifted in time to where it agrees best, as every controller starts it when it is ready. Cost of "
+        "transport: the joints' mechanical power over weight times speed; braking costs as much as driving.",
         every_gait,
         every_gait,
         pictures,
