@@ -59,7 +59,7 @@ QUIET="--viewer none"
 try compare-script $HUGWBC compare --script "$OUT/walk.yaml" --seed 1 --out "$OUT/compare"
 try compare-task $HUGWBC compare --task press_button --seed 1 --controllers qp --out "$OUT/compare-task"
 try compare-files test -s "$OUT/compare/report.html" -a -s "$OUT/compare/replay.html" -a -s "$OUT/compare/summary.json" -a -s "$OUT/compare/compare.mp4"
-try report $HUGWBC report --profile quick --controllers hold hold --out "$OUT/report"
+try report $HUGWBC report --controllers hold --experiments single-command --ablation --out "$OUT/report"
 
 # Evaluate
 try single-command $EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS

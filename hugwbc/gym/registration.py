@@ -4,7 +4,7 @@ H1 = "hugwbc/H1-v0"
 
 # As `hugwbc.tasks.TASK_NAMES`, which cannot be imported without the simulator.
 _SUITE = (
-    *("press_button", "fetch_box", "lift_from_stool", "push_cart", "open_door"),
+    *("press_button", "fetch_box", "deliver_box", "lift_from_stool", "push_cart", "open_door"),
     *("open_drawer", "carry_tray", "wipe_table", "stack_boxes", "hold_payload"),
 )
 # Identifiers of the tasks' environments, and the tasks. A task in a user's file is hugwbc/Task-v0 with task=FILE.

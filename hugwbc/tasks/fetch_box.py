@@ -66,11 +66,16 @@ def fetch_box(view: View, shapes: Shapes, *, timeout: Seconds = 100.0) -> Course
     highest = max(float(seen(view, "box").position[2]), top + height / 2)
     view = yield from box.take(view, "box", goal=carried_at(highest + box.at[1] + _CLEAR))
     view = yield from doing("carry the box", _carry(view))
+    view = yield from doing("put the box down", put_down(view, box, top + height / 2))
+    return (yield from doing("let go", box.let_go(view)))
+
+
+def put_down(view: View, box: BoxGrip, height: float) -> Course:
+    """Put the box down on its place on the other table, with its middle at a height [m]."""
     bench = seen(view, "bench")
     goal = bench.position + rotations.rotation_z(bench.yaw) @ np.array([*GOAL, 0.0])
-    goal[2] = top + height / 2
-    view = yield from doing("put the box down", box.put(view, "box", goal, bench.yaw))
-    return (yield from doing("let go", box.let_go(view)))
+    goal[2] = height
+    return box.put(view, "box", goal, bench.yaw)
 
 
 def _carry(view: View) -> Course:

@@ -19,6 +19,7 @@ GROUP = "hugwbc.tasks"
 TASK_NAMES = (
     "press_button",
     "fetch_box",
+    "deliver_box",
     "lift_from_stool",
     "push_cart",
     "open_door",

@@ -83,6 +83,20 @@ def test_a_box_that_is_fetched(made_up):
     assert verdict_of("fetch_box", grasped).reason == "a hand still held the box at the end"
 
 
+def test_a_box_that_is_delivered_through_a_door(made_up):
+    still = made_up("deliver_box", touched=touching("box"), travel={"door": np.full(1000, 1.2)})
+    bench, start, up = still.poses["bench"][0], still.poses["box"][0, :3], [0.0, 0.0, 0.2]
+    goal = np.array([bench[0], bench[1] - 0.1, still.thing("bench").height + 0.11])
+    carried = moved(still, "box", path(start, start + up, goal + up, goal))
+    assert verdict_of("deliver_box", carried).reason == "the robot did not get through the door"
+    walk = still.pelvis.copy()
+    walk[:, 1] = np.linspace(0.0, 3.8, 1000)
+    through = dataclasses.replace(carried, pelvis=walk)
+    assert verdict_of("deliver_box", through).success
+    shut = dataclasses.replace(through, travel={"door": np.full(1000, 0.1)})
+    assert verdict_of("deliver_box", shut).reason == "the door was not pushed open"
+
+
 def test_a_box_that_is_held_at_the_chest(made_up):
     still = made_up("lift_from_stool", touched=touching("box"))
     start = still.poses["box"][0, :3]
