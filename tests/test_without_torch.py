@@ -45,7 +45,7 @@ def test_the_qp_walks_reaches_and_does_tasks(tmp_path):
         tmp_path,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["10", "True"]
+    assert done.stdout.split() == ["11", "True"]
 
 
 @pytest.mark.parametrize("words", [["play", "--viewer", "none"], ["compare"], ["train"]])

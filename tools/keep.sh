@@ -68,7 +68,7 @@ try two-workers $EVALUATE single-command --controller qp --episodes 8 --duration
 try intervention $EVALUATE intervention --controller learned --episodes 24 --duration 2.5 $RESULTS
 try foot-displacement $EVALUATE foot-displacement --controller learned --episodes 9 --duration 3 $RESULTS
 try heatmap $EVALUATE heatmap --controller learned --gait standing --points 2 --duration 2.5 $RESULTS
-try disturbance $EVALUATE disturbance --controller learned --rollouts 4 $RESULTS
+try disturbance $EVALUATE disturbance --controller learned --rollouts 2 --first 200 --limit 200 $RESULTS
 try ramp $EVALUATE ramp --controller learned --episodes 1 $RESULTS
 try tour $EVALUATE tour --controller learned --episodes 1 $RESULTS
 try robustness $EVALUATE robustness --controller learned --samples 8 --duration 2.5 $RESULTS
