@@ -29,7 +29,6 @@ import pinocchio as pin
 from hugwbc.controller import UpperBody
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.settings import Positive, settings
 from hugwbc.state import GRAVITY, RobotState
 
 _JOINTS = 4  # of an arm
@@ -38,36 +37,27 @@ _SOLVABLE = 1e-8  # [m/N], likewise, so that the compliance of a stretched arm c
 _BALANCED = 0.02  # two forces whose sum is a smaller part of their lengths than this squeeze something
 
 
-@settings
-class ArmServoConfig:
-    """Gains of the arm servo.
+STIFFNESS = 140.0  # [N*m/rad] of every arm joint: the maker's teleoperation of the H1 (`xr_teleoperate`, `kp_low`)
+# [N*m*s/rad] of shoulder pitch and roll, which move the whole arm: a stretched arm of 0.3 kg m^2 then has three quarters
+# of the critical damping.
+SHOULDER_DAMPING = 10.0
+DISTAL_DAMPING = 3.0  # [N*m*s/rad] of shoulder yaw and elbow, which move the forearm only: the maker's `kd_low`
+# [N*m/rad] of every joint of an arm whose hand has a stiffness, besides that of the hand: it holds the elbow, which may
+# turn about the line from shoulder to hand.
+POSTURE_STIFFNESS = 5.0
+# [m] from its target up to which a hand gives way to the force that it should exert. Further away the servo's spring
+# holds it, so that a hand that meets nothing stops.
+GIVE = 0.08
 
-    Attributes:
-        stiffness: of every arm joint [N*m/rad]; that of the maker's teleoperation of the H1 (`xr_teleoperate`,
-            `kp_low`).
-        shoulder_damping: of shoulder pitch and roll, which move the whole arm [N*m*s/rad]. With it a stretched arm of
-            0.3 kg m^2 has three quarters of the critical damping.
-        distal_damping: of shoulder yaw and elbow, which move the forearm only [N*m*s/rad]; the maker's `kd_low`.
-        posture_stiffness: of every joint of an arm whose hand has a stiffness, besides that of the hand [N*m/rad]: it
-            holds the elbow, which may turn about the line from shoulder to hand.
-        give: distance from its target up to which a hand gives way to the force that it should exert [m]. Further away
-            the servo's spring holds it, so that a hand that meets nothing stops.
-    """
 
-    stiffness: Positive = 140.0
-    shoulder_damping: Positive = 10.0
-    distal_damping: Positive = 3.0
-    posture_stiffness: Positive = 5.0
-    give: Positive = 0.08
-
-    def gains(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-        """Return stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shapes (8,), read-only."""
-        distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in robot.arm_names])
-        kp = np.full(robot.arms.size, self.stiffness)
-        kd = np.where(distal, self.distal_damping, self.shoulder_damping)
-        for gains in (kp, kd):  # all commands share these two arrays
-            gains.setflags(write=False)
-        return kp, kd
+def _gains(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shapes (8,), read-only."""
+    distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in robot.arm_names])
+    kp = np.full(robot.arms.size, STIFFNESS)
+    kd = np.where(distal, DISTAL_DAMPING, SHOULDER_DAMPING)
+    for gains in (kp, kd):  # all commands share these two arrays
+        gains.setflags(write=False)
+    return kp, kd
 
 
 class ArmServo:
@@ -82,21 +72,14 @@ class ArmServo:
     A torque for that motion would move it twice as far, and its reaction would drive the sway.
 
     Attributes:
-        config: the gains, as given.
         robot: the robot whose arms it moves.
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shape (8,).
     """
 
-    def __init__(self, config: ArmServoConfig | None = None, robot: Robot | None = None) -> None:
-        """Set up the servo.
-
-        Args:
-            config: gains; None for the defaults.
-            robot: robot whose arms it moves, with the friction of its drives; None for the H1.
-        """
-        self.config = config or ArmServoConfig()
+    def __init__(self, robot: Robot | None = None) -> None:
+        """Set up the servo for a robot with the friction of its drives, by default the H1."""
         self.robot = robot or load_robot()
-        self.kp, self.kd = self.config.gains(self.robot)
+        self.kp, self.kd = _gains(self.robot)
         self._arms = self.robot.arms
         self._limit = self.robot.torque_limit[self._arms]
         self._model = pinocchio_model(self.robot)
@@ -206,7 +189,7 @@ class ArmServo:
         across = away - along @ free
         held = stiffness @ across
         held -= (free @ held) @ free
-        beyond = along - np.minimum(np.maximum(along, -self.config.give), self.config.give)
+        beyond = along - np.minimum(np.maximum(along, -GIVE), GIVE)
         returning = np.einsum("ki,ij,kj,k->k", free, stiffness, free, beyond)
         return held + returning @ free - pulled
 
@@ -216,9 +199,9 @@ class ArmServo:
         for arm, jacobian in enumerate(jacobians):
             own = slice(_JOINTS * arm, _JOINTS * (arm + 1))
             spring = stiffness * jacobian[:, own].T @ jacobian[:, own]
-            room = self.config.stiffness - self.config.posture_stiffness
+            room = STIFFNESS - POSTURE_STIFFNESS
             spring = spring * min(1.0, room / max(float(spring.diagonal().max()), 1e-9))
-            springs[own, own] = spring + self.config.posture_stiffness * np.eye(_JOINTS)
+            springs[own, own] = spring + POSTURE_STIFFNESS * np.eye(_JOINTS)
         return springs
 
     def torque(

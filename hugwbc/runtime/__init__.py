@@ -3,15 +3,15 @@
 The names below are what users need. Modules of hugwbc itself import the submodules.
 """
 
-from hugwbc.arm_servo import ArmServo, ArmServoConfig
+from hugwbc.arm_servo import ArmServo
 from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
-from hugwbc.runtime.feasibility import FeasibilityLimits, feasible
+from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
-from hugwbc.runtime.safety import SafetyConfig, SafetyFilter, SafetyReport
+from hugwbc.runtime.safety import SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.runtime.trace_file import read_trace, write_trace
 from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
@@ -21,19 +21,16 @@ from hugwbc.upper_ik import UpperBodySource
 __all__ = [
     "Arena",
     "ArmServo",
-    "ArmServoConfig",
     "ArmSource",
     "CommandSource",
     "Constant",
     "ControlLoop",
     "ControllerSpec",
     "EstimatorParams",
-    "FeasibilityLimits",
     "FollowingSource",
     "Force",
     "HoldController",
     "Moment",
-    "SafetyConfig",
     "SafetyFilter",
     "SafetyReport",
     "SensorProfile",

@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES, Robot
-from hugwbc.runtime.hand_force import HandForceObserver, HandForceParams
+from hugwbc.runtime.hand_force import HandForceObserver
 from hugwbc.state import GRAVITY, RobotState
 
 _FEET = len(SIDES)
@@ -52,8 +52,6 @@ class ContactParams:
     """Speed of one sole against the other above which they do not both stand [m/s]: the faster one is in the air if it
     has less load, whatever the joints seem to feel of a leg whose mass is known wrongly. A foot that comes down is
     slower: what it seems to feel just before it touches lets the QP's steps end in time."""
-    hands: HandForceParams = dataclasses.field(default_factory=HandForceParams)
-    """Of the observer of the forces on the hands."""
 
 
 class ContactObserver:
@@ -83,7 +81,7 @@ class ContactObserver:
         model, robot = self._kinematics.model, self._kinematics.robot
         self._columns = in_place(self._kinematics.columns)
         self._robot = robot
-        self.hands = HandForceObserver(self._kinematics, self.params.hands)
+        self.hands = HandForceObserver(self._kinematics)
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
         legs = self._kinematics.columns[robot.legs]
         self._rows = in_place(np.concatenate((np.arange(6), legs)))

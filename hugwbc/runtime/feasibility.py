@@ -1,34 +1,25 @@
-"""Combinations of commands that the legs do not allow although each value is within its range."""
+"""Combinations of commands that the legs do not allow although each value is within its range.
 
-import dataclasses
+No limit acts while all commands but one are at their defaults.
+"""
+
 import math
 
 from hugwbc.commands import Command, CommandChange, changed_command
 from hugwbc.gait import Gait
 
-
-@dataclasses.dataclass(frozen=True)
-class FeasibilityLimits:
-    """Limits of the guard. None of them acts while all commands but one are at their defaults."""
-
-    reach: float = 0.35
-    """Highest swing at h = 0 [m]. A squat reduces it by as much as it lowers the pelvis, by the ranges of knee and
-    ankle."""
-    least_reach: float = 0.15
-    """Highest swing that is allowed at any height [m]."""
-    swing_reaction: float = 1.9
-    """Largest l f^2 [m Hz^2]. The reaction of a swing grows with it, and the narrow feet cannot hold more."""
-    slow_step: float = 0.3
-    """Longest step at stride frequencies below `brisk` [m]. The robot falls sideways for as long as a step lasts."""
-    brisk: float = 2.0
-    """Stride frequency that is enough for every commanded speed [Hz]."""
-    sideways: float = 1.2
-    """Largest centripetal acceleration v omega [m/s^2]. Without ankle roll the legs cannot hold more."""
-    fastest: tuple[float, float, float] = (2.0, 0.6, 0.6)
-    """Semi-axes of the ellipse of allowed velocities: forward, backward, to either side [m/s]."""
+REACH = 0.35  # [m], highest swing at h = 0; a squat reduces it by as much as it lowers the pelvis (knee and ankle)
+LEAST_REACH = 0.15  # [m], highest swing that is allowed at any height
+SWING_REACTION = (
+    1.9  # [m Hz^2], largest l f^2: the reaction of a swing grows with it, and the narrow feet slip beyond it
+)
+SLOW_STEP = 0.3  # [m], longest step below BRISK; the robot falls sideways for as long as a step lasts
+BRISK = 2.0  # [Hz], stride frequency that is enough for every commanded speed
+SIDEWAYS = 1.2  # [m/s^2], largest centripetal acceleration v omega; without ankle roll the legs cannot hold more
+FASTEST = (2.0, 0.6, 0.6)  # [m/s], semi-axes of the ellipse of allowed velocities: forward, backward, to either side
 
 
-def feasible(command: Command, limits: FeasibilityLimits | None = None) -> tuple[Command, tuple[CommandChange, ...]]:
+def feasible(command: Command) -> tuple[Command, tuple[CommandChange, ...]]:
     """Return the nearest command that the legs allow, and what was changed.
 
     Commands have priority in this order: v_x; then v_y within the ellipse of allowed velocities; omega; f; l. A
@@ -36,24 +27,22 @@ def feasible(command: Command, limits: FeasibilityLimits | None = None) -> tuple
 
     Args:
         command: each value finite and within its range (`Command.clamp`).
-        limits: None for the H1's.
 
     Returns:
         The command, and one record for each value that was changed.
     """
     if command.gait is Gait.STANDING:
         return command, ()
-    limits = limits or FeasibilityLimits()
-    forward, backward, aside = limits.fastest
+    forward, backward, aside = FASTEST
     v_x = command.v_x
     share = min(abs(v_x) / (forward if v_x > 0.0 else backward), 1.0)
     v_y = _within(command.v_y, aside * math.sqrt(1.0 - share**2))
     speed = math.hypot(v_x, v_y)
-    omega = _within(command.omega, limits.sideways / speed if speed > 0.0 else math.inf)
-    f = max(command.f, min(speed / (2.0 * limits.slow_step), limits.brisk))
-    reach = max(limits.reach + command.h, limits.least_reach)
+    omega = _within(command.omega, SIDEWAYS / speed if speed > 0.0 else math.inf)
+    f = max(command.f, min(speed / (2.0 * SLOW_STEP), BRISK))
+    reach = max(REACH + command.h, LEAST_REACH)
     # The free leg of a hop does not swing, and its frequency is not commanded.
-    reaction = math.inf if command.gait.hops else limits.swing_reaction / f**2
+    reaction = math.inf if command.gait.hops else SWING_REACTION / f**2
     l = min(command.l, reach, reaction)  # noqa: E741  the paper's symbol
     reasons = {
         "v_y": (v_y, f"together with v_x = {v_x:g} m/s"),

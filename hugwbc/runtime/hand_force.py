@@ -12,7 +12,6 @@ about that friction divided by its lever arm, 2 to 3 N on the H1. The prior s ke
 feel, such as along a stretched arm.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -24,16 +23,9 @@ from hugwbc.robot import SIDES
 _HANDS = len(SIDES)
 
 
-@dataclasses.dataclass(frozen=True)
-class HandForceParams:
-    """Settings of the observer."""
-
-    rate: float = 20.0
-    """Bandwidth of the estimate [1/s]; the noise of torques and joint velocities is mostly above it."""
-    prior: float = 60.0
-    """Standard deviation of a force before anything is known about it [N]."""
-    torque: float = 0.3
-    """Standard deviation of a joint's residual besides friction: motor constants, masses, zero positions [N*m]."""
+RATE = 20.0  # [1/s], bandwidth of the estimate; the noise of torques and joint velocities is mostly above it
+PRIOR = 60.0  # [N], standard deviation of a force before anything is known about it
+TORQUE = 0.3  # [N*m], that of a joint's residual besides friction: motor constants, masses, zero positions
 
 
 class HandForceObserver:
@@ -46,16 +38,15 @@ class HandForceObserver:
         force: force on the left and the right hand, world frame [N], shape (2, 3).
     """
 
-    def __init__(self, kinematics: Kinematics, params: HandForceParams | None = None) -> None:
+    def __init__(self, kinematics: Kinematics) -> None:
         """Set up for the robot of a kinematics, whose joint Jacobians are current whenever `infer` is called."""
-        self.params = params or HandForceParams()
         self._kinematics, robot = kinematics, kinematics.robot
         self._hands = [kinematics.frame_id(f"{side}_hand") for side in SIDES]
         joints = robot.arms.reshape(_HANDS, -1)
         self._columns = kinematics.columns[joints]
         self._arms = [in_place(columns) for columns in self._columns]
-        self._weights = 1.0 / (robot.friction[joints] ** 2 + self.params.torque**2)
-        self._prior = np.eye(3) / self.params.prior**2
+        self._weights = 1.0 / (robot.friction[joints] ** 2 + TORQUE**2)
+        self._prior = np.eye(3) / PRIOR**2
         self.reset()
 
     def reset(self) -> None:
@@ -70,7 +61,7 @@ class HandForceObserver:
             dt: since the last reading [s].
         """
         model, data = self._kinematics.model, self._kinematics.data
-        share = 1.0 - math.exp(-self.params.rate * dt)
+        share = 1.0 - math.exp(-RATE * dt)
         arms = np.array(
             [
                 pin.getFrameJacobian(model, data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, arm]

@@ -9,21 +9,9 @@ from hugwbc.controller import UpperBody
 from hugwbc.robot import SIDES
 from hugwbc.state import GRAVITY, RobotState
 
-
-@dataclasses.dataclass(frozen=True)
-class PayloadParams:
-    """Settings of the observer.
-
-    Attributes:
-        rate: bandwidth at which a payload is learned [1/s]; the sway of a walk averages out.
-        band: part of a force that counts as friction [N]: the payload follows once the force leaves this band about it.
-            Without it, joints that stick would make the hands hunt about their targets.
-        heaviest: largest payload to learn [kg]: a bound for a hand that is pulled down by something else.
-    """
-
-    rate: float = 3.0
-    band: float = 1.5
-    heaviest: float = 6.0
+RATE = 3.0  # [1/s], bandwidth at which a payload is learned; the sway of a walk averages out
+BAND = 1.5  # [N], part of a force that counts as friction: without it, joints that stick would make the hands hunt
+HEAVIEST = 6.0  # [kg] to learn, a bound for a hand that is pulled down by something else
 
 
 class PayloadObserver:
@@ -38,8 +26,7 @@ class PayloadObserver:
         payload: mass in the left and the right hand [kg], shape (2,).
     """
 
-    def __init__(self, params: PayloadParams | None = None) -> None:
-        self.params = params or PayloadParams()
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -59,13 +46,13 @@ class PayloadObserver:
             self.reset()
             return upper_body
         if told is not None:
-            self.payload = np.minimum(told, self.params.heaviest)  # what is no longer told is learned from here on
+            self.payload = np.minimum(told, HEAVIEST)  # what is no longer told is learned from here on
             return upper_body
         if state.hand_force is None:
             return upper_body
         weight = GRAVITY * self.payload
         excess = -(state.hand_force + upper_body.hand_force)[:, 2] - weight
-        beyond = np.sign(excess) * np.maximum(np.abs(excess) - self.params.band, 0.0)
-        weight = weight + (1.0 - math.exp(-self.params.rate * dt)) * beyond
-        self.payload = np.minimum(np.maximum(weight / GRAVITY, 0.0), self.params.heaviest)
+        beyond = np.sign(excess) * np.maximum(np.abs(excess) - BAND, 0.0)
+        weight = weight + (1.0 - math.exp(-RATE * dt)) * beyond
+        self.payload = np.minimum(np.maximum(weight / GRAVITY, 0.0), HEAVIEST)
         return dataclasses.replace(upper_body, payload=self.payload.copy()) if self.payload.any() else upper_body

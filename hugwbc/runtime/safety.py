@@ -21,22 +21,8 @@ from hugwbc.state import RobotState
 
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
 _LIMITED = ("positions_limited", "speeds_limited", "torques_limited")
+HOLD_TIME = 0.1  # [s] for which the last good joint command is repeated without a new one, before the joints are damped
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
-
-
-@dataclasses.dataclass(frozen=True)
-class SafetyConfig:
-    """Settings of the filter.
-
-    Attributes:
-        hold_s: how long the last good joint command is repeated without a new one, before the joints are damped [s].
-        guard: whether to change combinations of commands that the legs do not allow (`hugwbc.runtime.feasibility`).
-        damping_gain: joint damping in that last resort, as a multiple of the robot's own kd.
-    """
-
-    hold_s: float = 0.1
-    guard: bool = True
-    damping_gain: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,7 +148,7 @@ class SafetyFilter:
       clamped to the joint limits.
     - A robot that moves and is told to stand brakes first (`Braking`).
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
-      repeat the last good joint command for `hold_s` seconds and then damp the joints. After damping, the controller
+      repeat the last good joint command for `HOLD_TIME` and then damp the joints. After damping, the controller
       is reset on the first good state.
     - A state that the estimator calls lost (`RobotState.lost`), or a dead motor of a leg (`MotorWatch`, attribute
       `motors`), makes the robot kneel down and then damps its joints, until the next `reset`
@@ -179,7 +165,6 @@ class SafetyFilter:
         self,
         controller: Controller,
         *,
-        config: SafetyConfig | None = None,
         robot: Robot | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -187,12 +172,10 @@ class SafetyFilter:
 
         Args:
             controller: the controller; the filter takes over its `name` and `period`.
-            config: settings; None for the defaults.
             robot: limits and gains, and the weight and friction that the arms' servo makes up for; None for the H1.
             clock: returns seconds, to time the controller.
         """
         self.controller = controller
-        self.config = config or SafetyConfig()
         self.robot = robot or load_robot()
         self.name, self.period = controller.name, controller.period
         lowest, highest = target_limits(self.robot)
@@ -311,8 +294,6 @@ class SafetyFilter:
         return valid
 
     def _feasible_command(self, command: Command) -> Command:
-        if not self.config.guard:
-            return command
         if command is not self._asked and command != self._asked:
             self._asked, self._guard = command, feasible(command)
         guarded, changes = self._guard
@@ -346,7 +327,7 @@ class SafetyFilter:
             return None
         begin = self._clock()
         try:
-            if self._missing_s > self.config.hold_s:
+            if self._missing_s > HOLD_TIME:
                 self.controller.reset(state)
             output = self.controller.act(state, command, upper_body)
             usable = {np.shape(getattr(output, name)) for name in _VECTORS} == {
@@ -368,13 +349,13 @@ class SafetyFilter:
 
     def _fallback(self, state: RobotState) -> JointCommand:
         self._missing_s += self.period
-        if self._missing_s <= self.config.hold_s:
+        if self._missing_s <= HOLD_TIME:
             self._count("held")
             return self._last
         self._count("damped")
         zero = np.zeros_like(self.robot.kd)
         q = state.q if np.all(np.isfinite(state.q)) else self._last.q
-        return JointCommand(q=q, dq=zero, kp=zero, kd=self.robot.kd * self.config.damping_gain, tau=zero)
+        return JointCommand(q=q, dq=zero, kp=zero, kd=self.robot.kd, tau=zero)
 
     def limited(self, output: JointCommand) -> JointCommand:
         """Return a finite joint command within all limits, and count what was changed."""

@@ -8,7 +8,6 @@ import placo
 from hugwbc import rotations
 from hugwbc.commands import Command, command_ranges
 from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.settings import Positive, settings
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
@@ -18,20 +17,10 @@ BODY_NAMES = ("h", "p", "w")
 _BODY_JOINTS = (HEIGHT_JOINT, PITCH_JOINT, "torso_joint")
 
 
-@settings
-class BodyReachConfig:
-    """Settings of the whole-body reach.
-
-    Attributes:
-        speed: highest speed of h, p and w [m/s, rad/s, rad/s]; both controllers follow it without losing balance.
-        body_weight: weight of the pull of h, p and w towards the command, relative to 1 for the hands [m^2/rad^2]. It
-            is well above the weight of the arms' posture, so that the arms move first.
-        arm: settings of the arms.
-    """
-
-    speed: tuple[Positive, Positive, Positive] = (0.15, 0.3, 0.6)
-    body_weight: Positive = 1e-3
-    arm: ArmIKConfig = dataclasses.field(default_factory=ArmIKConfig)
+SPEED = (0.15, 0.3, 0.6)  # [m/s, rad/s, rad/s] of h, p and w; both controllers follow it without losing balance
+# [m^2/rad^2], pull of h, p and w towards the command, relative to 1 for the hands. It is well above the weight of the
+# arms' posture, so that the arms move first.
+BODY_WEIGHT = 1e-3
 
 
 class BodyReach:
@@ -51,18 +40,24 @@ class BodyReach:
         failures: number of steps in which the solver failed; each kept the last values.
     """
 
-    def __init__(self, config: BodyReachConfig | None = None, robot: Robot | None = None) -> None:
-        self.config = config or BodyReachConfig()
+    def __init__(self, robot: Robot | None = None, speed: tuple[float, float, float] = SPEED) -> None:
+        """Build the virtual robot.
+
+        Args:
+            robot: robot whose body reaches; None for the H1.
+            speed: highest speed of h, p and w [m/s, rad/s, rad/s].
+        """
+        self._speed, self._arm = speed, ArmIKConfig()
         self._robot = robot or load_robot()
         self.rejected = self.failures = 0
         self.placo = upper_body(self._robot, on_column=True)
-        arm, arms = self.config.arm, self._robot.arms
+        arm, arms = self._arm, self._robot.arms
         self._arm_limits = self._robot.lower[arms] + arm.limit_margin, self._robot.upper[arms] - arm.limit_margin
         speeds = self._robot.velocity_limit[arms] * arm.speed_fraction
         for name, low, high, speed in zip(self._robot.arm_names, *self._arm_limits, speeds, strict=True):
             self.placo.set_joint_limits(name, float(low), float(high))
             self.placo.set_velocity_limit(name, float(speed))
-        for name, speed in zip(_BODY_JOINTS, self.config.speed, strict=True):
+        for name, speed in zip(_BODY_JOINTS, self._speed, strict=True):
             self.placo.set_velocity_limit(name, speed)
         self._columns = np.array([self.placo.get_joint_offset(name) for name in _BODY_JOINTS])
         self._arm_columns = np.array([self.placo.get_joint_offset(name) for name in self._robot.arm_names])
@@ -70,7 +65,7 @@ class BodyReach:
         self.reset()
 
     def _build_solver(self) -> None:
-        arm = self.config.arm
+        arm = self._arm
         self._solver = placo.KinematicsSolver(self.placo)
         self._solver.mask_fbase(True)
         for name in HIP_NAMES:
@@ -84,7 +79,7 @@ class BodyReach:
         posture.configure("posture", "soft", arm.posture_weight)
         self._body_task = self._solver.add_joints_task()
         self._body_task.set_joints(dict.fromkeys(_BODY_JOINTS, 0.0))
-        self._body_task.configure("body", "soft", self.config.body_weight)
+        self._body_task.configure("body", "soft", BODY_WEIGHT)
         self._damping_task = self._solver.add_regularization_task(1.0)
         self._damping_task.configure("damping", "soft", 1.0)
         collisions = self._solver.add_avoid_self_collisions_constraint()
@@ -125,7 +120,7 @@ class BodyReach:
         if not usable or (wants_body and points is None):
             self.rejected += 1
         elif hands is None or points is None:
-            step = np.array(self.config.speed) * dt
+            step = np.array(self._speed) * dt
             self.values = self.values + np.clip(wanted - self.values, -step, step)
             self._active = bool(np.any(self.values != wanted))
         else:
@@ -171,13 +166,13 @@ class BodyReach:
         hands = self.hands()
         error = np.where(given[:, None], points - hands, 0.0)
         distance = np.linalg.norm(error, axis=1)
-        step = np.minimum(distance, self.config.arm.hand_speed * dt)
+        step = np.minimum(distance, self._arm.hand_speed * dt)
         aim = hands + error * (step / np.maximum(distance, 1e-9))[:, None]
         for task, target, on in zip(self._hand_tasks, aim, given, strict=True):
             task.target_world = target
             task.configure("hand", "soft", float(on))
         self._body_task.set_joints(dict(zip(_BODY_JOINTS, wanted.tolist(), strict=True)))
-        self._damping_task.set_weight(self.config.arm.damping + float(step.max()))
+        self._damping_task.set_weight(self._arm.damping + float(step.max()))
         self._solver.dt = dt
         try:
             self._solver.solve(True)

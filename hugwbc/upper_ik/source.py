@@ -11,11 +11,12 @@ from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.body_reach import BodyReach
-from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.hand_loads import HandLoads
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.steady_hands import SteadyHands
-from hugwbc.upper_ik.takeover import Phase, Takeover, TakeoverConfig
+from hugwbc.upper_ik.takeover import Phase, Takeover
+
+STALE_TIME = 0.5  # [s] for which the last target is held without a new one, before the arms go back
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,9 +50,7 @@ class TargetWatch:
         age: time since the newest good target was made [s].
     """
 
-    def __init__(self, stale_time: float) -> None:
-        """Start without targets; the last good one is dropped after `stale_time` [s]."""
-        self.stale_time = stale_time
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -81,7 +80,7 @@ class TargetWatch:
             self._stamp = hands.stamp
             self.age = 0.0 if hands.stamp is None else max(0.0, now - hands.stamp)
         # A comparison with NaN is false: an age that is not a number counts as stale.
-        stale = self._newest is not None and not self.age <= self.stale_time
+        stale = self._newest is not None and not self.age <= STALE_TIME
         if stale and not self._stale:
             self._count("stale")
         self._stale = stale
@@ -116,23 +115,11 @@ class UpperBodySource:
         solution: the solver's last answer; None while the arms are released or follow joint targets.
     """
 
-    def __init__(
-        self,
-        *,
-        ik: ArmIKConfig | None = None,
-        takeover: TakeoverConfig | None = None,
-        robot: Robot | None = None,
-    ) -> None:
-        """Build the solver.
-
-        Args:
-            ik: settings of the solver.
-            takeover: settings of the hand-over.
-            robot: robot whose arms move; None for the H1.
-        """
-        self.ik = ArmIK(ik, robot)
-        self.takeover = Takeover(takeover, robot)
-        self.watch = TargetWatch(self.takeover.config.stale_time)
+    def __init__(self, *, robot: Robot | None = None) -> None:
+        """Build the solver for a robot, by default the H1."""
+        self.ik = ArmIK(robot=robot)
+        self.takeover = Takeover(robot)
+        self.watch = TargetWatch()
         self._loads = HandLoads()
         self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
@@ -161,7 +148,7 @@ class UpperBodySource:
         """Return the external control of the arms for this tick, and the command adapted to the hands.
 
         Bad numbers never raise: the arms hold their position, and the event is counted. A stream of targets that ends,
-        or that brings nothing usable any more, gives the arms back after `stale_time`.
+        or that brings nothing usable any more, gives the arms back after `STALE_TIME`.
 
         Args:
             state: the robot now.

@@ -7,27 +7,12 @@ import numpy as np
 from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
 from hugwbc.robot import Robot, load_robot
-from hugwbc.settings import Positive, PositiveShare, settings
 from hugwbc.upper_ik.limiter import JointLimiter
 
-
-@settings
-class TakeoverConfig:
-    """Settings of the hand-over.
-
-    Attributes:
-        take_time: time of the blend from the arms' own position to the external targets [s].
-        return_time: time of the blend back [s].
-        speed_fraction: share of the joint velocity limits that the arm command never exceeds.
-        acceleration: highest acceleration of the arm command [rad/s^2].
-        stale_time: how long the last target is held without a new one, before the arms go back [s].
-    """
-
-    take_time: Positive = 0.5
-    return_time: Positive = 1.0
-    speed_fraction: PositiveShare = 0.5
-    acceleration: Positive = 100.0
-    stale_time: Positive = 0.5
+TAKE_TIME = 0.5  # [s], of the blend from the arms' own position to the external targets
+RETURN_TIME = 1.0  # [s], of the blend back
+SPEED_SHARE = 0.5  # of the joint velocity limits, which the arm command never exceeds
+ACCELERATION = 100.0  # [rad/s^2], likewise
 
 
 class Phase(enum.Enum):
@@ -47,22 +32,19 @@ class Takeover:
     Attributes:
         phase: who moves the arms.
         velocity_limit: highest speed of the arm command [rad/s], shape (8,).
-        acceleration_limit: its highest acceleration [rad/s^2].
         held: number of ticks with a target that was not finite or a time step that was not positive; in each the arms
             braked.
     """
 
-    def __init__(self, config: TakeoverConfig | None = None, robot: Robot | None = None) -> None:
-        self.config = config or TakeoverConfig()
+    def __init__(self, robot: Robot | None = None) -> None:
         robot = robot or load_robot()
         arms = robot.arms
-        self.velocity_limit = robot.velocity_limit[arms] * self.config.speed_fraction
-        self.acceleration_limit = self.config.acceleration
+        self.velocity_limit = robot.velocity_limit[arms] * SPEED_SHARE
         # These are the position limits of the safety filter. A controller without feed-forward torque may command its
         # own arms beyond the joint limits to carry their weight, and the blends start and end at its own command.
         reach = robot.torque_limit[arms] / robot.kp[arms]
         self._limiter = JointLimiter(
-            robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, self.acceleration_limit
+            robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, ACCELERATION
         )
         self.phase = Phase.RELEASED
         self.held = 0
@@ -74,7 +56,7 @@ class Takeover:
     @property
     def settled(self) -> bool:
         """Whether the arms are taken over and the blend is complete."""
-        return self.phase is Phase.TAKEN and self._elapsed >= self.config.take_time
+        return self.phase is Phase.TAKEN and self._elapsed >= TAKE_TIME
 
     def reset(self) -> None:
         """Release the arms at once, at the nominal pose, for a new episode."""
@@ -103,7 +85,7 @@ class Takeover:
         if self.phase is not Phase.TAKEN:
             known = self.phase is Phase.RELEASED and start is not None and np.all(np.isfinite(start))
             self._begin(Phase.TAKEN, np.asarray(start) if known else None)
-        return self._advance(q, dq, ddq, self.config.take_time, dt)
+        return self._advance(q, dq, ddq, TAKE_TIME, dt)
 
     def blend(self) -> None:
         """Restart the blend at the current arm command after the target source changed."""
@@ -124,7 +106,7 @@ class Takeover:
             self.phase = Phase.RELEASED
         if self.phase is Phase.RELEASED:
             return UpperBody.none()
-        return self._advance(goal, np.zeros(8), None, self.config.return_time, dt)
+        return self._advance(goal, np.zeros(8), None, RETURN_TIME, dt)
 
     def _begin(self, phase: Phase, start: np.ndarray | None) -> None:
         """Start a blend at rest from positions (8,), or from the current arm command at its speed."""
@@ -136,7 +118,7 @@ class Takeover:
 
     def _arrived(self, goal: np.ndarray, dt: float) -> bool:
         within = bool(np.all(np.abs(goal - self._limiter.q) <= self.velocity_limit * dt))
-        return within and self._elapsed >= self.config.return_time
+        return within and self._elapsed >= RETURN_TIME
 
     def _advance(
         self, goal: np.ndarray, goal_dq: np.ndarray, goal_ddq: np.ndarray | None, blend_time: float, dt: float

@@ -10,7 +10,7 @@ from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
-from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach, BodyReachConfig
+from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach
 from hugwbc.upper_ik.detour import seeds
 
 TOLERANCE = 0.03  # [m]
@@ -81,7 +81,7 @@ def measure_workspace(
     robot = robot or load_robot()
     points = (grid + np.array([0.0, 0.0, SIDE / 2.0 - robot.nominal_height])).reshape(-1, 3)
     # Nothing moves that could lose its balance, so steps may be large.
-    reach = BodyReach(BodyReachConfig(speed=(2.0, 3.0, 6.0)), robot)
+    reach = BodyReach(robot, speed=(2.0, 3.0, 6.0))
     reached = {}
     for index, body in enumerate((False, True)):
         found = np.zeros(len(points), dtype=bool)

@@ -9,7 +9,7 @@ import pytest
 from hugwbc import Command, Gait, command_ranges
 from hugwbc.commands import COMMAND_NAMES, CommandChange, sample_all
 from hugwbc.mirror import mirror_command
-from hugwbc.runtime.feasibility import FeasibilityLimits, feasible
+from hugwbc.runtime.feasibility import feasible
 
 STEPPING = [gait for gait in Gait if gait is not Gait.STANDING]
 
@@ -57,8 +57,3 @@ def test_the_guard_is_the_same_in_a_mirror():
     for row in sample_all(Gait.WALKING, rng, 100):
         command = Command.from_array(row, Gait.WALKING)
         assert feasible(mirror_command(command))[0] == mirror_command(feasible(command)[0])
-
-
-def test_limits_can_be_set():
-    command = Command(h=-0.2, l=0.3, gait=Gait.WALKING)
-    assert feasible(command, FeasibilityLimits(reach=0.6))[0] == command

@@ -31,10 +31,10 @@ def test_a_weight_is_learned_up_to_the_friction():
     assert first.payload is not None and 0.0 < first.payload[0] < 0.5, "not at once"
     body = learn(observer, BODY, pulled(-30.0))
     assert body.payload is not None
-    assert body.payload[0] == pytest.approx((30.0 - observer.params.band) / 9.81, abs=0.01)
+    assert body.payload[0] == pytest.approx((30.0 - BAND) / 9.81, abs=0.01)
     assert body.payload[1] == 0.0
     learn(observer, BODY, pulled(0.0))
-    assert observer.payload[0] == pytest.approx(observer.params.band / 9.81, abs=0.01)
+    assert observer.payload[0] == pytest.approx(BAND / 9.81, abs=0.01)
 
 
 def test_friction_and_upward_forces_are_no_payload_and_the_rest_is_bounded():
@@ -42,7 +42,7 @@ def test_friction_and_upward_forces_are_no_payload_and_the_rest_is_bounded():
     for force in (-1.4, 1.4, 25.0):
         assert learn(observer, BODY, pulled(force)) is BODY
     body = learn(observer, BODY, pulled(-500.0), 10.0)
-    assert body.payload is not None and body.payload[0] == observer.params.heaviest
+    assert body.payload is not None and body.payload[0] == HEAVIEST
 
 
 def test_a_wanted_force_is_no_payload():

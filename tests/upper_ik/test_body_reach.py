@@ -8,7 +8,7 @@ from hugwbc import Command, Gait, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import ArmIK, BodyReach, BodyReachConfig
+from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.body_reach import on_column
 from hugwbc.upper_ik.workspace import measure_workspace
 
@@ -120,13 +120,6 @@ def test_frames_agree_with_the_whole_robot(robot, make_state):
     reach.start(robot.nominal[robot.arms], values)
     reach.solve(np.stack((points[0][0],) * 2), np.array([True, False]), values, values, DT)  # type: ignore[index]
     assert reach.hands()[0] == pytest.approx(points[0][0], abs=2e-3)  # type: ignore[index]
-
-
-def test_bad_settings_are_refused():
-    with pytest.raises(ConfigError, match="speed"):
-        BodyReachConfig(speed=(0.1, 0.0, 0.1))
-    with pytest.raises(ConfigError, match="body_weight is"):
-        BodyReachConfig(body_weight=math.inf)
 
 
 def test_the_whole_body_reaches_more_than_the_arms():
