@@ -38,8 +38,8 @@ _BALANCED = 0.02  # two forces whose sum is a smaller part of their lengths than
 
 
 STIFFNESS = 140.0  # [N*m/rad] of every arm joint: the maker's teleoperation of the H1 (`xr_teleoperate`, `kp_low`)
-# [N*m*s/rad] of shoulder pitch and roll, which move the whole arm: a stretched arm of 0.3 kg m^2 then has three quarters
-# of the critical damping.
+# [N*m*s/rad] of shoulder pitch and roll, which move the whole arm: a stretched arm of 0.3 kg m^2 then has three
+# quarters of the critical damping.
 SHOULDER_DAMPING = 10.0
 DISTAL_DAMPING = 3.0  # [N*m*s/rad] of shoulder yaw and elbow, which move the forearm only: the maker's `kd_low`
 # [N*m/rad] of every joint of an arm whose hand has a stiffness, besides that of the hand: it holds the elbow, which may

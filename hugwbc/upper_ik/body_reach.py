@@ -54,11 +54,11 @@ class BodyReach:
         arm, arms = self._arm, self._robot.arms
         self._arm_limits = self._robot.lower[arms] + arm.limit_margin, self._robot.upper[arms] - arm.limit_margin
         speeds = self._robot.velocity_limit[arms] * arm.speed_fraction
-        for name, low, high, speed in zip(self._robot.arm_names, *self._arm_limits, speeds, strict=True):
+        for name, low, high, fastest in zip(self._robot.arm_names, *self._arm_limits, speeds, strict=True):
             self.placo.set_joint_limits(name, float(low), float(high))
-            self.placo.set_velocity_limit(name, float(speed))
-        for name, speed in zip(_BODY_JOINTS, self._speed, strict=True):
-            self.placo.set_velocity_limit(name, speed)
+            self.placo.set_velocity_limit(name, float(fastest))
+        for name, fastest in zip(_BODY_JOINTS, speed, strict=True):
+            self.placo.set_velocity_limit(name, fastest)
         self._columns = np.array([self.placo.get_joint_offset(name) for name in _BODY_JOINTS])
         self._arm_columns = np.array([self.placo.get_joint_offset(name) for name in self._robot.arm_names])
         self._build_solver()

@@ -12,6 +12,7 @@ from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, TargetCounts, TargetWatch, UpperBodySource
+from hugwbc.upper_ik.takeover import ACCELERATION
 
 DT = 0.02
 HANDS = HandTargets.of((0.35, 0.2, 0.15), (0.3, -0.25, 0.25))
