@@ -3,10 +3,8 @@
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.behaviours import BoxGrip, Course, View, doing, seen, step, walk_to
-from hugwbc.behaviours.boxes import DISTANCE, carried_at
+from hugwbc.behaviours import Course, View, doing, seen, step, walk_to
 from hugwbc.behaviours.course import Seconds
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks import fetch_box, open_door
 from hugwbc.tasks.judges import happened, trunk_clear
 from hugwbc.tasks.task import Shapes, Task, scene_of
@@ -19,35 +17,24 @@ MILESTONES = (
     trunk_clear("door/frame", "the trunk touched the frame"),
 )
 
-_BACK = 0.35  # [m], step back with the box before the turn
 _BEFORE, _BEHIND = 0.9, 1.0  # [m], of the pelvis from the doorway
 _ASIDE = -0.1  # [m], away from the hinge: the leaf comes to rest on the robot's left
-_CLEAR = 0.05  # [m], of the box over shelf and table
 
 
 @step
 def deliver_box(view: View, shapes: Shapes, *, timeout: Seconds = 115.0) -> Course:
     """Grasp the box, turn to the door, push the leaf with the box, walk through, and put the box down."""
-    _, width, height = (settled(side) for side in shapes["box"]["size"])  # type: ignore[attr-defined]
-    top, box = settled(shapes["bench"]["height"]), BoxGrip(width)  # type: ignore[arg-type]
-    highest = max(float(seen(view, "box").position[2]), top + height / 2)
-    view = yield from box.take(view, "box", goal=carried_at(highest + box.at[1] + _CLEAR))
-    view = yield from doing("carry the box to the door", _to_the_door(view))
+    return (yield from fetch_box.bring(view, shapes, _through_the_door))
+
+
+def _through_the_door(view: View) -> Course:
+    walk = walk_to(view, before="door/frame", distance=_BEFORE, aside=_ASIDE, speed=0.35, tolerance=0.08)
+    view = yield from doing("carry the box to the door", walk)
     frame = seen(view, "door/frame")
     goal = frame.position + rotations.rotation_z(frame.yaw) @ np.array([_BEHIND, _ASIDE, 0.0])
     walk = walk_to(view, (float(goal[0]), float(goal[1])), frame.yaw, speed=0.25, stand=False, tolerance=0.2)
     view = yield from doing("push the door and walk through", walk)
-    walk = walk_to(view, before="bench", distance=DISTANCE - fetch_box.GOAL[0], speed=0.3)
-    view = yield from doing("carry the box to the table", walk)
-    view = yield from doing("put the box down", fetch_box.put_down(view, box, top + height / 2))
-    return (yield from doing("let go", box.let_go(view)))
-
-
-def _to_the_door(view: View) -> Course:
-    yaw = view.state.yaw
-    back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
-    view = yield from walk_to(view, (float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1)
-    return (yield from walk_to(view, before="door/frame", distance=_BEFORE, aside=_ASIDE, speed=0.35, tolerance=0.08))
+    return (yield from doing("carry the box to the table", fetch_box.to_the_table(view, speed=0.3)))
 
 
 TASK = Task(

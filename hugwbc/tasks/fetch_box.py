@@ -3,7 +3,7 @@
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.behaviours import BoxGrip, Course, View, doing, seen, step, walk_to
+from hugwbc.behaviours import Behaviour, BoxGrip, Course, View, doing, seen, step, walk_to
 from hugwbc.behaviours.boxes import DISTANCE, carried_at
 from hugwbc.behaviours.course import Seconds
 from hugwbc.sim.scenes.varied import settled
@@ -61,28 +61,30 @@ _CLEAR = 0.05  # [m], of the box over both tables
 @step
 def fetch_box(view: View, shapes: Shapes, *, timeout: Seconds = 100.0) -> Course:
     """Grasp the box, step back, turn, walk to the other table, and put the box down."""
+    return (yield from bring(view, shapes, lambda now: doing("carry the box", to_the_table(now, speed=0.35))))
+
+
+def bring(view: View, shapes: Shapes, way: Behaviour) -> Course:
+    """Grasp the box, step back, go a way that ends before the other table, put the box down there, and let go."""
     _, width, height = (settled(side) for side in shapes["box"]["size"])  # type: ignore[attr-defined]
     top, box = settled(shapes["bench"]["height"]), BoxGrip(width)  # type: ignore[arg-type]
     highest = max(float(seen(view, "box").position[2]), top + height / 2)
     view = yield from box.take(view, "box", goal=carried_at(highest + box.at[1] + _CLEAR))
-    view = yield from doing("carry the box", _carry(view))
-    view = yield from doing("put the box down", put_down(view, box, top + height / 2))
+    yaw = view.state.yaw
+    back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
+    step_back = walk_to(view, (float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1)
+    view = yield from doing("carry the box", step_back)
+    view = yield from way(view)
+    bench = seen(view, "bench")
+    goal = bench.position + rotations.rotation_z(bench.yaw) @ np.array([*GOAL, 0.0])
+    goal[2] = top + height / 2
+    view = yield from doing("put the box down", box.put(view, "box", goal, bench.yaw))
     return (yield from doing("let go", box.let_go(view)))
 
 
-def put_down(view: View, box: BoxGrip, height: float) -> Course:
-    """Put the box down on its place on the other table, with its middle at a height [m]."""
-    bench = seen(view, "bench")
-    goal = bench.position + rotations.rotation_z(bench.yaw) @ np.array([*GOAL, 0.0])
-    goal[2] = height
-    return box.put(view, "box", goal, bench.yaw)
-
-
-def _carry(view: View) -> Course:
-    yaw = view.state.yaw
-    back = view.position - _BACK * rotations.rotation_z(yaw)[:, 0]
-    view = yield from walk_to(view, (float(back[0]), float(back[1])), yaw, speed=0.25, tolerance=0.1)
-    return (yield from walk_to(view, before="bench", distance=DISTANCE - GOAL[0], speed=0.35))
+def to_the_table(view: View, speed: float) -> Course:
+    """Walk with the box to where it can be put on the other table, at a speed [m/s]."""
+    return walk_to(view, before="bench", distance=DISTANCE - GOAL[0], speed=speed)
 
 
 TASK = Task(
