@@ -10,9 +10,8 @@ from hugwbc.gait import Gait
 
 REACH = 0.35  # [m], highest swing at h = 0; a squat reduces it by as much as it lowers the pelvis (knee and ankle)
 LEAST_REACH = 0.15  # [m], highest swing that is allowed at any height
-SWING_REACTION = (
-    1.9  # [m Hz^2], largest l f^2: the reaction of a swing grows with it, and the narrow feet slip beyond it
-)
+# [m Hz^2], largest l f^2: the reaction of a swing grows with it, and the narrow feet cannot hold more.
+SWING_REACTION = 1.9
 SLOW_STEP = 0.3  # [m], longest step below BRISK; the robot falls sideways for as long as a step lasts
 BRISK = 2.0  # [Hz], stride frequency that is enough for every commanded speed
 SIDEWAYS = 1.2  # [m/s^2], largest centripetal acceleration v omega; without ankle roll the legs cannot hold more
