@@ -1,14 +1,37 @@
-"""Synthetic records of runs, short and cheap: for metrics with prescribed errors, for pictures with moving parts."""
+"""States of the robot, and synthetic records of runs: with prescribed errors, or with moving parts for pictures."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc import Command, Gait, Robot, RobotState, load_robot, rotations
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.runtime.trace import Trace
+
+
+def make_state(q=None, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, **fields) -> RobotState:
+    """Return a robot at rest in the nominal pose, but for its joints, the pelvis' angles [rad] and other fields."""
+    state = {
+        "q": load_robot().nominal if q is None else q,
+        "dq": np.zeros(19),
+        "orientation": rotations.from_yaw_pitch_roll(yaw, pitch, roll),
+        "angular_velocity": np.zeros(3),
+    }
+    values = {name: value if value is None or np.isscalar(value) else np.array(value, dtype=float)
+              for name, value in (state | fields).items()}  # fmt: skip
+    return RobotState(**values)
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return load_robot()
+
+
+@pytest.fixture
+def nominal_state() -> RobotState:
+    return make_state()
 
 
 def _synthetic_trace(

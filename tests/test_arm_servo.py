@@ -11,21 +11,12 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.robot import load_robot
 from hugwbc.sim import Actuators
 from hugwbc.sim.hand_pull import HandPull
-from tests.upper_ik.conftest import Hanging, make_state
+from tests.conftest import make_state
+from tests.upper_ik.conftest import Hanging
 
 # Both arms forward, elbows slightly bent.
 REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
 DT = 0.02
-
-
-@pytest.fixture
-def robot():
-    return load_robot()
-
-
-@pytest.fixture
-def nominal_state(robot):
-    return make_state(robot.nominal)
 
 
 def driven(servo, robot, q, state, dq=None):

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from hugwbc.commands import (
-    COMMAND_NAMES,
-    Command,
-    CommandChange,
-    command_ranges,
-    default_command,
-    sample_all,
-)
+from hugwbc.commands import COMMAND_NAMES, Command, CommandChange, command_ranges, default_command, sample_all
 from hugwbc.errors import CommandError, UnknownNameError
 from hugwbc.gait import Gait
 

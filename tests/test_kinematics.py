@@ -1,7 +1,5 @@
 """Pinocchio against MuJoCo on random states, and the measured commands against the simulator's sensors."""
 
-import dataclasses
-
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -9,6 +7,7 @@ import pytest
 
 from hugwbc import RobotState, load_robot, rotations
 from hugwbc.kinematics import Kinematics, pinocchio_model
+from tests.conftest import make_state
 
 ROBOT = load_robot()
 MODEL = mujoco.MjModel.from_xml_path(str(ROBOT.xml_path))
@@ -124,18 +123,11 @@ def test_toe_and_heel_are_the_ends_of_the_sole() -> None:
 
 def test_measured_commands_by_hand() -> None:
     """Pelvis at 0.78 m over ground at 0.1 m, heading 90 degrees, pitched 0.3, moving along world y and turning."""
-    orientation = rotations.from_yaw_pitch_roll(np.pi / 2, 0.3, 0.0)
+    turning = rotations.rotate_inverse(rotations.from_yaw_pitch_roll(np.pi / 2, 0.3, 0.0), np.array([0.0, 0.0, 0.7]))
     q = ROBOT.nominal.copy()
     q[ROBOT.waist] = 0.4
-    state = RobotState(
-        q=q,
-        dq=np.zeros(19),
-        orientation=orientation,
-        angular_velocity=rotations.rotate_inverse(orientation, np.array([0.0, 0.0, 0.7])),
-        position=np.array([1.0, 2.0, 0.78]),
-        velocity=np.array([-0.2, 0.5, 0.1]),
-    )
-    KINEMATICS.update(state)
+    moving = {"angular_velocity": turning, "position": (1.0, 2.0, 0.78), "velocity": (-0.2, 0.5, 0.1)}
+    KINEMATICS.update(make_state(q, yaw=np.pi / 2, pitch=0.3, **moving))
     measured = KINEMATICS.measured(ground_height=0.1)
     # Heading along +y: forward is +y, left is -x.
     np.testing.assert_allclose((measured.v_x, measured.v_y, measured.omega), (0.5, 0.2, 0.7), atol=1e-12)
@@ -143,14 +135,11 @@ def test_measured_commands_by_hand() -> None:
 
 
 def test_measured_needs_position_and_velocity() -> None:
-    state = RobotState(ROBOT.nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3))
     kinematics = Kinematics()
-    kinematics.update(state)
-    with pytest.raises(ValueError, match="position and velocity"):
-        kinematics.measured()
-    kinematics.update(dataclasses.replace(state, position=np.zeros(3)))
-    with pytest.raises(ValueError, match="position and velocity"):
-        kinematics.measured()
+    for state in (make_state(), make_state(position=np.zeros(3))):
+        kinematics.update(state)
+        with pytest.raises(ValueError, match="position and velocity"):
+            kinematics.measured()
 
 
 def test_measured_commands_agree_with_the_simulators_sensors() -> None:

@@ -2,11 +2,8 @@
 
 import numpy as np
 
-from hugwbc.robot import load_robot
 from hugwbc.scripts.view import SeenObjects, View
-from hugwbc.state import RobotState
-
-ROBOT = load_robot()
+from tests.conftest import make_state
 
 
 def view(
@@ -18,15 +15,7 @@ def view(
     **more: object,
 ) -> View:
     """Return a view of a robot at rest."""
-    state = RobotState(
-        q=ROBOT.nominal.copy(),
-        dq=np.zeros(19),
-        orientation=np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]),
-        angular_velocity=np.zeros(3),
-        position=np.array(position),
-        velocity=np.zeros(3),
-        time=time,
-    )
+    state = make_state(yaw=yaw, position=position, velocity=np.zeros(3), time=time)
     return View(time=time, state=state, hands=np.array(hands, dtype=float), **more)  # type: ignore[arg-type]
 
 

@@ -37,12 +37,7 @@ def _play(
 ) -> tuple[BehaviourSource, Simulation]:
     source, simulation = BehaviourSource(behaviour), Simulation(scene=scene, seed=seed)
     trace = rollout(
-        load_controller(controller),
-        source,
-        simulation,
-        UpperBodySource(),
-        duration=seconds,
-        until=lambda: source.done,
+        load_controller(controller), source, simulation, UpperBodySource(), duration=seconds, until=lambda: source.done
     )
     assert not trace.fell and trace.problems == ()
     return source, simulation

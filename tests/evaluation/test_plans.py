@@ -12,6 +12,7 @@ from hugwbc.evaluation.episode import Settings, simulate
 from hugwbc.evaluation.plans import NAVIGATION_LIMITS, Knot, Navigator, Plan, Schedule, Tour, Waypoint
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Force
+from tests.conftest import make_state
 
 WALK = Command(gait=Gait.WALKING, v_x=1.0)
 RAMP = Schedule((Knot(0.0, Command()), Knot(1.0, WALK, ramp=2.0), Knot(4.0, Command(w=0.5))))
@@ -78,8 +79,7 @@ def test_a_schedule_is_followed():
 
 
 def seen(x: float, y: float, yaw: float) -> RobotState:
-    orientation = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
-    return RobotState(np.zeros(19), np.zeros(19), orientation, np.zeros(3), position=np.array([x, y, 0.98]))
+    return make_state(yaw=yaw, position=(x, y, 0.98))
 
 
 def test_commands_are_in_the_heading_frame_and_limited():

@@ -8,12 +8,7 @@ import pytest
 from hugwbc import Command, Gait, rotations
 from hugwbc.evaluation.comparison import summarise
 from hugwbc.evaluation.metrics import arrived, hand_travel
-from hugwbc.evaluation.segment_figures import (
-    headline,
-    pose_table,
-    segment_spans,
-    segment_table,
-)
+from hugwbc.evaluation.segment_figures import headline, pose_table, segment_spans, segment_table
 from hugwbc.scripts.script import Script, Segment
 
 SCRIPT = Script("test", (Segment("stand", 4.0), Segment("walk", 6.0, Gait.WALKING, {"v_x": 0.5})))

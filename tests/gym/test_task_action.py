@@ -6,24 +6,15 @@ from hugwbc.behaviours import Action, BehaviourSource, Grip, View
 from hugwbc.errors import ConfigError
 from hugwbc.gym.follow_wish import HAND_SPEED, FollowWish
 from hugwbc.gym.task_action import GRIP_KINDS, ActionLayout, Wish
-from hugwbc.robot import load_robot
-from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+from tests.conftest import make_state
 
 HANDS = np.array([[1.3, 2.2, 1.1], [1.3, 1.8, 1.1]])
 
 
 def view(time: float = 0.0, yaw: float = 0.0, held: tuple[str | None, str | None] = (None, None)) -> View:
     """A robot at (1, 2), with its hands in front of it for a heading of 0."""
-    state = RobotState(
-        q=load_robot().nominal,
-        dq=np.zeros(19),
-        orientation=np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]),
-        angular_velocity=np.zeros(3),
-        position=np.array([1.0, 2.0, 1.0]),
-        velocity=np.zeros(3),
-        time=time,
-    )
+    state = make_state(yaw=yaw, position=(1.0, 2.0, 1.0), velocity=np.zeros(3), time=time)
     return View(time=time, state=state, hands=HANDS, held=held)
 
 

@@ -59,10 +59,7 @@ def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
 
 def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> None:
     settings = TrainConfig(
-        out=tmp_path,
-        start_from=policy_dir() / "h1" / SNAPSHOT_NAME,
-        threads=1,
-        env=EnvConfig(count=8),
+        out=tmp_path, start_from=policy_dir() / "h1" / SNAPSHOT_NAME, threads=1, env=EnvConfig(count=8)
     )
     resumed, shipped = Trainer(settings), load_policy("h1")
     assert resumed.steps == shipped.training["steps"]

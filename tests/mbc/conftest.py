@@ -9,6 +9,7 @@ import pytest
 
 from hugwbc import RobotState, load_robot, rotations
 from hugwbc.kinematics import pinocchio_model
+from tests.conftest import make_state
 
 
 @pytest.fixture
@@ -52,15 +53,7 @@ def symmetric_model() -> pin.Model:
 @pytest.fixture
 def standing_state() -> RobotState:
     """The nominal pose at rest on the ground."""
-    robot = load_robot()
-    return RobotState(
-        q=robot.nominal.copy(),
-        dq=np.zeros(19),
-        orientation=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity=np.zeros(3),
-        position=np.array([0.0, 0.0, 0.98]),
-        velocity=np.zeros(3),
-    )
+    return make_state(position=(0.0, 0.0, 0.98), velocity=np.zeros(3))
 
 
 @pytest.fixture

@@ -2,13 +2,12 @@ import numpy as np
 
 from hugwbc.kinematics import Kinematics
 from hugwbc.report.clouds import hand_clouds
-from hugwbc.robot import load_robot
-from hugwbc.state import RobotState
+from tests.conftest import make_state
 
 
 def test_clouds_grow_from_the_nominal_hands_with_the_level():
-    robot, kinematics = load_robot(), Kinematics()
-    kinematics.update(RobotState(robot.nominal, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)))
+    kinematics = Kinematics()
+    kinematics.update(make_state())
     for hand, side in zip(hand_clouds(0.0, 5), ("left", "right"), strict=True):
         np.testing.assert_allclose(hand, np.tile(kinematics.position(f"{side}_hand"), (5, 1)), atol=1e-6)
     spreads = [np.mean([hand.std(axis=0).sum() for hand in hand_clouds(level, 60)]) for level in (0.25, 0.5, 1.0)]

@@ -205,11 +205,7 @@ ABILITIES = (HasPhase, HasFootholds, HasPlannedAcceleration)
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [
-        ("qp", {HasPhase, HasFootholds, HasPlannedAcceleration}),
-        ("learned", {HasPhase}),
-        ("hold", set()),
-    ],
+    [("qp", {HasPhase, HasFootholds, HasPlannedAcceleration}), ("learned", {HasPhase}), ("hold", set())],
 )
 def test_the_type_of_a_controller_says_what_it_has(name, expected):
     controller = load_controller(name)

@@ -12,7 +12,7 @@ from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
 from hugwbc.sim.variation import Variation
-from tests.upper_ik.conftest import make_state
+from tests.conftest import make_state
 
 DT = 0.002
 REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
@@ -75,12 +75,7 @@ def test_friction_of_a_still_joint_is_the_limit(kinematics):
 @pytest.mark.parametrize("payload", [0.0, 3.0])
 def test_the_weight_in_the_hands_of_a_walking_robot(payload):
     simulation = Simulation(seed=3, variation=Variation(hand_payload=payload))
-    loop = ControlLoop(
-        load_controller("learned"),
-        Constant(Command(v_x=0.3, gait=Gait.WALKING)),
-        simulation,
-        None,
-    )
+    loop = ControlLoop(load_controller("learned"), Constant(Command(v_x=0.3, gait=Gait.WALKING)), simulation, None)
     loop.reset()
     forces = []
     while simulation.time < 6.0:

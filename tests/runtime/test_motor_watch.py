@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from hugwbc import Command, RobotState, UpperBody, load_robot
+from hugwbc import Command, UpperBody, load_robot
 from hugwbc.controller import JointCommand
 from hugwbc.runtime import SafetyFilter
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.motor_watch import MotorWatch
+from tests.conftest import make_state
 
 H1 = load_robot()
 PERIOD = 0.002
@@ -22,8 +23,7 @@ def watched(torque, *, asked=12.0, seconds=0.1, noise=1.0):
         tau, measured = np.zeros(19), rng.normal(0.0, noise, 19)
         tau[KNEE] = asked(time) if callable(asked) else asked
         measured[KNEE] += torque(time) if callable(torque) else torque
-        state = RobotState(H1.nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3), torque=measured, time=time)
-        watch.see(state, time)
+        watch.see(make_state(torque=measured, time=time), time)
         watch.note(JointCommand(H1.nominal, np.zeros(19), H1.kp, H1.kd, tau))
     return watch
 
@@ -49,7 +49,7 @@ def test_working_motors_raise_no_alarm(case):
 
 def test_the_robot_kneels_when_a_motor_is_dead():
     safe = SafetyFilter(HoldController(H1))
-    state = RobotState(H1.nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    state = make_state()
     safe.reset(state)
     safe.act(state, Command(), UpperBody.none())
     safe.motors.dead = "left_knee_joint"

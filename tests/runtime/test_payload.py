@@ -8,7 +8,7 @@ import pytest
 from hugwbc.controller import UpperBody
 from hugwbc.robot import load_robot
 from hugwbc.runtime.payload import BAND, HEAVIEST, PayloadObserver
-from tests.upper_ik.conftest import make_state
+from tests.conftest import make_state
 
 DT = 0.02
 BODY = UpperBody.targets(np.zeros(8))

@@ -8,6 +8,7 @@ from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, command_r
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import override_arms
 from hugwbc.runtime.safety import Handover, SafetyFilter
+from tests.conftest import make_state
 
 ROBOT = load_robot()
 DT = 0.02
@@ -33,26 +34,22 @@ class Recorder:
         return self.answer
 
 
-def good_state():
-    return RobotState(ROBOT.nominal.copy(), np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3))
-
-
 def bad_state():
-    return dataclasses.replace(good_state(), dq=np.full(19, np.nan))
+    return make_state(dq=np.full(19, np.nan))
 
 
 @pytest.fixture
 def filtered():
     recorder = Recorder()
     safe = SafetyFilter(recorder)
-    safe.reset(good_state())
+    safe.reset(make_state())
     return recorder, safe
 
 
 def test_a_good_tick_passes_unchanged(filtered):
     recorder, safe = filtered
     command = Command(v_x=0.5, gait=Gait.WALKING)
-    output = safe.act(good_state(), command, UpperBody.none())
+    output = safe.act(make_state(), command, UpperBody.none())
     assert recorder.seen[-1][1] == command
     np.testing.assert_array_equal(output.q, ROBOT.nominal)
     report = safe.report()
@@ -62,8 +59,8 @@ def test_a_good_tick_passes_unchanged(filtered):
 
 def test_out_of_range_commands_are_clamped_counted_and_never_passed_on(filtered):
     recorder, safe = filtered
-    safe.act(good_state(), Command(v_x=9.0, h=float("nan"), gait=Gait.WALKING), UpperBody.none())
-    safe.act(good_state(), Command(v_x=-9.0, gait=Gait.WALKING), UpperBody.none())
+    safe.act(make_state(), Command(v_x=9.0, h=float("nan"), gait=Gait.WALKING), UpperBody.none())
+    safe.act(make_state(), Command(v_x=-9.0, gait=Gait.WALKING), UpperBody.none())
     assert [c.v_x for _, c, _ in recorder.seen] == [2.0, -0.6]
     assert recorder.seen[0][1].h == 0.0
     assert safe.report().commands_clamped == {"v_x": 2, "h": 1}
@@ -74,7 +71,7 @@ def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explain
     recorder, safe = filtered
     asked = Command(v_x=1.5, f=1.5, l=0.3, h=-0.25, gait=Gait.WALKING)
     for _ in range(2):
-        safe.act(good_state(), asked, UpperBody.none())
+        safe.act(make_state(), asked, UpperBody.none())
     assert recorder.seen[-1][1] == dataclasses.replace(asked, f=2.0, l=0.15)
     assert safe.command == asked, "errors are measured against what was asked"
     report = safe.report()
@@ -90,7 +87,7 @@ def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explain
 def test_any_eight_numbers_reach_the_controller_in_range(values, gait):
     recorder = Recorder()
     safe = SafetyFilter(recorder)
-    safe.act(good_state(), Command(**dict(zip(COMMAND_NAMES, values, strict=True)), gait=gait), UpperBody.none())
+    safe.act(make_state(), Command(**dict(zip(COMMAND_NAMES, values, strict=True)), gait=gait), UpperBody.none())
     passed = recorder.seen[-1][1]
     for name, limits in command_ranges(gait).items():
         assert limits.finishing[0] <= getattr(passed, name) <= limits.finishing[1]
@@ -99,7 +96,7 @@ def test_any_eight_numbers_reach_the_controller_in_range(values, gait):
 def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(filtered):
     recorder, safe = filtered
     recorder.answer = JointCommand.position(ROBOT, ROBOT.nominal + 0.05)
-    first = safe.act(good_state(), Command(), UpperBody.none())
+    first = safe.act(make_state(), Command(), UpperBody.none())
     held = [safe.act(bad_state(), Command(), UpperBody.none()) for _ in range(5)]
     damped = safe.act(bad_state(), Command(), UpperBody.none())
     for output in held:
@@ -110,7 +107,7 @@ def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(filtered):
     assert damped.is_finite
     assert len(recorder.seen) == 1, "the controller never sees a state that is not finite"
     resets = recorder.resets
-    recovered = safe.act(good_state(), Command(), UpperBody.none())
+    recovered = safe.act(make_state(), Command(), UpperBody.none())
     assert recorder.resets == resets + 1
     np.testing.assert_array_equal(recovered.kp, ROBOT.kp)
     report = safe.report()
@@ -119,10 +116,10 @@ def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(filtered):
 
 def test_an_imu_that_died_is_a_bad_state(filtered):
     recorder, safe = filtered
-    dead = dataclasses.replace(good_state(), orientation=np.zeros(4))
+    dead = make_state(orientation=np.zeros(4))
     safe.act(dead, Command(), UpperBody.none())
     assert recorder.seen == [] and safe.report().bad_states == 1
-    slightly_off = dataclasses.replace(good_state(), orientation=np.array([1.01, 0.0, 0.0, 0.0]))
+    slightly_off = make_state(orientation=np.array([1.01, 0.0, 0.0, 0.0]))
     safe.act(slightly_off, Command(), UpperBody.none())
     assert len(recorder.seen) == 1
 
@@ -130,14 +127,14 @@ def test_an_imu_that_died_is_a_bad_state(filtered):
 def test_an_exception_or_a_nan_of_the_controller_is_contained(filtered):
     recorder, safe = filtered
     recorder.answer = RuntimeError("no solution")
-    assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
+    assert safe.act(make_state(), Command(), UpperBody.none()).is_finite
     recorder.answer = JointCommand.position(ROBOT, np.full(19, np.nan))
-    assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
+    assert safe.act(make_state(), Command(), UpperBody.none()).is_finite
     for too_few in (np.zeros(18), np.zeros((19, 1))):
         recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, ROBOT.nominal), kd=too_few)
-        assert safe.act(good_state(), Command(), UpperBody.none()).kd.shape == (19,)
+        assert safe.act(make_state(), Command(), UpperBody.none()).kd.shape == (19,)
     recorder.answer = None
-    assert safe.act(good_state(), Command(), UpperBody.none()).is_finite
+    assert safe.act(make_state(), Command(), UpperBody.none()).is_finite
     report = safe.report()
     assert report.failures == 2 and report.bad_outputs == 3
     assert "RuntimeError: no solution" in report.messages[0]
@@ -147,7 +144,7 @@ def test_targets_and_torques_stay_within_limits(filtered):
     recorder, safe = filtered
     huge = np.full(19, 100.0)
     recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, huge), tau=-1e4 * np.ones(19))
-    output = safe.act(good_state(), Command(), UpperBody.none())
+    output = safe.act(make_state(), Command(), UpperBody.none())
     knee = ROBOT.index("left_knee_joint")
     # limit 2.05 rad; 280 N*m at 300 N*m/rad is another 0.9333 rad
     assert output.q[knee] == pytest.approx(2.05 + 280 / 300)
@@ -158,13 +155,13 @@ def test_targets_and_torques_stay_within_limits(filtered):
 
 def test_external_arm_targets_are_checked(filtered):
     recorder, safe = filtered
-    safe.act(good_state(), Command(), UpperBody.targets(np.full(8, 0.1)))
+    safe.act(make_state(), Command(), UpperBody.targets(np.full(8, 0.1)))
     bad = UpperBody(np.full(8, np.nan), np.zeros(8), np.ones(8, dtype=bool))
-    safe.act(good_state(), Command(), bad)
+    safe.act(make_state(), Command(), bad)
     np.testing.assert_array_equal(recorder.seen[-1][2].q, 0.1)
-    safe.act(good_state(), Command(), UpperBody(np.zeros(7), np.zeros(8), np.ones(8, dtype=bool)))
+    safe.act(make_state(), Command(), UpperBody(np.zeros(7), np.zeros(8), np.ones(8, dtype=bool)))
     np.testing.assert_array_equal(recorder.seen[-1][2].q, 0.1)
-    safe.act(good_state(), Command(), UpperBody.targets(np.full(8, 9.0)))
+    safe.act(make_state(), Command(), UpperBody.targets(np.full(8, 9.0)))
     np.testing.assert_array_equal(recorder.seen[-1][2].q, ROBOT.upper[ROBOT.arms])
     report = safe.report()
     assert (report.upper_body_rejected, report.upper_body_limited) == (2, 1)
@@ -174,20 +171,20 @@ def test_velocity_targets_are_limited_to_the_joints_speeds(filtered):
     recorder, safe = filtered
     fast = ROBOT.velocity_limit * np.where(np.arange(19) % 2, -1.5, 0.5)
     recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, ROBOT.nominal), dq=fast)
-    output = safe.act(good_state(), Command(), UpperBody.none())
+    output = safe.act(make_state(), Command(), UpperBody.none())
     np.testing.assert_allclose(output.dq, np.clip(fast, -ROBOT.velocity_limit, ROBOT.velocity_limit))
     assert safe.report().speeds_limited == 1
     assert any("speeds limited, first at" in message for message in safe.report().messages)
     recorder.answer = dataclasses.replace(recorder.answer, dq=ROBOT.velocity_limit)
-    safe.act(good_state(), Command(), UpperBody.none())
+    safe.act(make_state(), Command(), UpperBody.none())
     assert safe.report().speeds_limited == 1
 
 
 def test_overruns_are_counted():
     times = iter([0.0, 0.03, 1.0, 1.01])
     safe = SafetyFilter(Recorder(), clock=lambda: next(times))
-    safe.act(good_state(), Command(), UpperBody.none())
-    safe.act(good_state(), Command(), UpperBody.none())
+    safe.act(make_state(), Command(), UpperBody.none())
+    safe.act(make_state(), Command(), UpperBody.none())
     assert safe.report().overruns == 1
     assert safe.last_tick_s == pytest.approx(0.01)
 
@@ -265,7 +262,7 @@ def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(
         if fault < 0.05:
             answer = RuntimeError("no solution")
         recorders[0].answer = recorders[1].answer = answer
-        state = bad_state() if 0.05 < fault < 0.1 or tick % 500 > 480 else good_state()
+        state = bad_state() if 0.05 < fault < 0.1 or tick % 500 > 480 else make_state()
         found = safe.act(state, Command(), arms)
         filtered = plain.act(state, Command(), arms)
         expected = behind(filtered, arms, plain.period)

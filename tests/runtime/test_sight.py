@@ -7,7 +7,6 @@ import pytest
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController, load_controller
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.sight import SeenRobot, carry_out
@@ -17,19 +16,11 @@ from hugwbc.sim.scenes import Box, Scene
 from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
+from tests.conftest import make_state
 
 
 def _state(time: float, position: np.ndarray, yaw: float, velocity: np.ndarray) -> RobotState:
-    robot = load_robot()
-    return RobotState(
-        q=robot.nominal,
-        dq=np.zeros(19),
-        orientation=rotations.from_yaw_pitch_roll(yaw, 0.1, 0.05),
-        angular_velocity=np.zeros(3),
-        position=position,
-        velocity=velocity,
-        time=time,
-    )
+    return make_state(yaw=yaw, pitch=0.1, roll=0.05, position=position, velocity=velocity, time=time)
 
 
 def test_the_drift_of_an_estimate_is_taken_off() -> None:

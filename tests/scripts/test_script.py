@@ -129,8 +129,7 @@ def test_bad_hand_motions_are_refused():
         HandMotion(PATH, PATH, "body")  # type: ignore[arg-type]
     with pytest.raises(TargetError, match="changes the hand frame from pelvis to world"):
         Script(
-            "x",
-            (Segment("a", 1.0, hands=MOTION), Segment("b", 1.0, hands=dataclasses.replace(MOTION, frame="world"))),
+            "x", (Segment("a", 1.0, hands=MOTION), Segment("b", 1.0, hands=dataclasses.replace(MOTION, frame="world")))
         )
 
 

@@ -10,7 +10,7 @@ from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.scripts.bvh import find_joints, load_bvh
 from hugwbc.scripts.whole_body_motion import PARTS, MotionScore, load_whole_body_motion
-from hugwbc.state import RobotState
+from tests.conftest import make_state
 
 
 def asked(motion, name):
@@ -73,14 +73,7 @@ def test_leaning_twisting_and_squatting(tmp_path):
 def test_errors_are_those_of_the_clip_the_ranges_and_the_robot(tmp_path):
     motion = load_whole_body_motion(write_bvh(tmp_path / "turn.bvh", lambda t: {"Spine": (0, 0, 80)}))
     robot, score = load_robot(), MotionScore(load_whole_body_motion(tmp_path / "turn.bvh"))
-    still = RobotState(
-        position=np.array([1.0, 2.0, robot.nominal_height - 0.1]),
-        orientation=rotations.from_yaw_pitch_roll(0.7, 0.0, 0.0),
-        velocity=np.zeros(3),
-        angular_velocity=np.zeros(3),
-        q=robot.nominal,
-        dq=np.zeros(19),
-    )
+    still = make_state(yaw=0.7, position=(1.0, 2.0, robot.nominal_height - 0.1), velocity=np.zeros(3))
     for t in np.arange(0.0, 5.0, 0.02):
         level = motion.hands[motion.frame_at(t)] + [0.0, 0.0, 0.05]
         score.watch(t, still, still.position + level @ rotations.rotation_z(0.7).T)

@@ -58,11 +58,7 @@ def test_the_momentum_is_force_times_time(simulation):
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [
-        ({"vector": (1.0, math.nan, 0.0)}, "vector.1"),
-        ({"start": -1.0}, "start"),
-        ({"duration": 0.0}, "duration"),
-    ],
+    [({"vector": (1.0, math.nan, 0.0)}, "vector.1"), ({"start": -1.0}, "start"), ({"duration": 0.0}, "duration")],
 )
 def test_bad_forces_are_refused(values, message):
     with pytest.raises(ConfigError, match=message):

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.tasks import (
-    TASK_NAMES,
-    load_task,
-)
+from hugwbc.tasks import TASK_NAMES, load_task
 from hugwbc.tasks.wipe_table import CORNERS, path_points
 
 LEFT, RIGHT, BOTH = (("left_elbow_link",), ("right_elbow_link",), ("left_elbow_link", "right_elbow_link"))

@@ -4,34 +4,8 @@ import pytest
 
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
-from hugwbc.robot import load_robot
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
-
-
-@pytest.fixture
-def robot():
-    return load_robot()
-
-
-@pytest.fixture
-def nominal_state(robot):
-    return make_state(robot.nominal)
-
-
-def make_state(q, *, orientation=(1.0, 0.0, 0.0, 0.0), position=None):
-    return RobotState(
-        q=np.array(q, dtype=float),
-        dq=np.zeros(19),
-        orientation=np.array(orientation, dtype=float),
-        angular_velocity=np.zeros(3),
-        position=None if position is None else np.array(position, dtype=float),
-    )
-
-
-@pytest.fixture(name="make_state")
-def make_state_fixture():
-    return make_state
 
 
 class Hanging:

@@ -11,13 +11,14 @@ from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.body_reach import on_column
 from hugwbc.upper_ik.workspace import measure_workspace
+from tests.conftest import make_state
 
 DT = 0.02
 LOW = HandTargets.of((0.45, 0.2, 0.55), (0.45, -0.2, 0.6), "world", whole_body=True)
 
 
 @pytest.fixture
-def standing(robot, make_state):
+def standing(robot):
     return make_state(robot.nominal, position=(0.0, 0.0, robot.nominal_height))
 
 
@@ -26,7 +27,7 @@ def run(reach, hands, state, command, seconds=6.0):
     return commands[-1], np.array([[c.h, c.p, c.w] for c in commands])
 
 
-def test_a_low_target_makes_the_body_come_down_to_where_the_arms_reach_it(robot, make_state, standing):
+def test_a_low_target_makes_the_body_come_down_to_where_the_arms_reach_it(robot, standing):
     command, path = run(BodyReach(), LOW, standing, Command())
     assert command.h < -0.2
     assert command.p > 0.1
@@ -84,7 +85,7 @@ def test_targets_that_do_not_ask_for_the_body_leave_the_command_alone(standing):
     assert BodyReach().update(plain, standing, Command(), DT) == Command()
 
 
-def test_bad_numbers_are_survived(robot, make_state, standing):
+def test_bad_numbers_are_survived(robot, standing):
     reach = BodyReach()
     run(reach, LOW, standing, Command(), 1.0)
     bad = HandTargets(np.full(3, math.nan), None, "world", whole_body=True)
@@ -97,7 +98,7 @@ def test_bad_numbers_are_survived(robot, make_state, standing):
     assert BodyReach().update(LOW, broken, Command(), DT).validate()
 
 
-def test_frames_agree_with_the_whole_robot(robot, make_state):
+def test_frames_agree_with_the_whole_robot(robot):
     """A hand of a pitched, turned and lowered robot is at the same point of the column in all three frames."""
     h, p, yaw = -0.2, 0.3, 2.0
     place = np.array([1.0, -2.0, robot.nominal_height + h])

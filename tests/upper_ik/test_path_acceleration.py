@@ -8,13 +8,14 @@ import pytest
 from hugwbc.scripts.hand_paths import Circle
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK
+from tests.conftest import make_state
 
 DT = 0.002
 CIRCLE = Circle((0.35, 0.2, 0.15), 0.08, "x", period=2.0)
 STILL = HandTargets.of((0.35, 0.2, 0.15), (0.3, -0.25, 0.25))
 
 
-def solutions(make_state, robot, targets, seconds, waist=lambda t: 0.0):
+def solutions(robot, targets, seconds, waist=lambda t: 0.0):
     """The IK's solutions at DT; `targets` and `waist` are functions of time."""
     ik, found = ArmIK(), []
     for tick in range(round(seconds / DT)):
@@ -30,8 +31,8 @@ def circling(t, frame="pelvis"):
 
 
 @pytest.mark.parametrize("frame", ["pelvis", "world"])
-def test_on_a_body_at_rest_it_is_that_of_the_arm_command(make_state, robot, frame):
-    found = solutions(make_state, robot, lambda t: circling(t, frame), 3.0)
+def test_on_a_body_at_rest_it_is_that_of_the_arm_command(robot, frame):
+    found = solutions(robot, lambda t: circling(t, frame), 3.0)
     dq, ddq = (np.array([getattr(s, name) for s in found]) for name in ("dq", "ddq"))
     # Over 0.1 s the acceleration adds up to the change of the command's velocity, which lags behind by a few ticks.
     window, last = 50, 800
@@ -41,18 +42,17 @@ def test_on_a_body_at_rest_it_is_that_of_the_arm_command(make_state, robot, fram
     assert np.abs(added - change).max() < 0.15 * np.abs(change).max()
 
 
-def test_a_swaying_body_moves_the_arms_but_is_not_fed_forward(make_state, robot):
-    found = solutions(make_state, robot, lambda t: STILL, 3.0, waist=lambda t: 0.1 * math.sin(6.0 * t))
+def test_a_swaying_body_moves_the_arms_but_is_not_fed_forward(robot):
+    found = solutions(robot, lambda t: STILL, 3.0, waist=lambda t: 0.1 * math.sin(6.0 * t))
     settled = found[-500:]
     assert max(np.abs(s.dq).max() for s in settled) > 0.2
     assert max(np.abs(s.ddq).max() for s in settled) == 0.0
 
 
-def test_noise_of_the_waist_angle_does_not_reach_it(make_state, robot):
+def test_noise_of_the_waist_angle_does_not_reach_it(robot):
     noise = np.random.default_rng(0).normal(0.0, 0.002, 2000)
     calm, shaken = (
-        solutions(make_state, robot, circling, 2.5, waist=lambda t, by=by: by * noise[round(t / DT) % 2000])
-        for by in (0.0, 1.0)
+        solutions(robot, circling, 2.5, waist=lambda t, by=by: by * noise[round(t / DT) % 2000]) for by in (0.0, 1.0)
     )
     difference = np.array([a.ddq - b.ddq for a, b in zip(calm, shaken, strict=True)])[-800:]
     commanded = np.array([s.dq for s in shaken])[-801:]
@@ -61,7 +61,7 @@ def test_noise_of_the_waist_angle_does_not_reach_it(make_state, robot):
     assert np.abs(difference).max() < 0.1 * noisy
 
 
-def test_targets_that_jump_or_come_in_a_stream_have_none(make_state, robot):
+def test_targets_that_jump_or_come_in_a_stream_have_none(robot):
     def stepwise(t):
         return HandTargets.of((0.35, 0.2 + 0.05 * (round(t / 0.5) % 2), 0.15), (0.3, -0.25, 0.25))
 
@@ -71,10 +71,10 @@ def test_targets_that_jump_or_come_in_a_stream_have_none(make_state, robot):
         return HandTargets(target.left, target.right, stamp=held)
 
     for targets in (stepwise, stream):
-        assert max(np.abs(s.ddq).max() for s in solutions(make_state, robot, targets, 2.0)) == 0.0
+        assert max(np.abs(s.ddq).max() for s in solutions(robot, targets, 2.0)) == 0.0
 
 
-def test_unusable_targets_end_it(make_state, robot):
+def test_unusable_targets_end_it(robot):
     ik = ArmIK()
     for tick in range(1500):
         ik.solve(circling(tick * DT), make_state(robot.nominal), DT)

@@ -10,6 +10,7 @@ from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.detour import posture_table
 from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, HIP_NAMES, PITCH_JOINT, Clearance, upper_body
+from tests.conftest import make_state
 
 
 def _links(wrapper):
@@ -73,7 +74,7 @@ def test_the_shapes_are_those_of_the_robots_table(robot):
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_every_robot_of_the_table_has_arms_that_reach(name, make_state):
+def test_every_robot_of_the_table_has_arms_that_reach(name):
     robot = load_robot(name)
     ik, body = ArmIK(robot=robot), BodyReach(robot=robot)
     assert ik.robot is robot and np.array_equal(posture_table(robot).q, posture_table().q)

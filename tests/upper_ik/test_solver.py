@@ -12,6 +12,7 @@ from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
 from hugwbc.upper_ik.solver import LONGEST_TICK
+from tests.conftest import make_state
 
 DT = 0.02
 COMFORTABLE = np.array([[0.35, 0.2, 0.15], [0.3, -0.25, 0.05]])
@@ -29,7 +30,7 @@ def shoulder_to_targets(points):
     return points - np.array([[0.0, 0.2136, 0.4389], [0.0, -0.2136, 0.4389]])
 
 
-def test_hands_agree_with_pinocchio_on_the_whole_robot(robot, make_state):
+def test_hands_agree_with_pinocchio_on_the_whole_robot(robot):
     ik, kinematics = ArmIK(), Kinematics()
     rng = np.random.default_rng(0)
     for _ in range(50):
@@ -40,7 +41,7 @@ def test_hands_agree_with_pinocchio_on_the_whole_robot(robot, make_state):
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.02])
-def test_reachable_targets_leave_no_residual(robot, make_state, dt):
+def test_reachable_targets_leave_no_residual(robot, dt):
     ik, kinematics = ArmIK(), Kinematics()
     q = robot.nominal.copy()
     q[robot.waist] = 0.5
@@ -55,7 +56,7 @@ def test_reachable_targets_leave_no_residual(robot, make_state, dt):
         assert kinematics.position(f"{side}_hand") == pytest.approx(target, abs=5e-4)
 
 
-def test_world_targets_follow_the_pelvis_pose(robot, make_state):
+def test_world_targets_follow_the_pelvis_pose(robot):
     position, orientation = np.array([3.0, -2.0, 0.8]), rotations.from_yaw_pitch_roll(2.0, 0.3, -0.1)
     state = make_state(robot.nominal, orientation=orientation, position=position)
     world = HandTargets(*(position + COMFORTABLE @ rotations.to_matrix(orientation).T), frame="world")
@@ -64,7 +65,7 @@ def test_world_targets_follow_the_pelvis_pose(robot, make_state):
     assert in_world.q == pytest.approx(in_pelvis.q, abs=1e-9)
 
 
-def test_heading_targets_stay_level_and_turn_with_the_yaw_alone(robot, make_state):
+def test_heading_targets_stay_level_and_turn_with_the_yaw_alone(robot):
     yaw, lean = 2.0, rotations.from_yaw_pitch_roll(2.0, 0.3, -0.1)
     state = make_state(robot.nominal, orientation=lean)
     heading = HandTargets(*COMFORTABLE, frame="heading")
@@ -172,7 +173,7 @@ INSIDE = [
 
 
 @pytest.mark.parametrize("targets", [targets for targets, _ in INSIDE], ids=[name for _, name in INSIDE])
-def test_forearms_stay_out_of_the_body_and_off_each_other(robot, make_state, targets):
+def test_forearms_stay_out_of_the_body_and_off_each_other(robot, targets):
     q = robot.nominal.copy()
     q[robot.legs] = np.array([0.0, 0.0, -0.9, 1.6, -0.7] * 2)  # squatting: the thighs come forward
     ik, state = ArmIK(), make_state(q)
@@ -232,7 +233,7 @@ def test_a_stretched_arm_does_not_jitter(nominal_state):
     assert np.sqrt(np.mean(jerk**2)) < 50.0
 
 
-def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot, make_state):
+def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot):
     ik = ArmIK()
     rng = np.random.default_rng(2)
     margin = ik.config.limit_margin
@@ -256,7 +257,7 @@ def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot, m
     assert far > 5000
 
 
-def test_unusable_numbers_are_counted_and_hold(robot, nominal_state, make_state):
+def test_unusable_numbers_are_counted_and_hold(robot, nominal_state):
     ik = ArmIK()
     good = HandTargets(*COMFORTABLE)
     held = converge(ik, good, nominal_state)
@@ -298,7 +299,7 @@ def test_reset_moves_into_the_limits_and_ignores_nan(robot, nominal_state):
     assert ik.failures == 0
 
 
-def test_mirrored_targets_give_the_mirrored_arms(robot, make_state):
+def test_mirrored_targets_give_the_mirrored_arms(robot):
     mirror = load_mirror()
     q = robot.nominal.copy()
     q[robot.waist] = 0.4
@@ -309,7 +310,7 @@ def test_mirrored_targets_give_the_mirrored_arms(robot, make_state):
     assert b.residual[::-1] == pytest.approx(a.residual, abs=1e-6)
 
 
-def test_the_script_stays_comfortably_within_reach(robot, make_state):
+def test_the_script_stays_comfortably_within_reach(robot):
     ik = ArmIK()
     script = load_script("loco_manipulation")
     q = robot.nominal.copy()

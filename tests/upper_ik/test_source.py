@@ -13,6 +13,7 @@ from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, TargetCounts, TargetWatch, UpperBodySource
 from hugwbc.upper_ik.takeover import ACCELERATION
+from tests.conftest import make_state
 
 DT = 0.02
 HANDS = HandTargets.of((0.35, 0.2, 0.15), (0.3, -0.25, 0.25))
@@ -118,7 +119,7 @@ def test_source_leaves_the_arms_alone_without_targets(nominal_state):
     assert source.solution is None
 
 
-def test_source_never_jumps(robot, make_state):
+def test_source_never_jumps(robot):
     """Random targets, gaps, lost numbers, takeovers that start elsewhere: the command stream keeps its speed."""
     source = UpperBodySource()
     rng = np.random.default_rng(0)
@@ -233,7 +234,7 @@ def test_soft_arms_follow_the_script_within_a_centimetre(robot, hanging):
     assert mean[False] > 0.02
 
 
-def test_the_command_comes_back_as_the_body_reach_alone_would_give_it(make_state, robot):
+def test_the_command_comes_back_as_the_body_reach_alone_would_give_it(robot):
     """The arms' source asks the virtual robot once a tick, with the targets that the arms follow."""
     state = make_state(robot.nominal, position=(0.0, 0.0, 0.98))
     low = HandTargets.of((0.45, 0.2, 0.5), (0.45, -0.2, 0.5), "world", whole_body=True)

@@ -9,10 +9,11 @@ from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
-from hugwbc.state import GRAVITY, RobotState
+from hugwbc.state import GRAVITY
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
 from hugwbc.upper_ik.steady_hands import LAG, SteadyHands
+from tests.conftest import make_state
 
 POINTS = np.array([[0.35, 0.2, 0.15], [0.35, -0.2, 0.15]])
 TARGETS = HandTargets.of(*POINTS, "steady")
@@ -25,10 +26,7 @@ def swaying(t, yaw=0.0, rate=0.0):
     """A pelvis that walks ahead at 0.5 m/s and sways sideways and up and down, as the gait does; also its velocity."""
     axes = rotations.rotation_z(yaw)
     sway = np.array([0.5 * t, 0.02 * np.sin(TURN * t), 1.0 + 0.01 * np.cos(2.0 * TURN * t)])
-    return RobotState(
-        q=load_robot().nominal, dq=np.zeros(19), orientation=rotations.from_yaw_pitch_roll(yaw + rate * t, 0.0, 0.0),
-        angular_velocity=np.zeros(3), position=axes @ sway, time=t,
-    )  # fmt: skip
+    return make_state(yaw=yaw + rate * t, position=axes @ sway, time=t)
 
 
 def run(seconds, read, command=WALK, dt=DT, targets=TARGETS):

@@ -28,7 +28,7 @@ from hugwbc.evaluation.experiments.hand_forces import HandForceSettings
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.state import RobotState
+from tests.conftest import make_state
 
 END = {"fell": False, "survived_s": 10.0, "failures": 0}
 SINGLE = {
@@ -186,9 +186,7 @@ def test_the_acceleration_of_a_hand_that_is_shaken():
     for tick in range(2000):
         time = sway.SWAYED_FROM - 1.0 + 0.002 * tick
         shaken = np.array([0.5 * time, 0.01 * np.sin(2.0 * np.pi * 2.0 * time), 1.0])
-        state = RobotState(
-            load_robot().nominal, np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3), position=shaken, time=time
-        )
+        state = make_state(position=shaken, time=time)
         watch(state, state)
     assert watch.acceleration() == pytest.approx(0.01 * (4.0 * np.pi) ** 2 / np.sqrt(2.0), rel=0.02)
 

@@ -148,18 +148,12 @@ CASES = {
         {"contact": torch.tensor([[1.0, 0.2]]), "foot_force": torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]])},
         1.8,
     ),
-    "flight_contact": (
-        {"contact": torch.tensor([[1.0, 0.2]]), "gait": torch.tensor([int(Gait.JUMPING)])},
-        0.8,
-    ),
+    "flight_contact": ({"contact": torch.tensor([[1.0, 0.2]]), "gait": torch.tensor([int(Gait.JUMPING)])}, 0.8),
     "bounce_tracking": (
         {"gait": torch.tensor([int(Gait.JUMPING)]), "bounce": torch.tensor([[0.0, 1.2]]), "velocity": torch.ones(1, 3)},
         math.exp(-0.04 / 0.2),
     ),
-    "bounce_error": (
-        {"gait": torch.tensor([int(Gait.JUMPING)]), "bounce": torch.tensor([[0.0, 1.0]])},
-        1.0,
-    ),
+    "bounce_error": ({"gait": torch.tensor([int(Gait.JUMPING)]), "bounce": torch.tensor([[0.0, 1.0]])}, 1.0),
     "unequal_support": ({"foot_force": torch.tensor([[[0.0, 0.0, 3.0], [0.0, 4.0, 4.0]]])}, 1.0),
 }
 

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
@@ -14,9 +13,17 @@ from hugwbc.learned.policy.leg_feed_forward import (
     swing_clearance,
 )
 from hugwbc.robot import load_robot
-from hugwbc.state import RobotState
+from tests.conftest import make_state
 
 ROBOT = load_robot("h1")
+
+
+def clearance(q: np.ndarray, height: float, pitch: float) -> tuple[float, ...]:
+    """Return the heights of both soles [m] with the pelvis at a height over the nominal one [m] and a pitch [rad]."""
+    kinematics = Kinematics(robot=ROBOT)
+    place = (0.0, 0.0, ROBOT.nominal_height + height)
+    kinematics.update(make_state(q, pitch=pitch, position=place, velocity=np.zeros(3)))
+    return kinematics.measured().clearance
 
 
 @pytest.mark.parametrize(
@@ -24,18 +31,7 @@ ROBOT = load_robot("h1")
 )
 def test_soles_of_a_squat_are_on_the_ground(height: float, pitch: float) -> None:
     q = ROBOT.nominal + LegFeedForward(ROBOT).offsets(np.array([height]), np.array([pitch]))[0]
-    kinematics = Kinematics(robot=ROBOT)
-    kinematics.update(
-        RobotState(
-            q=q,
-            dq=np.zeros(19),
-            orientation=rotations.from_yaw_pitch_roll(0.0, pitch, 0.0),
-            angular_velocity=np.zeros(3),
-            position=np.array([0.0, 0.0, ROBOT.nominal_height + height]),
-            velocity=np.zeros(3),
-        )
-    )
-    np.testing.assert_allclose(kinematics.measured().clearance, 0.0, atol=6e-3)
+    np.testing.assert_allclose(clearance(q, height, pitch), 0.0, atol=6e-3)
     assert (q > ROBOT.lower).all() and (q < ROBOT.upper).all()
     others = np.setdiff1d(np.arange(19), ROBOT.legs)
     np.testing.assert_array_equal(q[others], ROBOT.nominal[others])
@@ -44,18 +40,7 @@ def test_soles_of_a_squat_are_on_the_ground(height: float, pitch: float) -> None
 def test_soles_are_lifted_by_the_clearance() -> None:
     lifted = np.array([[0.2, 0.0]])
     q = ROBOT.nominal + LegFeedForward(ROBOT).offsets(np.array([-0.1]), np.array([0.1]), lifted)[0]
-    kinematics = Kinematics(robot=ROBOT)
-    kinematics.update(
-        RobotState(
-            q=q,
-            dq=np.zeros(19),
-            orientation=rotations.from_yaw_pitch_roll(0.0, 0.1, 0.0),
-            angular_velocity=np.zeros(3),
-            position=np.array([0.0, 0.0, ROBOT.nominal_height - 0.1]),
-            velocity=np.zeros(3),
-        )
-    )
-    np.testing.assert_allclose(kinematics.measured().clearance, lifted[0], atol=1e-2)
+    np.testing.assert_allclose(clearance(q, -0.1, 0.1), lifted[0], atol=1e-2)
 
 
 def test_the_clearance_is_that_of_the_clock_one_period_later() -> None:

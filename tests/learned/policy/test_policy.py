@@ -18,6 +18,7 @@ from hugwbc.learned.policy.leg_feed_forward import HEIGHT_RATE, PITCH_RATE, LegF
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
+from tests.conftest import make_state
 
 ROBOT = load_robot()
 
@@ -43,17 +44,11 @@ def rewrite(path: pathlib.Path, tensors: dict | None = None, **entries: object) 
     checkpoint.save_file(path, old_tensors | (tensors or {}), "policy", metadata)
 
 
-def still_state() -> RobotState:
-    return RobotState(
-        q=ROBOT.nominal.copy(), dq=np.zeros(19), orientation=np.array([1.0, 0, 0, 0]), angular_velocity=np.zeros(3)
-    )
-
-
 def test_is_a_controller(policy_file: pathlib.Path) -> None:
     controller = load_policy(policy_file)
     assert isinstance(controller, Controller)
-    controller.reset(still_state())
-    command = controller.act(still_state(), Command(), UpperBody.none())
+    controller.reset(make_state())
+    command = controller.act(make_state(), Command(), UpperBody.none())
     np.testing.assert_array_equal(command.kp, ROBOT.kp)
     assert command.is_finite
 
@@ -124,25 +119,25 @@ def test_controller_does_what_the_training_environment_does(
 def test_external_arms_are_passed_on_and_seen() -> None:
     controller = LearnedController(random_actor(), EnvConfig().contract())
     targets = np.linspace(-0.2, 0.2, 8)
-    controller.reset(still_state())
-    own = controller.act(still_state(), Command(), UpperBody.none())
-    controller.reset(still_state())
-    taken = controller.act(still_state(), Command(), UpperBody.targets(targets))
+    controller.reset(make_state())
+    own = controller.act(make_state(), Command(), UpperBody.none())
+    controller.reset(make_state())
+    taken = controller.act(make_state(), Command(), UpperBody.targets(targets))
     np.testing.assert_array_equal(taken.q[ROBOT.arms], targets)
     assert not np.allclose(taken.q[ROBOT.legs], own.q[ROBOT.legs]), "the indicator must reach the network"
 
 
 def test_bad_numbers_never_pass() -> None:
     controller = LearnedController(random_actor(), EnvConfig().contract())
-    controller.reset(still_state())
-    controller.act(still_state(), Command(), UpperBody.none())
-    broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
+    controller.reset(make_state())
+    controller.act(make_state(), Command(), UpperBody.none())
+    broken = dataclasses.replace(make_state(), dq=np.full(19, np.nan))
     command = controller.act(broken, Command(v_x=np.nan, h=-9.0, gait=Gait.WALKING), UpperBody.none())
     assert command.is_finite
     assert controller.held == 1
-    huge = dataclasses.replace(still_state(), dq=np.full(19, 1e300))
+    huge = dataclasses.replace(make_state(), dq=np.full(19, 1e300))
     assert controller.act(huge, Command(), UpperBody.none()).is_finite
-    assert controller.act(still_state(), Command(), UpperBody.none()).is_finite, "it leaves nothing behind"
+    assert controller.act(make_state(), Command(), UpperBody.none()).is_finite, "it leaves nothing behind"
     assert controller.held == 2
 
 
@@ -150,8 +145,8 @@ def test_reset_makes_runs_repeatable() -> None:
     controller = LearnedController(random_actor(), EnvConfig().contract())
     runs = []
     for _ in range(2):
-        controller.reset(still_state())
-        runs.append([controller.act(still_state(), Command(gait=Gait.WALKING), UpperBody.none()).q for _ in range(5)])
+        controller.reset(make_state())
+        runs.append([controller.act(make_state(), Command(gait=Gait.WALKING), UpperBody.none()).q for _ in range(5)])
     np.testing.assert_array_equal(runs[0], runs[1])
 
 
@@ -183,7 +178,7 @@ def test_policy_of_another_shape_is_refused(policy_file: pathlib.Path) -> None:
 def test_gains_and_pose_are_the_policys_own(policy_file: pathlib.Path) -> None:
     own = load_policy(policy_file)
     stiff = LearnedController(random_actor(), dataclasses.replace(own.contract, kd=tuple(2.0 * ROBOT.kd)))
-    command = stiff.act(still_state(), Command(), UpperBody.none())
+    command = stiff.act(make_state(), Command(), UpperBody.none())
     np.testing.assert_array_equal(command.kp, ROBOT.kp)
     np.testing.assert_array_equal(command.kd, 2.0 * ROBOT.kd)
 
@@ -226,11 +221,11 @@ def test_loading_needs_no_training_code(policy_file: pathlib.Path) -> None:
 
 def test_an_episode_that_starts_without_readings_knows_nothing_of_the_one_before() -> None:
     controller = LearnedController(random_actor(), EnvConfig().contract())
-    broken = dataclasses.replace(still_state(), dq=np.full(19, np.nan))
+    broken = dataclasses.replace(make_state(), dq=np.full(19, np.nan))
     targets = []
     for tilt in (0.0, 0.3):
-        controller.reset(still_state())
-        controller.act(dataclasses.replace(still_state(), q=ROBOT.nominal + tilt), Command(), UpperBody.none())
+        controller.reset(make_state())
+        controller.act(dataclasses.replace(make_state(), q=ROBOT.nominal + tilt), Command(), UpperBody.none())
         controller.reset(broken)
         targets.append(controller.act(broken, Command(), UpperBody.none()).q)
     np.testing.assert_array_equal(targets[0], targets[1])

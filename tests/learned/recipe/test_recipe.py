@@ -131,18 +131,10 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypa
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        (
-            "start_from: walk",
-            "start_from: wlak",
-            r":\d+:7: unknown earlier stage in start_from 'wlak'.*'walk'",
-        ),
+        ("start_from: walk", "start_from: wlak", r":\d+:7: unknown earlier stage in start_from 'wlak'.*'walk'"),
         ("{policy: more,", "{policy: calibrated,", "unknown earlier stage in policy 'calibrated'"),
         ("steps: 256", "steps: 0", "greater than 0"),
-        (
-            "horizon: 8",
-            "horizom: 8",
-            r":\d+:\d+: .*PPOConfig field 'horizom'. Did you mean 'horizon'",
-        ),
+        ("horizon: 8", "horizom: 8", r":\d+:\d+: .*PPOConfig field 'horizom'. Did you mean 'horizon'"),
         ("ppo.std_limit", "ppo.std_limits", "std_limit"),
         ("seed: 2001", "seed: 7", "2000"),
         ("calibrate: {", "train: {", "CalibrationConfig|TrainConfig"),
