@@ -8,14 +8,11 @@ In lockstep with a simulated robot there is one thread: each state is answered, 
 """
 
 import collections
-import contextlib
-import gc
 import math
 import queue
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Annotated
 
 from pydantic import Field
@@ -27,7 +24,7 @@ from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.state_machine import Mode
-from hugwbc.deploy.timing import Timing
+from hugwbc.deploy.timing import Timing, real_time
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.watchdogs import Intake
 from hugwbc.errors import CaptureError
@@ -38,7 +35,6 @@ PERIOD = 0.002  # [s] between two commands
 FADE = 2.0  # [s] of damping at the end of a deployment
 _PATIENCE = 10.0  # [s] for a robot that sends nothing: beyond the duration, and in lockstep between two states
 _POLL = 0.05  # [s], longest wait of a thread before it looks whether to end
-_SWITCH = 0.0005  # [s] for which one thread may keep the interpreter; the default of 5 ms is more than two commands
 
 
 class Outlet:
@@ -157,7 +153,7 @@ class RobotSide:
 
         Ctrl-C is raised after the joints have been damped.
         """
-        with _quick_threads():
+        with real_time():
             if self.settings.lockstep:
                 self._run_lockstep()
             else:
@@ -329,17 +325,3 @@ class RobotSide:
             self._record(recording.PUBLISHED, self._sent_decision)
         self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.safe.period)
         return True
-
-
-@contextlib.contextmanager
-def _quick_threads() -> Iterator[None]:
-    """Shorten the interpreter's switch interval, and freeze existing objects for the garbage collector."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH)
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        sys.setswitchinterval(before)

@@ -14,6 +14,7 @@ from hugwbc.deploy.messages import COMMAND, STATE, TICK, Messages
 from hugwbc.deploy.motion_switcher import SimulatedSwitcher
 from hugwbc.deploy.radio import Channel, Radio
 from hugwbc.deploy.schedule import Schedule
+from hugwbc.deploy.timing import real_time
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.wire import check_sum, is_sealed, layout, record
 from hugwbc.errors import CaptureError, ConfigError
@@ -216,16 +217,17 @@ class SimulatedRobot:
         pace = self.simulation.timestep * slower
         slot, answered = time.perf_counter(), False
         end = self.time + duration
-        while self.time < end - 1e-9:
-            sent = self.send()
-            if lockstep and answered:
-                answered = self._await_answer() if sent else True
-                slot = time.perf_counter()
-            else:
-                slot = max(slot + pace, time.perf_counter() - pace)
-                time.sleep(max(slot - time.perf_counter(), 0.0))
-                answered = bool(self.take())
-            self.move()
+        with real_time():
+            while self.time < end - 1e-9:
+                sent = self.send()
+                if lockstep and answered:
+                    answered = self._await_answer() if sent else True
+                    slot = time.perf_counter()
+                else:
+                    slot = max(slot + pace, time.perf_counter() - pace)
+                    time.sleep(max(slot - time.perf_counter(), 0.0))
+                    answered = bool(self.take())
+                self.move()
 
     def _await_answer(self) -> bool:
         """Wait for the answer to the state that was sent last; return whether it came."""
