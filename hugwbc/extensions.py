@@ -5,7 +5,6 @@ only because its path was given as such; no file of data leads here.
 """
 
 import functools
-import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
@@ -18,6 +17,7 @@ from importlib.metadata import EntryPoint
 from typing import Any
 
 from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.files import digest
 
 SUFFIX = ".py"
 _IMPORTLIB = pathlib.Path(importlib.__file__).parent
@@ -94,7 +94,7 @@ def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
         content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"there is no file {path}; give the path of a Python file with a {kind}") from error
-    return _run(path.resolve(), hashlib.sha256(content).hexdigest()[:16], kind)
+    return _run(path.resolve(), digest(content)[:16], kind)
 
 
 @functools.cache

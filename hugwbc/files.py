@@ -59,9 +59,9 @@ def read_file(path: pathlib.Path, largest: int) -> bytes:
     return content
 
 
-def file_digest(path: pathlib.Path) -> str:
-    """Return 32 hexadecimal digits of the SHA-256 of a file's bytes."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+def digest(content: bytes | str) -> str:
+    """Return 32 hexadecimal digits of the SHA-256 of bytes, or of a text as UTF-8."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:32]
 
 
 def finite_json(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds

@@ -22,9 +22,10 @@ from hugwbc.cli.output import progress
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, run_experiment
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
-from hugwbc.evaluation.store import Store, commit
+from hugwbc.evaluation.store import Store
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.seeds import REPORT_SEED
+from hugwbc.source import source_commit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 ERRORS = ("E_vx_low", "E_vx_high", "E_vy", "E_omega", "E_f", "E_l", "E_h", "E_p", "E_w")
@@ -211,7 +212,7 @@ def replaced(text: str, name: str, body: str, commit: str) -> str:
 
 def check(tables: dict[str, Table]) -> int:
     """Print the tables that belong to another commit than the present one, and return 1 if there are any."""
-    now, old = commit()[:12], []
+    now, old = source_commit()[:12], []
     for name, table in tables.items():
         for document in table.documents:
             commits = [part["commit"] for part in marked((ROOT / document).read_text()) if part["name"] == name]
@@ -257,8 +258,8 @@ def main() -> int:
                     print(f"\n{document}: {name}\n\n{body}", flush=True)
                 else:
                     path = ROOT / document
-                    path.write_text(replaced(path.read_text(), name, body, commit()[:12]))
-    print(f"{len(tables)} tables at commit {commit()[:12]} in {(time.monotonic() - begin) / 3600.0:.2f} hours")
+                    path.write_text(replaced(path.read_text(), name, body, source_commit()[:12]))
+    print(f"{len(tables)} tables at commit {source_commit()[:12]} in {(time.monotonic() - begin) / 3600.0:.2f} hours")
     return 0
 
 

@@ -47,7 +47,7 @@ def _policy(name_or_path: str) -> int:
                 f"{one.discarded_steps:.4g}",
                 f"{one.core_seconds / 3600.0:.3f}",
                 one.seed,
-                " ".join(commit[:10] + "+" * commit.endswith("+") for commit in one.commits),
+                " ".join(commit[:10] + "+" * ("+" in commit) for commit in one.commits),
                 ", ".join(parent.stage or "elsewhere" for parent in one.parents.values()),
                 ", ".join(f"{name.partition('.')[0]} {digest[:8]}" for name, digest in one.outputs.items()),
             )

@@ -13,10 +13,11 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result, run_experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
-from hugwbc.evaluation.store import DEFAULT_FOLDER, Store, commit
+from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
 from hugwbc.evaluation.tables import figures_text
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.seeds import seed_class
+from hugwbc.source import source_commit
 
 DEFAULT = "single-command"
 
@@ -87,7 +88,7 @@ def to_json(result: Result) -> dict[str, Any]:
     return {
         "experiment": result.experiment,
         "controller": result.controller,
-        "commit": commit(),
+        "commit": source_commit(),
         "settings": dataclasses.asdict(result.settings),
         "seed_class": seed_class(result.settings.seed),
         "figures": [dataclasses.asdict(figure) for figure in result.figures],

@@ -13,7 +13,7 @@ from hugwbc import extensions
 from hugwbc.cli import INTERRUPTED
 from hugwbc.cli.output import output_folder, parse, parse_settings, progress, say
 from hugwbc.errors import ConfigError
-from hugwbc.files import file_digest
+from hugwbc.files import digest
 from hugwbc.learned.config import TrainConfig
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
@@ -81,7 +81,7 @@ def _parse(words: Sequence[str]) -> TrainConfig:
     if not isinstance(found, TrainConfig):
         raise ConfigError(f"{name} is a {type(found).__name__}; make it a hugwbc.learned.config.TrainConfig")
     path, _ = extensions.split_object(name)
-    default = dataclasses.replace(found, source=f"{path.name} {file_digest(path)}")
+    default = dataclasses.replace(found, source=f"{path.name} {digest(path.read_bytes())}")
     return parse_settings(TrainConfig, words, "train", _DESCRIPTION, default)
 
 

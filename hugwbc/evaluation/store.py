@@ -5,13 +5,10 @@ appended, each by one write, so that a killed run loses only the episodes that w
 """
 
 import dataclasses
-import functools
-import hashlib
 import inspect
 import json
 import os
 import pathlib
-import subprocess
 from collections.abc import Iterator
 from typing import Any
 
@@ -19,7 +16,9 @@ import hugwbc
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
+from hugwbc.files import digest
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.source import source_commit
 
 DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
 _EPISODE = "_episode"
@@ -39,11 +38,11 @@ class StoredTable:
 
     def get(self, plan: Plan) -> Row | None:
         """Return the row of an episode, or None if it has not run."""
-        return self._rows.get(_digest(repr(plan)))
+        return self._rows.get(digest(repr(plan)))
 
     def add(self, plan: Plan, row: Row) -> Row:
         """Append the row of an episode, and return it as it will be read."""
-        episode = _digest(repr(plan))
+        episode = digest(repr(plan))
         self._rows[episode] = json.loads(json.dumps(row))
         if self.path is not None:
             try:
@@ -72,7 +71,7 @@ class Store:
         key = table_key(experiment, settings, spec)
         if self.folder is None:
             return StoredTable(None, key)
-        name = f"{experiment}-{spec.label}-{_digest(json.dumps(key))[:16]}.jsonl"
+        name = f"{experiment}-{spec.label}-{digest(json.dumps(key))[:16]}.jsonl"
         return StoredTable(self.folder / name.replace(" ", "_").replace(":", "-"), key, fresh=self.fresh)
 
     def rows_beside(self, experiment: str, settings: Settings, spec: ControllerSpec) -> list[Row]:
@@ -95,9 +94,9 @@ def table_key(experiment: str, settings: Settings, spec: ControllerSpec) -> dict
                 "experiment": experiment,
                 "controller": spec.label,
                 "digest": controller_digest(spec),
-                "commit": commit(),
+                "commit": source_commit(),
                 "settings": dataclasses.asdict(settings),
-                "files": {str(path): _file_digest(path) for path in _files(settings)},
+                "files": {str(path): digest(path.read_bytes()) for path in _files(settings)},
             },
             default=str,
         )
@@ -106,29 +105,7 @@ def table_key(experiment: str, settings: Settings, spec: ControllerSpec) -> dict
 
 def controller_digest(spec: ControllerSpec) -> str:
     """Return a digest of everything that a controller depends on, the content of its files included."""
-    return _digest(json.dumps(spec.identity(), sort_keys=True, default=str))
-
-
-@functools.cache
-def commit() -> str:
-    """Return the last commit that changed code or models, with a digest of what differs from it; else the version.
-
-    Rows stay valid when only documents or tests change.
-    """
-    root = pathlib.Path(hugwbc.__file__).parents[1]
-    try:
-        if not _git(root, "ls-files", "hugwbc/__init__.py"):
-            return hugwbc.__version__
-        changes = _git(root, "diff", "HEAD", "--", "hugwbc", "models")
-        last = _git(root, "log", "-1", "--format=%H", "--", "hugwbc", "models").decode().strip()
-        return last + (f"+{_digest(changes)[:16]}" if changes else "")
-    except (OSError, subprocess.CalledProcessError):
-        return hugwbc.__version__
-
-
-def _git(root: pathlib.Path, *words: str) -> bytes:
-    command = ["git", "-C", str(root), *words]
-    return subprocess.run(command, check=True, capture_output=True).stdout
+    return digest(json.dumps(spec.identity(), sort_keys=True, default=str))
 
 
 def _files(settings: Settings) -> Iterator[pathlib.Path]:
@@ -148,14 +125,6 @@ def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401  of settings
         yield value
     for item in value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
         yield from _texts(item)
-
-
-def _file_digest(path: pathlib.Path) -> str:
-    return _digest(path.read_bytes())
-
-
-def _digest(content: str | bytes) -> str:
-    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:32]
 
 
 def _key_of(path: pathlib.Path) -> dict[str, Any]:

@@ -15,12 +15,13 @@ from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result, run_experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED
-from hugwbc.evaluation.store import Store, commit
+from hugwbc.evaluation.store import Store
 from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.records import versions
 from hugwbc.report.report_page import Report
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.seeds import REPORT_SEED
+from hugwbc.source import source_commit
 from hugwbc.viz.framing import check_count
 
 
@@ -114,8 +115,8 @@ class ReportPlan:
         made = ", ".join(f"{name} {version}" for name, version in versions().items())
         episodes = sum(len(result.rows) for result in results)
         notes = [
-            f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, at commit {commit()[:12]} "
-            f"with {made}."
+            f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, at commit "
+            f"{source_commit()[:12]} with {made}."
         ]
         if self.profile == "quick":
             notes.append(

@@ -9,7 +9,6 @@ The built-in controllers are registered in the same way.
 
 import dataclasses
 import functools
-import hashlib
 import importlib
 import inspect
 import math
@@ -25,6 +24,7 @@ from hugwbc import extensions
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
+from hugwbc.files import digest
 from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.sim.arena import DEFAULT_DRIVES, Arena, known_robot
@@ -289,7 +289,7 @@ class ControllerSpec:
         return {
             "name": self.name if self.name in controller_names() else known,
             "package": package,
-            "files": [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.files()],
+            "files": [digest(path.read_bytes()) for path in self.files()],
             "policy": word,
             **(robot if self.takes_robot else {}),
         }

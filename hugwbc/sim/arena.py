@@ -5,12 +5,12 @@ There is one default (docs/arena.md). Results carry the arena in their identity,
 
 import dataclasses
 import functools
-import hashlib
 import json
 from collections.abc import Mapping
 from typing import TypedDict, TypeVar, Unpack
 
 from hugwbc.errors import UnknownNameError
+from hugwbc.files import digest
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_table
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
@@ -76,7 +76,7 @@ class Arena:
         """Digest of everything that these names stand for: it changes with any mass, gain, noise or firmness."""
         parts = [robot_table(self.robot)]
         parts += [dataclasses.asdict(part) for part in (self, self.actuators, self.profile, Ground.named(self.ground))]
-        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:8]
+        return digest(json.dumps(parts, sort_keys=True))[:8]
 
     @property
     def remark(self) -> str:

@@ -8,7 +8,7 @@ from docs_pages import ROOT, follow
 
 from hugwbc.cli import main
 from hugwbc.cli.check import CHECK_FAILED
-from hugwbc.files import file_digest
+from hugwbc.files import digest
 
 HOW_TO = ROOT / "docs" / "how-to"
 
@@ -33,8 +33,8 @@ def test_change_the_training(folder: pathlib.Path, capsys: pytest.CaptureFixture
     follow(HOW_TO / "change-the-training.md", folder, in_processes=True)
     policy = folder / "runs" / "apart" / "policy.safetensors"
     assert main(["check", "--policy", str(policy)]) == CHECK_FAILED
-    digest = file_digest(folder / "apart.py")
-    assert f"no recipe made it; hugwbc train with apart.py {digest} did" in capsys.readouterr().out
+    written = digest((folder / "apart.py").read_bytes())
+    assert f"no recipe made it; hugwbc train with apart.py {written} did" in capsys.readouterr().out
 
 
 def test_add_an_observation(folder: pathlib.Path) -> None:

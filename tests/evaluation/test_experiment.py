@@ -15,9 +15,10 @@ from hugwbc.evaluation.experiment import Experiment, run_experiment
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.plans import Plan
-from hugwbc.evaluation.store import Store, commit, table_key
+from hugwbc.evaluation.store import Store, table_key
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.source import source_commit
 
 HOLD = ControllerSpec("hold")
 SETTINGS = CountedSettings(
@@ -92,9 +93,9 @@ def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_pat
     ]
     (tmp_path / "clip.npz").write_bytes(b"two")
     keys.append(table_key("waists", moved, HOLD))
-    monkeypatch.setattr(store, "commit", lambda: "another")
+    monkeypatch.setattr(store, "source_commit", lambda: "another")
     keys.append(table_key("waists", SETTINGS, HOLD))
-    assert len({json.dumps(key) for key in keys}) == len(keys) and commit()
+    assert len({json.dumps(key) for key in keys}) == len(keys) and source_commit()
 
 
 def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):

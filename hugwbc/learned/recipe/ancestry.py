@@ -5,7 +5,6 @@ the records of all stages that led to it in its metadata, each after those that 
 what the stage wrote, and what it took, by the digests of their tensors.
 """
 
-import hashlib
 import json
 import pathlib
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,6 @@ from hugwbc.settings import settings
 
 KEY = "made"
 KINDS = {"policy.safetensors": "policy", "snapshot.safetensors": "checkpoint", "starts.safetensors": "starts"}
-_DIGITS = 32
 
 
 @settings(kw_only=True)
@@ -38,7 +36,7 @@ class StageRecord:
         stage, kind: name of the stage, and what it did.
         recipe, settings: name of the recipe, and digest of all settings of the stage.
         seed: seed of its random numbers.
-        commits: commits of the source tree, in the order of the sessions; "+" at the end: with other changes.
+        commits: commits of the source tree, in the order of the sessions; "+": with other changes.
         versions: versions of Python, machine and packages.
         steps: environment steps that led to the files.
         discarded_steps: steps that did not: after the checkpoint that was kept.
@@ -73,15 +71,10 @@ class Ancestry:
     stages: tuple[StageRecord, ...]
 
 
-def text_digest(text: str) -> str:
-    """Return the digest of a text."""
-    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
-
-
 def content_digest(path: pathlib.Path, kind: str) -> str:
     """Return the digest of names, types, shapes and bytes of a file's tensors; its metadata may carry its record."""
     tensors, _ = checkpoint.load_file(path, kind)
-    return checkpoint.tensor_digest(tensors, kind)[:_DIGITS]
+    return checkpoint.tensor_digest(tensors, kind)[:32]
 
 
 def seal(path: pathlib.Path, ancestry: Ancestry) -> None:

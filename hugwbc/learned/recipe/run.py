@@ -12,7 +12,6 @@ import json
 import pathlib
 import resource
 import shutil
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
@@ -20,7 +19,7 @@ from typing import Any, Protocol
 from pydantic import TypeAdapter
 
 from hugwbc.errors import RecipeError
-from hugwbc.files import write_whole
+from hugwbc.files import digest, write_whole
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
 from hugwbc.learned.config.schedules import replaced
@@ -34,13 +33,13 @@ from hugwbc.learned.recipe.ancestry import (
     content_digest,
     read_record,
     seal,
-    text_digest,
 )
 from hugwbc.learned.recipe.calibration import ROUNDS, calibrate
 from hugwbc.learned.recipe.recipe import POLICY, SNAPSHOT, STARTS, Recipe, Stage
 from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, Trainer
 from hugwbc.learned.stopping import Stop, StoppedError, stopped_by_signals
 from hugwbc.robot import Robot, load_robot
+from hugwbc.source import source_commit
 
 RECORD, SPENT, LOCK = "record.json", "spent.json", "run.lock"
 _NO_LIMIT = 1e6  # [h]
@@ -136,7 +135,7 @@ class _Work:
     def __post_init__(self) -> None:
         self.stage: Stage = self.recipe.stages[self.name]
         self.folder = self.out / self.name
-        self.digest = text_digest(json.dumps(TypeAdapter(Stage).dump_python(self.stage, mode="json"), sort_keys=True))
+        self.digest = digest(json.dumps(TypeAdapter(Stage).dump_python(self.stage, mode="json"), sort_keys=True))
         self.inputs = {
             setting: self.out / str(path) / _TAKEN[setting] if str(path) in self.recipe.stages else path
             for setting, path in self.stage.inputs().items()
@@ -318,17 +317,3 @@ class _Spent:
 def _cpu_seconds() -> float:
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
-
-
-def source_commit() -> str:
-    """Return the commit of the source tree, with "+" if it has other changes; "unknown" outside of a checkout."""
-    git = shutil.which("git")
-    words = [git or "", "-C", str(pathlib.Path(__file__).parent)]
-    try:
-        commit, changes = (
-            subprocess.run([*words, *rest], capture_output=True, text=True, check=True, timeout=20).stdout.strip()
-            for rest in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
-        )
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-    return commit + ("+" if changes else "")

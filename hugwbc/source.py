@@ -1,0 +1,30 @@
+"""The commit of the source that runs, for whatever a file says about how it was made."""
+
+import functools
+import pathlib
+import subprocess
+
+import hugwbc
+from hugwbc.files import digest
+
+
+@functools.cache
+def source_commit() -> str:
+    """Return the last commit that changed code or models, then "+" and a digest of what differs from it, if anything.
+
+    Outside of a checkout, return the version. What was made stays valid when only documents or tests change.
+    """
+    try:
+        if not _git("ls-files", "hugwbc/__init__.py"):
+            return hugwbc.__version__
+        changes = _git("diff", "HEAD", "--", "hugwbc", "models")
+        last = _git("log", "-1", "--format=%H", "--", "hugwbc", "models").decode().strip()
+        return last + (f"+{digest(changes)[:16]}" if changes else "")
+    except (OSError, subprocess.CalledProcessError):
+        return hugwbc.__version__
+
+
+def _git(*words: str) -> bytes:
+    root = pathlib.Path(hugwbc.__file__).parents[1]
+    command = ["git", "-C", str(root), *words]
+    return subprocess.run(command, check=True, capture_output=True).stdout
