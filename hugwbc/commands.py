@@ -12,6 +12,8 @@ from hugwbc.gait import Gait
 COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
 VELOCITY_NAMES = ("v_x", "v_y", "omega")
+# [m Hz^2], largest l f^2: the reaction of a swing grows with it, and the narrow feet cannot hold more.
+SWING_REACTION = 1.9
 
 
 @dataclasses.dataclass(frozen=True)

@@ -259,13 +259,11 @@ class ControllerParams:
     """Speed above which the apex is lowered [m/s]."""
     clearance_per_speed: float = 0.08
     """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
-    swing_reaction: float = 1.9
-    """Largest l f^2 of a swing [m Hz^2]; beyond it the feet slip."""
     lift_torque: Positive = 0.85
     """Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
     that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly."""
     swing_reaction_per_speed: float = 0.3
-    """Share of `swing_reaction` that is lost per m/s above `clearance_speed` [s/m]."""
+    """Share of `SWING_REACTION` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
     """Lowest swing apex [m]; it is kept even where the height command leaves less room."""
     walking_room: float = 0.045

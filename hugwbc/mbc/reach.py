@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from hugwbc.commands import SWING_REACTION
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.swing import PEAK
@@ -84,7 +85,7 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
     """
     excess = max(abs(speed) - params.clearance_speed, 0.0)
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
-    reaction = params.swing_reaction / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
+    reaction = SWING_REACTION / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
     return max(params.min_clearance, min(reach, reaction))
 
 

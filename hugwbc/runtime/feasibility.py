@@ -5,13 +5,12 @@ No limit acts while all commands but one are at their defaults.
 
 import math
 
-from hugwbc.commands import Command, CommandChange, changed_command
+from hugwbc.commands import SWING_REACTION, Command, CommandChange, changed_command, command_ranges
 from hugwbc.gait import Gait
 
-REACH = 0.35  # [m], highest swing at h = 0; a squat reduces it by as much as it lowers the pelvis (knee and ankle)
+# [m], highest swing at h = 0; a squat reduces it by as much as it lowers the pelvis (knee and ankle)
+REACH = command_ranges(Gait.WALKING)["l"].finishing[1]
 LEAST_REACH = 0.15  # [m], highest swing that is allowed at any height
-# [m Hz^2], largest l f^2: the reaction of a swing grows with it, and the narrow feet cannot hold more.
-SWING_REACTION = 1.9
 SLOW_STEP = 0.3  # [m], longest step below BRISK; the robot falls sideways for as long as a step lasts
 BRISK = 2.0  # [Hz], stride frequency that is enough for every commanded speed
 SIDEWAYS = 1.2  # [m/s^2], largest centripetal acceleration v omega; without ankle roll the legs cannot hold more
