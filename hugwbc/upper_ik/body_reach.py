@@ -3,15 +3,15 @@
 import dataclasses
 
 import numpy as np
-import placo
 
 from hugwbc import rotations
 from hugwbc.commands import Command, command_ranges
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik.arm_solver import ArmSolver
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, HIP_NAMES, PITCH_JOINT, upper_body
+from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, HIP_NAMES, PITCH_JOINT
 
 BODY_NAMES = ("h", "p", "w")
 _BODY_JOINTS = (HEIGHT_JOINT, PITCH_JOINT, "torso_joint")
@@ -47,45 +47,18 @@ class BodyReach:
             robot: robot whose body reaches; None for the H1.
             speed: highest speed of h, p and w [m/s, rad/s, rad/s].
         """
-        self._speed, self._arm = speed, ArmIKConfig()
+        self._speed, self._config = speed, ArmIKConfig()
         self._robot = robot or load_robot()
         self.rejected = self.failures = 0
-        self.placo = upper_body(self._robot, on_column=True)
-        arm, arms = self._arm, self._robot.arms
-        self._arm_limits = self._robot.lower[arms] + arm.limit_margin, self._robot.upper[arms] - arm.limit_margin
-        speeds = self._robot.velocity_limit[arms] * arm.speed_fraction
-        for name, low, high, fastest in zip(self._robot.arm_names, *self._arm_limits, speeds, strict=True):
-            self.placo.set_joint_limits(name, float(low), float(high))
-            self.placo.set_velocity_limit(name, float(fastest))
+        self._arms = arms = ArmSolver(self._robot, self._config, still=HIP_NAMES, on_column=True)
+        self.placo, self._solver = arms.placo, arms.solver
         for name, fastest in zip(_BODY_JOINTS, speed, strict=True):
             self.placo.set_velocity_limit(name, fastest)
         self._columns = np.array([self.placo.get_joint_offset(name) for name in _BODY_JOINTS])
-        self._arm_columns = np.array([self.placo.get_joint_offset(name) for name in self._robot.arm_names])
-        self._build_solver()
-        self.reset()
-
-    def _build_solver(self) -> None:
-        arm = self._arm
-        self._solver = placo.KinematicsSolver(self.placo)
-        self._solver.mask_fbase(True)
-        for name in HIP_NAMES:
-            self._solver.mask_dof(name)
-        self._solver.enable_joint_limits(True)
-        self._solver.enable_velocity_limits(True)
-        self._hand_tasks = [self._solver.add_position_task(f"{side}_hand", np.zeros(3)) for side in SIDES]
-        nominal = self._robot.nominal[self._robot.arms].tolist()
-        posture = self._solver.add_joints_task()
-        posture.set_joints(dict(zip(self._robot.arm_names, nominal, strict=True)))
-        posture.configure("posture", "soft", arm.posture_weight)
         self._body_task = self._solver.add_joints_task()
         self._body_task.set_joints(dict.fromkeys(_BODY_JOINTS, 0.0))
         self._body_task.configure("body", "soft", BODY_WEIGHT)
-        self._damping_task = self._solver.add_regularization_task(1.0)
-        self._damping_task.configure("damping", "soft", 1.0)
-        collisions = self._solver.add_avoid_self_collisions_constraint()
-        collisions.self_collisions_margin = arm.collision_margin
-        collisions.self_collisions_trigger = arm.collision_trigger
-        collisions.configure("collisions", "soft", arm.collision_weight)
+        self.reset()
 
     def reset(self) -> None:
         """Start the next step from the nominal posture, with the body at the commanded h, p and w."""
@@ -95,7 +68,7 @@ class BodyReach:
 
     def _place_arms(self, q: np.ndarray) -> None:
         configuration = self.placo.state.q.copy()
-        configuration[self._arm_columns] = q
+        configuration[self._arms.columns] = q
         self.placo.state.q = configuration
 
     def update(self, hands: HandTargets | None, state: RobotState, command: Command, dt: float) -> Command:
@@ -133,7 +106,7 @@ class BodyReach:
         self.values = values.copy()
         q = state.q[self._robot.arms]
         nominal = self._robot.nominal[self._robot.arms]
-        self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), *self._arm_limits))
+        self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper))
 
     def _step(self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, command: Command, dt: float) -> None:
         ranges = np.array([command_ranges(command.gait)[name].finishing for name in BODY_NAMES])
@@ -166,13 +139,13 @@ class BodyReach:
         hands = self.hands()
         error = np.where(given[:, None], points - hands, 0.0)
         distance = np.linalg.norm(error, axis=1)
-        step = np.minimum(distance, self._arm.hand_speed * dt)
+        step = np.minimum(distance, self._config.hand_speed * dt)
         aim = hands + error * (step / np.maximum(distance, 1e-9))[:, None]
-        for task, target, on in zip(self._hand_tasks, aim, given, strict=True):
+        for task, target, on in zip(self._arms.hands, aim, given, strict=True):
             task.target_world = target
             task.configure("hand", "soft", float(on))
         self._body_task.set_joints(dict(zip(_BODY_JOINTS, wanted.tolist(), strict=True)))
-        self._damping_task.set_weight(self._arm.damping + float(step.max()))
+        self._arms.damping.set_weight(self._config.damping + float(step.max()))
         self._solver.dt = dt
         try:
             self._solver.solve(True)
@@ -185,7 +158,7 @@ class BodyReach:
 
     def hands(self) -> np.ndarray:
         """Return the positions of the virtual hands in the column's frame [m], shape (2, 3)."""
-        return np.array([self.placo.get_T_world_frame(f"{side}_hand")[:3, 3] for side in SIDES])
+        return self._arms.hand_points()
 
     def start(self, q_arm: np.ndarray, values: np.ndarray) -> None:
         """Move the virtual robot to arm positions (8,) [rad] and to h, p, w (3,), to search from there."""

@@ -7,8 +7,9 @@ import numpy as np
 import placo
 
 from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.upper_ik.arm_solver import FRAMES, ArmSolver
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.self_collision import HIP_NAMES, Clearance, upper_body
+from hugwbc.upper_ik.self_collision import HIP_NAMES, Clearance
 
 # A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
 STALL = 0.02
@@ -70,60 +71,25 @@ class Descent:
     def __init__(self, config: ArmIKConfig, robot: Robot | None = None) -> None:
         self.config = config
         self._robot = robot or load_robot()
-        arms = self._robot.arms
-        self.lower = self._robot.lower[arms] + config.limit_margin
-        self.upper = self._robot.upper[arms] - config.limit_margin
-        self.velocity_limit = self._robot.velocity_limit[arms] * config.speed_fraction
-        self.placo = upper_body(self._robot)
-        self.clearance = Clearance(self.placo)
-        self._columns = np.array([self.placo.get_joint_offset(name) for name in self._robot.arm_names])
         body = ("torso_joint", *HIP_NAMES)
+        self._arms = arms = ArmSolver(self._robot, config, still=body)
+        self.lower, self.upper, self.velocity_limit = arms.lower, arms.upper, arms.velocity_limit
+        self.placo, self._columns, self._solver = arms.placo, arms.columns, arms.solver
+        self.clearance = Clearance(self.placo)
         self._body = self._robot.indices(body)
         self._body_low, self._body_high = self._robot.lower[self._body], self._robot.upper[self._body]
         self._body_columns = np.array([self.placo.get_joint_offset(name) for name in body])
-        self._frames = [f"{side}_hand" for side in SIDES]
         self._elbows = [f"{side}_elbow_link" for side in SIDES]
-        self._build_solver(body)
+        # A point on the axis replaces placo's own axis task, which gives NaN once the axis points as asked.
+        self._elbow_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._elbows]
+        for elbow, pointing in zip(self._elbows, self._elbow_tasks, strict=True):
+            pointing.configure(elbow, "soft", 0.0)
+        self._pointing = np.zeros(2, dtype=bool)
+        self._grip: placo.JointSpaceHalfSpacesConstraint | None = None
         self.residual = np.full(2, np.nan)
         self.stalled = np.zeros(2, dtype=bool)
         self.without_collisions = 0
-        self.place(self._robot.nominal[arms], self._robot.nominal)
-
-    def _build_solver(self, body: tuple[str, ...]) -> None:
-        names = self._robot.arm_names
-        limits = zip(names, self.lower, self.upper, self.velocity_limit, strict=True)
-        for name, lower, upper, speed in limits:
-            self.placo.set_joint_limits(name, float(lower), float(upper))
-            self.placo.set_velocity_limit(name, float(speed))
-        self._solver = placo.KinematicsSolver(self.placo)
-        self._solver.mask_fbase(True)
-        for name in body:
-            self._solver.mask_dof(name)
-        self._solver.enable_joint_limits(True)
-        self._solver.enable_velocity_limits(True)
-        self._hand_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._frames]
-        # A point on the axis replaces placo's own axis task, which gives NaN once the axis points as asked.
-        self._elbow_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._elbows]
-        for hand, elbow, task, pointing in zip(
-            self._frames, self._elbows, self._hand_tasks, self._elbow_tasks, strict=True
-        ):
-            task.configure(hand, "soft", 1.0)
-            pointing.configure(elbow, "soft", 0.0)
-        self._pointing = np.zeros(2, dtype=bool)
-        posture = self._solver.add_joints_task()
-        nominal = self._robot.nominal[self._robot.arms].tolist()
-        posture.set_joints(dict(zip(names, nominal, strict=True)))
-        posture.configure("posture", "soft", self.config.posture_weight)
-        self._damping_task = self._solver.add_regularization_task(1.0)
-        self._damping_task.configure("damping", "soft", 1.0)
-        self._grip: placo.JointSpaceHalfSpacesConstraint | None = None
-        self._avoid()
-
-    def _avoid(self) -> None:
-        self._collisions = self._solver.add_avoid_self_collisions_constraint()
-        self._collisions.self_collisions_margin = self.config.collision_margin
-        self._collisions.self_collisions_trigger = self.config.collision_trigger
-        self._collisions.configure("collisions", "soft", self.config.collision_weight)
+        self.place(self._robot.nominal[self._robot.arms], self._robot.nominal)
 
     def place(self, q: np.ndarray, body: np.ndarray) -> None:
         """Move to arm positions (8,) [rad], with waist and hips taken from joint positions (19,) [rad]."""
@@ -152,7 +118,7 @@ class Descent:
 
     def _locate_hands(self) -> None:
         self.placo.update_kinematics()
-        self.hands = np.array([self.placo.get_T_world_frame(frame)[:3, 3] for frame in self._frames])
+        self.hands = self._arms.hand_points()
 
     def jacobians(self) -> np.ndarray:
         """Return the Jacobians of both hands at the present posture, each by its own arm's joints, shape (2, 3, 4)."""
@@ -160,7 +126,7 @@ class Descent:
         return np.array(
             [
                 self.placo.frame_jacobian(frame, "local_world_aligned")[:3, arm]
-                for frame, arm in zip(self._frames, columns, strict=True)
+                for frame, arm in zip(FRAMES, columns, strict=True)
             ]
         )
 
@@ -190,11 +156,11 @@ class Descent:
             steps.append(min(distance, (brake + speed) * dt))
             parts.append([steps[-1] / max(distance, 1e-9)])
         aim = self.hands + error * np.array(parts)
-        for task, point in zip(self._hand_tasks, aim, strict=True):
+        for task, point in zip(self._arms.hands, aim, strict=True):
             task.target_world = point
         self._point(goal, dt)
         self._hold_together(aim if goal.together else None)
-        self._damping_task.set_weight(self.config.damping + max(steps))
+        self._arms.damping.set_weight(self.config.damping + max(steps))
         self._solve()
         # The solver meets its limits only up to rounding.
         self.q = np.minimum(np.maximum(self.placo.state.q[self._columns], self.lower), self.upper)
@@ -206,11 +172,7 @@ class Descent:
             self._solver.solve(True)
         except RuntimeError:
             self.without_collisions += 1
-            self._solver.remove_constraint(self._collisions)  # type: ignore[arg-type]  placo's stubs lack the base class
-            try:
-                self._solver.solve(True)
-            finally:
-                self._avoid()
+            self._arms.solve_without_collisions()
 
     def _point(self, goal: Goal, dt: float) -> None:
         """Set each elbow's target: the hand at its target, the forearm in the desired direction."""
@@ -238,7 +200,7 @@ class Descent:
                 self._grip = None
             return
         configuration = self.placo.state.q
-        left, right = (self.placo.frame_jacobian(frame, "local_world_aligned")[:3] for frame in self._frames)
+        left, right = (self.placo.frame_jacobian(frame, "local_world_aligned")[:3] for frame in FRAMES)
         # placo's half-spaces are in the configuration, which is one number longer than the velocity (the quaternion).
         rows = np.zeros((3, configuration.size))
         rows[:, self._columns] = (right - left)[:, self._columns - 1]
