@@ -1,5 +1,6 @@
 """States of the robot, and synthetic records of runs: with prescribed errors, or with moving parts for pictures."""
 
+import pathlib
 from collections.abc import Callable
 
 import numpy as np
@@ -142,3 +143,24 @@ def synthetic_trace() -> Callable[..., Trace]:
 def make_run() -> Callable[..., Trace]:
     """The function that makes a record for pictures, with hand targets in its second half unless `hands` is False."""
     return _run
+
+
+@pytest.fixture
+def standing_task(tmp_path: pathlib.Path) -> Callable[..., pathlib.Path]:
+    """Return a writer of a file with a task, in which the robot stands before a wall, and its only milestone."""
+
+    def write(milestone: str = "Milestone('never', lambda record: 0.0)", name: str = "stand") -> pathlib.Path:
+        path = tmp_path / f"{name}.py"
+        path.write_text(
+            "from hugwbc.behaviours import wait\n"
+            "from hugwbc.sim import Scene\n"
+            "from hugwbc.sim.scenes import Wall\n"
+            "from hugwbc.tasks import Milestone, Task\n"
+            "scene = Scene((Wall(name='wall', position=(2.0, 0.0)),))\n"
+            f"TASK = Task(name='{name}', about='Stand.', scene=scene, limit=3.0,\n"
+            "    behaviour=lambda view, shapes: wait(view, 0.1),\n"
+            f"    milestones=({milestone},))\n"
+        )
+        return path
+
+    return write

@@ -51,15 +51,8 @@ def test_upside_down_the_torques_change_sign(nominal_state):
     assert servo.torque(REACHING, turned) == pytest.approx(-servo.torque(REACHING, nominal_state), abs=1e-9)
 
 
-def test_torques_stay_within_limits_and_bad_numbers_pass_through(robot, nominal_state):
-    servo = ArmServo()
-    rng = np.random.default_rng(0)
-    limit = robot.torque_limit[robot.arms]
-    for q in rng.uniform(robot.lower[robot.arms], robot.upper[robot.arms], (200, 8)):
-        command = servo(UpperBody.targets(q, rng.uniform(-9.0, 9.0, 8), rng.normal(0.0, 30.0, 8)), nominal_state, DT)
-        assert np.all(np.abs(command.tau) <= limit)
-    lost = make_state(nominal_state.q, orientation=[math.nan] * 4)
-    command = servo(UpperBody.targets(REACHING), lost, DT)
+def test_bad_numbers_pass_through(nominal_state):
+    command = ArmServo()(UpperBody.targets(REACHING), make_state(nominal_state.q, orientation=[math.nan] * 4), DT)
     assert command.q.tolist() == REACHING.tolist()
     assert command.tau.tolist() == [0.0] * 8
 
@@ -252,14 +245,14 @@ def test_more_stiffness_than_the_servo_has_is_the_servos(robot, nominal_state):
     assert command.kp is not None and command.kp.max() <= 140.0 + 1e-9
 
 
-def test_random_loads_give_finite_torques_within_the_limits(robot, nominal_state):
+def test_random_motions_and_loads_give_finite_torques_within_the_limits(robot, nominal_state):
     rng, servo = np.random.default_rng(1), ArmServo()
     limit = robot.torque_limit[robot.arms]
     for _ in range(300):
         q = rng.uniform(robot.lower[robot.arms], robot.upper[robot.arms])
         state = dataclasses.replace(nominal_state, q=rng.uniform(robot.lower, robot.upper))
         body = dataclasses.replace(
-            UpperBody.targets(q),
+            UpperBody.targets(q, rng.uniform(-9.0, 9.0, 8), rng.normal(0.0, 30.0, 8)),
             hand_force=rng.normal(0.0, 10.0 ** rng.uniform(0.0, 6.0), (2, 3)) * rng.integers(0, 2, (2, 1)),
             payload=rng.uniform(0.0, 20.0, 2),
             stiffness=None if rng.random() < 0.5 else float(rng.uniform(50.0, 5000.0)),

@@ -26,18 +26,6 @@ class Mine(HoldController):
         super().__init__(robot)
         self.policy = policy
 '''
-TASK = """
-from hugwbc.sim import Scene
-from hugwbc.sim.scenes import Wall
-from hugwbc.tasks import Milestone, Task
-from hugwbc.tasks.hold_payload import hold_payload
-
-TASK = Task(
-    name="own_task", about="Stand there.",
-    scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=hold_payload,
-    limit=3.0, milestones=(Milestone("never", lambda record: 0.0),),
-)
-"""
 
 
 @pytest.fixture
@@ -139,17 +127,18 @@ def test_words_that_name_no_controller_in_a_file_are_refused(tmp_path):
         ControllerSpec(f"{tmp_path / 'plain.py'}:Mine", "weights")
 
 
-def test_a_task_of_a_package_is_found_by_name(install, tmp_path, capsys):
-    install("own_task", TASK, tasks="own_task = own_task:TASK")
-    assert load_task("own_task").about == "Stand there."
+def test_a_task_of_a_package_is_found_by_name(install, standing_task, capsys):
+    task = standing_task(name="own_task").read_text()
+    install("own_task", task, tasks="own_task = own_task:TASK")
+    assert load_task("own_task").about == "Stand."
     assert main(["tasks", "--task", "own_task"]) == 0
-    assert "own_task  Stand there." in capsys.readouterr().out
+    assert "own_task  Stand." in capsys.readouterr().out
     with pytest.raises(UnknownNameError, match="Did you mean 'own_task'"):
         load_task("own_tsk")
     install("own_wrong", "TASK = 3", tasks="own_wrong = own_wrong:TASK")
     with pytest.raises(ConfigError, match=r"task 'own_wrong' \(own_wrong:TASK\) is a int"):
         load_task("own_wrong")
-    install("own_other", TASK, tasks="other = own_other:TASK")
+    install("own_other", task, tasks="other = own_other:TASK")
     with pytest.raises(ConfigError, match="calls itself 'own_task'; give both one name"):
         load_task("other")
 

@@ -38,12 +38,6 @@ def test_limits_and_gains_of_some_joints() -> None:
     assert np.all((robot.lower < robot.nominal) & (robot.nominal < robot.upper))
 
 
-def test_limits_are_symmetric_left_to_right() -> None:
-    robot = load_robot()
-    left, right = robot.index("left_shoulder_yaw_joint"), robot.index("right_shoulder_yaw_joint")
-    assert (robot.lower[right], robot.upper[right]) == (-robot.upper[left], -robot.lower[left])
-
-
 def test_arrays_are_read_only_and_the_robot_is_loaded_once() -> None:
     robot = load_robot()
     assert load_robot() is robot

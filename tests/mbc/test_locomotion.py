@@ -308,14 +308,6 @@ def test_at_least_95_percent_of_pushes_from_all_sides_are_survived(command):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("period", [0.01, 0.02])
-def test_it_walks_when_called_less_often(period):
-    run = Run(Command(v_x=0.5, gait=WALKING), 5.0, period=period, since=3.0)
-    assert run.good
-    assert run.mean("v_x") == pytest.approx(0.5, abs=0.06)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -8,11 +8,10 @@ import pytest
 from hugwbc import Command, load_robot
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import ConfigError
-from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop, substeps_of, world_targets
-from hugwbc.runtime.safety import SafetyFilter, target_limits
+from hugwbc.runtime.safety import target_limits
 from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -146,24 +145,3 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
     assert heights[second] < -0.1
     assert np.all(np.diff(heights[: second + 1]) <= 1e-9), "no way back for targets that are not usable for a moment"
     assert heights[-1] == 0.0, "the request has ended"
-
-
-def test_the_arms_of_every_controller_are_driven_alike():
-    """Same gains, same feed-forward torque, whether the controller sends torques, positions or ignores the arms."""
-
-    class Deaf(HoldController):
-        """Takes no notice of external arm targets."""
-
-        def act(self, state, command, upper_body):
-            return super().act(state, command, UpperBody.none())
-
-    arms, commands = UpperBody.targets(np.full(8, 0.3), np.linspace(-1.0, 1.0, 8)), []
-    for controller in (HoldController(), WholeBodyController(period=0.02), Deaf()):
-        safe, state = SafetyFilter(controller), Simulation(sensing="exact").reset()
-        safe.reset(state)
-        commands.append(safe.act(state, Command(), arms))
-    for field in dataclasses.fields(JointCommand):
-        first = getattr(commands[0], field.name)
-        for other in commands[1:]:
-            np.testing.assert_array_equal(getattr(other, field.name)[ROBOT.arms], first[ROBOT.arms])
-    assert np.abs(commands[0].tau[ROBOT.arms]).max() > 1.0

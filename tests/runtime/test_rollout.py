@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, HugwbcError, JointCommand, UpperBody, load_robot
+from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
 from hugwbc.errors import ConfigError
 from hugwbc.runtime import Constant, rollout
-from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names
+from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Ground, Simulation
 from hugwbc.sim.scenes import Box, Scene, Uniform
 from hugwbc.targets import HandTargets
@@ -147,13 +147,6 @@ def test_a_bad_duration_is_refused(simulation, duration):
 def test_a_time_step_that_does_not_divide_the_period_is_refused():
     with pytest.raises(ConfigError, match="not a multiple of the physics time step"):
         rollout(HoldController(), Constant(Command()), Simulation(sensing="exact", timestep=0.003), duration=0.1)
-
-
-def test_controllers_by_name():
-    assert ControllerSpec("hold").build().name == "hold"
-    with pytest.raises(HugwbcError, match="Did you mean 'learned'") as info:
-        ControllerSpec("learnd")
-    assert all(name in str(info.value) for name in controller_names())
 
 
 def test_a_run_shorter_than_a_control_period_has_one_step():

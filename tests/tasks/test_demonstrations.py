@@ -34,17 +34,6 @@ SCENE = Scene(
 NUMBER = {name: place for place, name in enumerate(ACTION_NAMES)}
 STATE = {name: place for place, name in enumerate(state_names(ROBOT))}
 PLACE = [NUMBER[f"left_hand.{axis}"] for axis in "xyz"]
-OWN = """
-from hugwbc.behaviours import stand
-from hugwbc.sim import Scene
-from hugwbc.sim.scenes import Wall
-from hugwbc.tasks import Milestone, Task
-
-TASK = Task(
-    name="own", about="Stand.", scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)),
-    behaviour=lambda view, shapes: stand(view, 0.1), limit=0.5, milestones=(Milestone("never", lambda record: 1.0),),
-)
-"""
 
 
 def small(behaviour, limit=2.0) -> Task:
@@ -309,36 +298,23 @@ def test_what_does_not_belong_into_a_data_set_is_refused(tmp_path):
     assert read_info(tmp_path / "b")["total_episodes"] == 1
 
 
-def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys):
+def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys, standing_task):
     monkeypatch.chdir(tmp_path)
     assert main(["tasks", "--task", "fetch_box", "open_drawer"]) == 0
     listed = capsys.readouterr().out
     assert load_task("fetch_box").about in listed and "attach" in listed
-    pathlib.Path("own.py").write_text(OWN)
-    words = [
-        "tasks",
-        "--task",
-        "own.py",
-        "--controller",
-        "hold",
-        "--episodes",
-        "2",
-        "--seed",
-        "7",
-        "--record",
-        "d/demos",
-    ]
+    words = ["tasks", "--task", str(standing_task()), "--controller", "hold", "--episodes", "2", "--seed", "7"]
+    words += ["--record", "d/demos"]
     assert main(words) == 0
-    assert "own, seed 8" in capsys.readouterr().out
+    assert "stand, seed 8" in capsys.readouterr().out
     assert read_info(tmp_path / "d" / "demos")["total_episodes"] == 2
     assert main(words) == USAGE_ERROR
     assert "never overwritten" in capsys.readouterr().err
 
 
-def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch):
+def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch, standing_task):
     monkeypatch.chdir(tmp_path)
-    pathlib.Path("own.py").write_text(OWN)
-    words = ["tasks", "--task", "own.py", "--controller", "hold", "--episodes", "1", "--record", "demos"]
+    words = ["tasks", "--task", str(standing_task()), "--controller", "hold", "--episodes", "1", "--record", "demos"]
     assert main([*words, "--cameras", "head", "front"]) == 0
     info = read_info(pathlib.Path("demos"))
     rows = pq.read_table("demos/meta/episodes").to_pylist()

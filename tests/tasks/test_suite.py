@@ -13,18 +13,6 @@ from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, run_task, shape
 from hugwbc.tasks.task import SCENES
 from hugwbc.upper_ik import UpperBodySource
 
-OWN = """
-from hugwbc.sim import Scene
-from hugwbc.sim.scenes import Wall
-from hugwbc.tasks import Milestone, Task
-from hugwbc.tasks.hold_payload import hold_payload
-
-TASK = Task(
-    name="own", about="", scene=Scene((Wall(name="wall", position=(2.0, 0.0)),)), behaviour=hold_payload, limit=3.0,
-    milestones=(Milestone("never", lambda record: 0.0),),
-)
-"""
-
 
 @pytest.mark.parametrize("name", TASK_NAMES)
 def test_a_task_has_its_name_its_scene_and_a_behaviour(name):
@@ -67,10 +55,8 @@ def test_behaviours_are_told_dimensions_and_nothing_else():
     assert "force" not in button and button["travel"] == 0.02
 
 
-def test_a_task_of_ones_own_is_a_file(tmp_path):
-    path = tmp_path / "own.py"
-    path.write_text(OWN)
-    assert load_task(str(path)).name == "own"
+def test_a_task_of_ones_own_is_a_file(standing_task):
+    assert load_task(str(standing_task())).name == "stand"
 
 
 def test_what_is_no_task_is_refused(tmp_path):

@@ -113,19 +113,6 @@ def test_a_robot_at_the_end_of_its_region_is_moved_and_notices_nothing() -> None
     torch.testing.assert_close(env.readings.clearance, other.readings.clearance, atol=1e-3, rtol=0.0)
 
 
-def test_restored_run_on_rough_ground_continues_bit_for_bit() -> None:
-    straight, resumed = make_env(start_level=3), make_env(start_level=0)
-    for _ in range(15):
-        straight.step(torch.zeros(8, 19))
-    resumed.load_state_dict({name: value.clone() for name, value in straight.state_dict().items()})
-    for env in (straight, resumed):
-        for _ in range(15):
-            env.step(torch.zeros(8, 19))
-    assert torch.equal(straight.ground.level, resumed.ground.level)
-    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)
-    assert torch.equal(straight.observe().critic, resumed.observe().critic)
-
-
 def test_a_run_on_a_plane_goes_on_on_rough_ground() -> None:
     flat = HumanoidEnv(EnvConfig(count=8), seed=3, threads=1)
     flat.simulation.qpos[:, 0] += 30.0
