@@ -9,6 +9,7 @@ import pytest
 
 from hugwbc import RobotState, load_robot, rotations
 from hugwbc.kinematics import pinocchio_model
+from hugwbc.mbc.dynamics import Dynamics
 from tests.conftest import make_state
 
 
@@ -54,6 +55,22 @@ def symmetric_model() -> pin.Model:
 def standing_state() -> RobotState:
     """The nominal pose at rest on the ground."""
     return make_state(position=(0.0, 0.0, 0.98), velocity=np.zeros(3))
+
+
+@pytest.fixture
+def dynamics_of(standing_state: RobotState) -> Callable[..., Dynamics]:
+    """A maker of the dynamics of the standing robot with some joints moved, at a yaw, and with other changes."""
+
+    def make(yaw: float = 0.0, joints: dict[str, float] | None = None, **changes) -> Dynamics:
+        q = standing_state.q.copy()
+        for name, value in (joints or {}).items():
+            q[load_robot().index(f"{name}_joint")] += value
+        turned = {"q": q, "orientation": rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)}
+        dynamics = Dynamics()
+        dynamics.update(dataclasses.replace(standing_state, **(turned | changes)))
+        return dynamics
+
+    return make
 
 
 @pytest.fixture

@@ -21,6 +21,14 @@ def _history(command, seconds, start=(0.0, 0.0, 0.0), robot=None):
     return [command_filter.update(command, DT)[0] for _ in range(round(seconds / DT))]
 
 
+def _after(ticks, command, gait=None, commands=None):
+    """The command and the report after so many ticks, of a filter that is new unless it is given."""
+    commands = commands or CommandFilter(PARAMS)
+    for _ in range(ticks):
+        result = commands.update(command, DT, gait or GaitState())
+    return result
+
+
 def test_posture_arrives_within_its_rates_and_without_overshoot():
     history = _history(Command(h=-0.2, p=0.4, w=-1.0), 4.0)
     for name, target, (rate, quickness) in (
@@ -67,9 +75,7 @@ def test_bad_values_are_replaced_and_reported():
 
 
 def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
-    command_filter = CommandFilter(PARAMS)
-    for _ in range(2000):
-        smooth, report = command_filter.update(Command(h=-0.3, l=0.3, gait=Gait.WALKING), DT)
+    smooth, report = _after(2000, Command(h=-0.3, l=0.3, gait=Gait.WALKING))
     assert -0.2 < smooth.h < -0.1
     assert smooth.l < 0.2
     assert any(line.startswith("h = -0.3") for line in report)
@@ -91,17 +97,12 @@ def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
     ids=str,
 )
 def test_a_height_that_the_gait_lowers_is_reported(command, report):
-    command_filter = CommandFilter(PARAMS, LIGHT)
-    for _ in range(1500):
-        last = command_filter.update(command, DT)
-    assert last[1] == report
+    assert _after(1500, command, commands=CommandFilter(PARAMS, LIGHT))[1] == report
 
 
 @pytest.mark.parametrize("v_x", [0.3, 1.8])
 def test_the_report_names_the_height_that_is_used(v_x):
-    command_filter = CommandFilter(PARAMS)
-    for _ in range(2000):
-        smooth, report = command_filter.update(Command(v_x=v_x, h=-0.3, gait=Gait.WALKING), DT)
+    smooth, report = _after(2000, Command(v_x=v_x, h=-0.3, gait=Gait.WALKING))
     assert smooth.h > -0.25
     assert any(line.endswith(f"using {smooth.h:.2f} m") for line in report)
 
@@ -110,14 +111,11 @@ def test_a_squat_that_strays_is_as_high_as_the_speed_that_it_has_needs():
     command, heights = Command(h=-0.3, gait=Gait.WALKING), {}
     for v_x, stray in ((0.0, 0.0), (0.0, -0.6), (-0.6, 0.0)):
         command_filter = CommandFilter(PARAMS)
-        for _ in range(1000):
-            smooth, _ = command_filter.update(dataclasses.replace(command, v_x=v_x), DT, GaitState(stray=stray))
-        heights[v_x, stray] = smooth.h
+        asked = dataclasses.replace(command, v_x=v_x)
+        heights[v_x, stray] = _after(1000, asked, GaitState(stray=stray), command_filter)[0].h
     assert heights[0.0, -0.6] == pytest.approx(heights[-0.6, 0.0]) and heights[0.0, -0.6] > heights[0.0, 0.0] + 0.05
     # Once it has come to rest, it squats again.
-    for _ in range(1000):
-        smooth, _ = command_filter.update(command, DT)
-    assert smooth.h == pytest.approx(heights[0.0, 0.0])
+    assert _after(1000, command, commands=command_filter)[0].h == pytest.approx(heights[0.0, 0.0])
 
 
 def test_fast_walking_lowers_the_pelvis():
@@ -128,9 +126,8 @@ def test_fast_walking_lowers_the_pelvis():
 
 
 def test_a_walk_is_no_faster_than_the_hips_can_swing_the_legs():
-    command_filter, command = CommandFilter(PARAMS), Command(v_x=2.0, gait=Gait.WALKING)
-    for _ in range(1000):
-        smooth, report = command_filter.update(command, DT)
+    command = Command(v_x=2.0, gait=Gait.WALKING)
+    smooth, report = _after(1000, command)
     fastest = fastest_walk(PARAMS, 2.0)
     assert smooth.velocity[0] == pytest.approx(fastest) and 1.5 < fastest < 2.0
     assert any(line.startswith("v_x = 2 m/s is too fast") for line in report)
@@ -139,9 +136,7 @@ def test_a_walk_is_no_faster_than_the_hips_can_swing_the_legs():
 
 
 def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
-    commands, command = CommandFilter(PARAMS), Command(h=-0.3, l=0.35, f=1.5, gait=Gait.JUMPING)
-    for _ in range(2000):
-        smooth, report = commands.update(command, DT)
+    smooth, report = _after(2000, Command(h=-0.3, l=0.35, f=1.5, gait=Gait.JUMPING))
     # The body rises and sinks by g / (32 f^2) = 0.1363 m.
     assert smooth.h == pytest.approx(PARAMS.leap_depth + 0.1363, abs=1e-3)
     assert smooth.l == pytest.approx(PARAMS.clearance_at_nominal + smooth.h + 0.1363, abs=1e-3)
@@ -150,13 +145,11 @@ def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
 
 def test_it_comes_to_rest_before_it_changes_gait():
     commands = CommandFilter(PARAMS)
-    for _ in range(1000):
-        commands.update(Command(v_x=0.5, gait=Gait.WALKING), DT, GaitState(running=Gait.WALKING))
-    for _ in range(1000):
-        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, GaitState(running=Gait.WALKING))
+    walk, jump = (Command(v_x=0.5, gait=gait) for gait in (Gait.WALKING, Gait.JUMPING))
+    _after(1000, walk, GaitState(running=Gait.WALKING), commands)
+    smooth, _ = _after(1000, jump, GaitState(running=Gait.WALKING), commands)
     assert smooth.velocity == pytest.approx([0.0, 0.0], abs=1e-9)
-    for _ in range(1000):
-        smooth, _ = commands.update(Command(v_x=0.5, gait=Gait.JUMPING), DT, GaitState(running=Gait.JUMPING))
+    smooth, _ = _after(1000, jump, GaitState(running=Gait.JUMPING), commands)
     assert smooth.velocity == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
@@ -173,25 +166,20 @@ def test_a_lower_command_never_walks_higher(v_x):
 
 
 def test_a_gait_that_comes_to_rest_keeps_its_frequency_and_its_limits():
-    commands = CommandFilter(PARAMS)
-    for _ in range(2000):
-        hop, _ = commands.update(Command(gait=Gait.HOPPING_LEFT), DT, GaitState(running=Gait.HOPPING_LEFT))
+    commands, hopping = CommandFilter(PARAMS), GaitState(running=Gait.HOPPING_LEFT)
+    hop, _ = _after(2000, Command(gait=Gait.HOPPING_LEFT), hopping, commands)
     walk = Command(f=3.5, gait=Gait.WALKING)
-    for _ in range(1000):
-        smooth, _ = commands.update(walk, DT, GaitState(running=Gait.HOPPING_LEFT))
+    smooth, _ = _after(1000, walk, hopping, commands)
     assert (smooth.f, smooth.h) == (hop.f, hop.h) == (2.0, -PARAMS.hop_lowering)
-    for _ in range(2000):
-        smooth, _ = commands.update(walk, DT, GaitState(running=Gait.WALKING))
+    smooth, _ = _after(2000, walk, GaitState(running=Gait.WALKING), commands)
     assert (smooth.f, smooth.h) == (3.5, 0.0)
 
 
 def test_a_hop_gathers_speed_only_once_it_hops():
     commands, command = CommandFilter(PARAMS), Command(v_x=0.6, omega=-0.6, gait=Gait.HOPPING_RIGHT)
-    for _ in range(500):
-        smooth, _ = commands.update(command, DT, GaitState(running=Gait.HOPPING_RIGHT, waiting=True))
+    smooth, _ = _after(500, command, GaitState(running=Gait.HOPPING_RIGHT, waiting=True), commands)
     assert smooth.velocity == pytest.approx([0.0, 0.0]) and smooth.omega == 0.0
-    for _ in range(100):
-        smooth, _ = commands.update(command, DT, GaitState(running=Gait.HOPPING_RIGHT))
+    smooth, _ = _after(100, command, GaitState(running=Gait.HOPPING_RIGHT), commands)
     gathered = 100 * DT * np.array(PARAMS.velocity_rate)
     assert [smooth.velocity[0], smooth.omega] == pytest.approx([gathered[0], -gathered[2]])
 
@@ -208,20 +196,17 @@ def test_a_sideways_hop_is_slow_where_the_leg_crosses_over(gait, outwards):
         assert any("crosses over" in line for line in report) is (most < 0.6)
 
 
-def _steps(trim, errors):
+def _steps(trim, errors, ticks=125, **leap):
     for error in errors:
-        for _ in range(125):
+        for _ in range(ticks):
             trim.measure(np.zeros(2), np.asarray(error, dtype=float), 0.002)
-        trim.end_step()
+        trim.end_step(**leap)
 
 
 def test_a_leap_is_corrected_by_what_two_steps_of_a_walk_are():
     walk, leap = VelocityTrim(PARAMS), VelocityTrim(PARAMS)
     _steps(walk, [(0.05, 0.0)] * 5)
-    for _ in range(3):
-        for _ in range(250):
-            leap.measure(np.zeros(2), np.array([0.05, 0.0]), 0.002)
-        leap.end_step(leap=True)
+    _steps(leap, [(0.05, 0.0)] * 3, 250, leap=True)
     assert walk.value[0] > 0.0 and leap.value == pytest.approx(walk.value)
 
 
@@ -240,10 +225,7 @@ def test_a_lasting_error_is_added_up_per_step():
 
 def test_steps_during_and_after_a_change_of_command_do_not_count():
     trim = VelocityTrim(PARAMS)
-    for step in range(6):
-        for _ in range(125):
-            trim.measure(np.zeros(2), np.array([0.01 if step == 0 else 0.12, 0.0]), 0.002)
-        trim.end_step()
+    _steps(trim, [(0.01, 0.0), *[(0.12, 0.0)] * 5])
     # The command changes in step 1; steps 1, 2 and 3 do not count, step 4 fills the average, step 5 is integrated.
     assert trim.value == pytest.approx([PARAMS.velocity_integral * 0.12, 0.0])
 

@@ -1,10 +1,7 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, StepRequest, nominal_offset, plan_step, time_step
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.swing import SwingTrajectory
@@ -101,22 +98,16 @@ def test_the_centre_of_mass_follows_the_pendulum():
     assert pendulum.com_after(cop, 0.2) == pytest.approx(com, abs=1e-4)
 
 
-def test_pendulum_velocity_of_pure_translation_is_the_velocity(standing_state):
-    dynamics = Dynamics()
-    moving = type(standing_state)(
-        q=standing_state.q, dq=np.zeros(19), orientation=standing_state.orientation, angular_velocity=np.zeros(3),
-        position=standing_state.position, velocity=np.array([0.3, -0.2, 0.0]),
-    )  # fmt: skip
-    dynamics.update(moving)
+def test_pendulum_velocity_of_pure_translation_is_the_velocity(dynamics_of):
+    dynamics = dynamics_of(velocity=np.array([0.3, -0.2, 0.0]))
     pendulum = Pendulum.about(np.zeros(3), dynamics)
     assert (pendulum.dcm - pendulum.com) * pendulum.omega == pytest.approx([0.3, -0.2], abs=1e-9)
     assert pendulum.omega == pytest.approx(np.sqrt(9.81 / dynamics.com[2]))
 
 
-def test_on_a_slope_the_pendulum_moves_as_on_level_ground(standing_state):
+def test_on_a_slope_the_pendulum_moves_as_on_level_ground(dynamics_of):
     """Climbing at the slope's rate with no angular momentum, the effective velocity is that of the centre of mass."""
-    dynamics, gradient = Dynamics(), np.array([0.1, 0.0])
-    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.5, 0.0, 0.05])))
+    dynamics, gradient = dynamics_of(velocity=np.array([0.5, 0.0, 0.05])), np.array([0.1, 0.0])
     pivot = np.array([dynamics.com[0] - 0.2, dynamics.com[1], 0.0])
     pendulum = Pendulum.about(pivot, dynamics, gradient)
     assert pendulum.omega == pytest.approx(np.sqrt(9.81 / (dynamics.com[2] - 0.02)))

@@ -1,9 +1,11 @@
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 import pytest
 import qpsolvers
 
-from hugwbc import load_robot, rotations
+from hugwbc import load_robot
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus, WholeBodyQp, friction_pyramid
@@ -60,9 +62,8 @@ def test_solutions_obey_physics_and_limits(random_state):
         assert np.all(solution.forces[~contact] == 0.0)
 
 
-def test_without_active_limits_it_is_the_equality_constrained_least_squares_solution(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(standing_state)
+def test_without_active_limits_it_is_the_equality_constrained_least_squares_solution(dynamics_of):
+    dynamics = dynamics_of()
     rng = np.random.default_rng(1)
     # Ask for accelerations near zero of everything: standing still, far from every limit.
     jacobian, weight = np.eye(25), rng.uniform(10, 100, 25)
@@ -82,18 +83,13 @@ def test_without_active_limits_it_is_the_equality_constrained_least_squares_solu
     assert np.sum(solution.forces[:, 2]) == pytest.approx(dynamics.mass * 9.81, rel=0.02)
 
 
-def test_a_joint_brakes_before_its_limit(standing_state):
-    dynamics = Dynamics()
+def test_a_joint_brakes_before_its_limit(dynamics_of):
     knee = ROBOT.index("left_knee_joint")
     dq = np.zeros(19)
     dq[knee] = 10.0
     q = ROBOT.nominal.copy()
     q[knee] = ROBOT.upper[knee] - 0.05
-    state = type(standing_state)(
-        q=q, dq=dq, orientation=standing_state.orientation, angular_velocity=np.zeros(3),
-        position=standing_state.position, velocity=np.zeros(3),
-    )  # fmt: skip
-    dynamics.update(state)
+    dynamics = dynamics_of(q=q, dq=dq)
     wanted = np.zeros(25)
     wanted[dynamics.columns[knee]] = 200.0
     terms = TaskTerms(np.eye(25), np.zeros(25), wanted, np.ones(25), np.zeros(25))
@@ -106,11 +102,7 @@ def test_a_joint_brakes_before_its_limit(standing_state):
 def test_infeasible_joint_limits_are_dropped_and_said_so(standing_state):
     dynamics = Dynamics()
     # Far beyond the limit and speeding outwards with all joints: no torque within the limits brakes that at once.
-    state = type(standing_state)(
-        q=ROBOT.upper + 0.5, dq=np.full(19, 100.0), orientation=standing_state.orientation,
-        angular_velocity=np.zeros(3), position=standing_state.position, velocity=np.zeros(3),
-    )  # fmt: skip
-    dynamics.update(state)
+    dynamics.update(dataclasses.replace(standing_state, q=ROBOT.upper + 0.5, dq=np.full(19, 100.0)))
     qp = _qp(dynamics)
     terms = TaskTerms(np.eye(25), np.zeros(25), np.zeros(25), np.ones(25), np.zeros(25))
     solution = qp.solve(dynamics, [terms], ALL)
@@ -121,14 +113,8 @@ def test_infeasible_joint_limits_are_dropped_and_said_so(standing_state):
     assert qp.solve(dynamics, [terms], ALL).status is QpStatus.SOLVED
 
 
-def test_forces_lean_against_a_tilted_world(standing_state):
-    dynamics = Dynamics()
-    tilted = type(standing_state)(
-        q=standing_state.q, dq=standing_state.dq,
-        orientation=rotations.from_yaw_pitch_roll(1.0, 0.0, 0.0),
-        angular_velocity=np.zeros(3), position=standing_state.position, velocity=np.zeros(3),
-    )  # fmt: skip
-    dynamics.update(tilted)
+def test_forces_lean_against_a_turned_world(dynamics_of):
+    dynamics = dynamics_of(yaw=1.0)
     # Accelerate the centre of mass by 0.5 m/s^2 along world x and nothing else: Newton's second law gives the force.
     jacobian = np.vstack((dynamics.com_jacobian, dynamics.momentum_jacobian))
     target = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])

@@ -1,11 +1,8 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc import Command, Gait, load_robot
 from hugwbc.mbc.command_filter import CommandFilter
-from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.feet import Ground
 from hugwbc.mbc.footsteps import Pendulum, StepPlan, StepRequest
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
@@ -13,19 +10,6 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import Crouch, References
 
 ROBOT, PARAMS, DT = load_robot(), ControllerParams(), 0.002
-
-
-def _dynamics(state, yaw=0.0, lifted=0.0):
-    dynamics = Dynamics()
-    dynamics.update(
-        dataclasses.replace(
-            state,
-            orientation=rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0),
-            position=state.position + np.array([0.0, 0.0, lifted]),
-            velocity=np.zeros(3),
-        )
-    )
-    return dynamics
 
 
 def _plan(mode):
@@ -49,8 +33,8 @@ def _follow(dynamics, plan, seconds, *, omega=0.0, v_x=0.0, ground=None, start=N
     return references
 
 
-def test_the_heading_turns_at_the_commanded_rate_and_does_not_run_away(standing_state):
-    dynamics, plan = _dynamics(standing_state, 3.0), _plan(Mode.WALKING)
+def test_the_heading_turns_at_the_commanded_rate_and_does_not_run_away(dynamics_of):
+    dynamics, plan = dynamics_of(3.0), _plan(Mode.WALKING)
     references = _follow(dynamics, plan, 0.4, omega=0.5)
     assert references.yaw == pytest.approx(3.2) and references.orientation.yaw_rate == 0.5
     assert references.to_heading @ [np.cos(3.2), np.sin(3.2)] == pytest.approx([1.0, 0.0], abs=1e-12)
@@ -58,19 +42,17 @@ def test_the_heading_turns_at_the_commanded_rate_and_does_not_run_away(standing_
     assert _follow(dynamics, plan, 2.0, omega=0.5).yaw == pytest.approx(3.3)
 
 
-def test_standing_the_heading_returns_to_the_feet(standing_state):
+def test_standing_the_heading_returns_to_the_feet(dynamics_of):
     """Both feet point 0.2 rad to the left of the pelvis."""
-    q = standing_state.q.copy()
-    q[ROBOT.indices(["left_hip_yaw_joint", "right_hip_yaw_joint"])] = 0.2
-    dynamics = _dynamics(dataclasses.replace(standing_state, q=q))
+    dynamics = dynamics_of(joints={"left_hip_yaw": 0.2, "right_hip_yaw": 0.2})
     plan = _plan(Mode.STANDING)
     assert _follow(dynamics, plan, 0.2, omega=1.0).yaw == pytest.approx(0.1, abs=5e-3), "0.5 rad/s"
     later = _follow(dynamics, plan, 1.0, omega=1.0)
     assert later.yaw == pytest.approx(0.2, abs=5e-3) and later.orientation.yaw_rate == 0.0
 
 
-def test_the_ground_follows_the_feet_smoothly_and_stays_in_flight(standing_state):
-    below, above = _dynamics(standing_state), _dynamics(standing_state, lifted=0.05)
+def test_the_ground_follows_the_feet_smoothly_and_stays_in_flight(dynamics_of, standing_state):
+    below, above = dynamics_of(), dynamics_of(position=standing_state.position + np.array([0.0, 0.0, 0.05]))
     references = _follow(above, _plan(Mode.STANDING), 0.1, start=below)
     level = _follow(below, _plan(Mode.STANDING), 0.1).ground
     # A first-order lag of 0.1 s.
@@ -82,10 +64,10 @@ def test_the_ground_follows_the_feet_smoothly_and_stays_in_flight(standing_state
     assert _follow(above, flying, 0.1, start=below).ground == pytest.approx(level)
 
 
-def test_on_a_slope_the_pelvis_rises_as_it_walks(standing_state):
+def test_on_a_slope_the_pelvis_rises_as_it_walks(dynamics_of):
     ground = Ground()
     ground.gradient[:] = [0.0, 0.1]  # uphill to the left of the world, which is ahead of the robot
-    references = _follow(_dynamics(standing_state, np.pi / 2.0), _plan(Mode.WALKING), 0.01, v_x=0.5, ground=ground)
+    references = _follow(dynamics_of(np.pi / 2.0), _plan(Mode.WALKING), 0.01, v_x=0.5, ground=ground)
     assert references.height.rate == pytest.approx(0.05)
 
 
@@ -103,13 +85,13 @@ def _settle(dynamics, foothold, seconds=2.0):
     return crouch
 
 
-def test_an_ordinary_step_needs_no_crouch(standing_state):
-    dynamics = _dynamics(standing_state)
+def test_an_ordinary_step_needs_no_crouch(dynamics_of):
+    dynamics = dynamics_of()
     assert _settle(dynamics, [0.3, 0.25]).depth == 0.0
 
 
-def test_the_pelvis_comes_down_until_the_leg_is_as_long_as_it_may_be(standing_state):
-    dynamics = _dynamics(standing_state)
+def test_the_pelvis_comes_down_until_the_leg_is_as_long_as_it_may_be(dynamics_of):
+    dynamics = dynamics_of()
     crouch = _settle(dynamics, [0.5, 0.4])
     hip = dynamics.position("left_hip_pitch_link") - [0.0, 0.0, crouch.depth]
     ankle = np.array([0.5, 0.4, 0.0]) + dynamics.position("right_ankle_link")
@@ -117,8 +99,8 @@ def test_the_pelvis_comes_down_until_the_leg_is_as_long_as_it_may_be(standing_st
     assert 0.05 < crouch.depth < PARAMS.max_crouch
 
 
-def test_it_goes_no_lower_than_its_bound_and_comes_up_again(standing_state):
-    dynamics = _dynamics(standing_state)
+def test_it_goes_no_lower_than_its_bound_and_comes_up_again(dynamics_of):
+    dynamics = dynamics_of()
     crouch = _settle(dynamics, [5.0, 0.0])
     assert crouch.depth == pytest.approx(PARAMS.max_crouch, abs=1e-3)
     depths = []

@@ -112,19 +112,16 @@ def test_shapes_and_units_are_consistent(random_state):
     assert len(names) == 9
 
 
-def test_height_law(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(standing_state)
+def test_height_law(dynamics_of):
+    dynamics = dynamics_of()
     task = PelvisHeightTask(ControllerParams(height_gains=(100.0, 20.0)))
     task.target, task.rate = 0.93, -0.1
     # 100 (0.93 - 0.98) + 20 (-0.1 - 0) = -7
     assert task.evaluate(dynamics).acceleration == pytest.approx([-7.0])
 
 
-def test_orientation_rows_are_roll_pitch_yaw_in_the_heading(standing_state):
-    dynamics = Dynamics()
-    turned = dataclasses.replace(standing_state, orientation=rotations.from_yaw_pitch_roll(2.0, 0.1, 0.0))
-    dynamics.update(turned)
+def test_orientation_rows_are_roll_pitch_yaw_in_the_heading(dynamics_of):
+    dynamics = dynamics_of(orientation=rotations.from_yaw_pitch_roll(2.0, 0.1, 0.0))
     task = PelvisOrientationTask(ControllerParams(orientation_gains=(100.0, 20.0)))
     task.yaw, task.pitch = 2.0, 0.3
     terms = task.evaluate(dynamics)
@@ -132,10 +129,9 @@ def test_orientation_rows_are_roll_pitch_yaw_in_the_heading(standing_state):
     assert terms.acceleration == pytest.approx([0.0, 20.0, 0.0], abs=1e-9)
 
 
-def test_centre_of_mass_law_along_and_across_the_heading(standing_state):
+def test_centre_of_mass_law_along_and_across_the_heading(dynamics_of):
     """Along it is pulled to the target, across it only follows the plan; the heading is the world's y."""
-    dynamics = Dynamics()
-    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.3, 0.2, 0.0])))
+    dynamics = dynamics_of(velocity=np.array([0.3, 0.2, 0.0]))
     task = CentreOfMassTask(ControllerParams(com_gains=(30.0, 10.0)))
     task.heading, task.servo, task.feedforward = np.pi / 2.0, np.array([1.0, 0.0]), np.array([0.5, 0.7])
     task.target = dynamics.com[:2] + np.array([0.05, 0.1])
@@ -145,9 +141,8 @@ def test_centre_of_mass_law_along_and_across_the_heading(standing_state):
     assert terms.acceleration == pytest.approx([1.5, 0.7])
 
 
-def test_pelvis_travel_law(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.0, 0.4, 0.0])))
+def test_pelvis_travel_law(dynamics_of):
+    dynamics = dynamics_of(velocity=np.array([0.0, 0.4, 0.0]))
     task = PelvisTravelTask(ControllerParams(travel_damping=2.0))
     task.heading, task.speed, task.feedforward = np.pi / 2.0, 0.5, 0.3
     terms = task.evaluate(dynamics)
@@ -155,9 +150,8 @@ def test_pelvis_travel_law(standing_state):
     assert (terms.error, terms.acceleration) == (pytest.approx([0.1]), pytest.approx([0.5]))
 
 
-def test_swing_foot_law(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.0, 0.0, 0.1])))
+def test_swing_foot_law(dynamics_of):
+    dynamics = dynamics_of(velocity=np.array([0.0, 0.0, 0.1]))
     task = SwingFootTask(ControllerParams(swing_gains=(100.0, 10.0), swing_rotation_gains=(50.0, 5.0)), "left")
     foot = dynamics.frame("left_sole")
     task.position, task.velocity = foot.position + np.array([0.02, 0.0, 0.03]), np.array([0.0, 0.0, 0.4])
@@ -170,18 +164,16 @@ def test_swing_foot_law(standing_state):
     assert acceleration[3:] == pytest.approx([50.0 * 0.1, 0.0], abs=0.1)
 
 
-def test_a_standing_foot_is_stopped_and_one_in_the_air_settles(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(dataclasses.replace(standing_state, velocity=np.array([0.1, 0.0, -0.05])))
+def test_a_standing_foot_is_stopped_and_one_in_the_air_settles(dynamics_of):
+    dynamics = dynamics_of(velocity=np.array([0.1, 0.0, -0.05]))
     task = StanceContactTask(ControllerParams(contact_damping=30.0), "right")
     assert task.evaluate(dynamics).acceleration[:3] == pytest.approx([-3.0, 0.0, 1.5])
     task.settle = 0.3
     assert task.evaluate(dynamics).acceleration[2] == pytest.approx(30.0 * (-0.3 + 0.05))
 
 
-def test_a_gap_is_closed_at_a_bounded_speed(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(standing_state)
+def test_a_gap_is_closed_at_a_bounded_speed(dynamics_of):
+    dynamics = dynamics_of()
     task = PostureTask("arms", ROBOT.arms, speed=2.0)
     task.stiffness[:], task.damping[:] = 100.0, 20.0
     task.target[0] = 3.0  # unbounded, 100 * 3 = 300
@@ -192,9 +184,8 @@ def test_a_gap_is_closed_at_a_bounded_speed(standing_state):
     assert task.evaluate(dynamics).acceleration[0] == pytest.approx(3.0 + 100.0 * 0.1)
 
 
-def test_line_contact_has_no_roll_row(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(standing_state)
+def test_line_contact_has_no_roll_row(dynamics_of):
+    dynamics = dynamics_of()
     roll = np.zeros(dynamics.nv)
     roll[dynamics.columns[ROBOT.index("left_hip_roll_joint")]] = 1.0
     terms = StanceContactTask(PARAMS, "left").evaluate(dynamics)
@@ -203,9 +194,8 @@ def test_line_contact_has_no_roll_row(standing_state):
     assert (terms.jacobian @ roll)[3:] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
-def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(dataclasses.replace(standing_state, angular_velocity=np.array([0.0, 1.0, 0.0])))
+def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(dynamics_of):
+    dynamics = dynamics_of(angular_velocity=np.array([0.0, 1.0, 0.0]))
     task = AngularMomentumTask(ControllerParams(momentum_damping=5.0))
     # The robot turns as one piece: its momentum is inertia times angular velocity.
     assert task.evaluate(dynamics).acceleration == pytest.approx(-5.0 * dynamics.inertia[:, 1])
@@ -213,9 +203,8 @@ def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(standing
     assert task.evaluate(dynamics).acceleration == pytest.approx([1.0, 2.0, 3.0])
 
 
-def test_a_standing_sole_is_turned_to_the_slope_of_the_ground(standing_state):
-    dynamics = Dynamics()
-    dynamics.update(standing_state)
+def test_a_standing_sole_is_turned_to_the_slope_of_the_ground(dynamics_of):
+    dynamics = dynamics_of()
     task = StanceContactTask(ControllerParams(contact_pitch_stiffness=100.0), "left")
     level = task.evaluate(dynamics).acceleration[3]
     task.slope = 0.05

@@ -19,6 +19,14 @@ ROBOT = load_robot()
 NONE = UpperBody.none()
 
 
+@pytest.fixture
+def controller(standing_state):
+    """A controller that begins with the standing robot."""
+    controller = WholeBodyController()
+    controller.reset(standing_state)
+    return controller
+
+
 def _total_torque(joint_command, state):
     gain = joint_command.kp * (joint_command.q - state.q) + joint_command.kd * (joint_command.dq - state.dq)
     return joint_command.tau + gain
@@ -37,9 +45,7 @@ def test_a_period_that_is_no_time_is_refused(period):
         WholeBodyController(period=period)
 
 
-def test_standing_still_it_carries_the_weight(standing_state):
-    controller = WholeBodyController()
-    controller.reset(standing_state)
+def test_standing_still_it_carries_the_weight(controller, standing_state):
     for _ in range(3):
         command = controller.act(standing_state, Command(), NONE)
     diagnostics = controller.diagnostics
@@ -77,9 +83,7 @@ def test_it_says_where_the_foot_in_the_air_is_to_land(standing_state):
     assert np.isnan(controller.footholds[1 - swing]).all()
 
 
-def test_in_a_jump_both_feet_have_footholds_in_flight_and_none_in_stance(standing_state):
-    controller = WholeBodyController()
-    controller.reset(standing_state)
+def test_in_a_jump_both_feet_have_footholds_in_flight_and_none_in_stance(controller, standing_state):
     seen = []
     for _ in range(480):  # by the clock alone, past the first flight
         controller.act(standing_state, Command(gait=Gait.JUMPING), NONE)
@@ -89,9 +93,7 @@ def test_in_a_jump_both_feet_have_footholds_in_flight_and_none_in_stance(standin
     assert [seen[0][0], seen[-1][0]] == [False, False] and any(flight for flight, _ in seen)
 
 
-def test_it_counts_footholds_out_of_reach(standing_state):
-    controller = WholeBodyController()
-    controller.reset(standing_state)
+def test_it_counts_footholds_out_of_reach(controller, standing_state):
     counts = []
     for speed in (0.0, 4.0):
         moving = dataclasses.replace(standing_state, velocity=np.array([speed, 0.0, 0.0]))
@@ -104,10 +106,8 @@ def test_it_counts_footholds_out_of_reach(standing_state):
     assert controller.diagnostics.out_of_reach == 0
 
 
-def test_it_counts_force_plans_that_failed(standing_state, monkeypatch):
+def test_it_counts_force_plans_that_failed(controller, standing_state, monkeypatch):
     monkeypatch.setattr(RigidBodyMpc, "_run", lambda *_: None)
-    controller = WholeBodyController()
-    controller.reset(standing_state)
     for _ in range(51):  # the first tick finds that the robot stands still; 0.2 s of stance, a plan every 8 ms
         controller.act(standing_state, Command(gait=Gait.JUMPING), NONE)
     diagnostics = controller.diagnostics
@@ -117,9 +117,7 @@ def test_it_counts_force_plans_that_failed(standing_state, monkeypatch):
     assert sum(vertical) == pytest.approx(ROBOT.mass * 9.81, rel=0.2), "an even push instead"
 
 
-def test_nan_states_hold_then_damp_and_recovery_is_complete(standing_state):
-    controller = WholeBodyController()
-    controller.reset(standing_state)
+def test_nan_states_hold_then_damp_and_recovery_is_complete(controller, standing_state):
     good = controller.act(standing_state, Command(), NONE)
     broken = dataclasses.replace(standing_state, q=np.full(19, np.nan))
     held = controller.act(broken, Command(), NONE)
@@ -137,9 +135,7 @@ def test_nan_states_hold_then_damp_and_recovery_is_complete(standing_state):
 
 
 @pytest.mark.parametrize("norm", [0.0, 0.9, 1.1])
-def test_an_orientation_that_is_no_unit_quaternion_is_no_state(standing_state, norm):
-    controller = WholeBodyController()
-    controller.reset(standing_state)
+def test_an_orientation_that_is_no_unit_quaternion_is_no_state(controller, standing_state, norm):
     controller.act(standing_state, Command(), NONE)
     dead = dataclasses.replace(standing_state, orientation=norm * standing_state.orientation)
     assert controller.act(dead, Command(), NONE).is_finite
@@ -153,9 +149,7 @@ def test_a_reset_with_a_broken_state_waits_for_a_good_one(standing_state):
     assert controller.diagnostics.output is Output.SOLUTION
 
 
-def test_after_a_reset_with_a_broken_state_nothing_is_left_of_the_walk_before(standing_state):
-    controller = WholeBodyController()
-    controller.reset(standing_state)
+def test_after_a_reset_with_a_broken_state_nothing_is_left_of_the_walk_before(controller, standing_state):
     while controller.phase < 0.2:
         controller.act(standing_state, Command(gait=Gait.WALKING), NONE)
     broken = dataclasses.replace(standing_state, q=np.full(19, np.nan))
@@ -183,9 +177,7 @@ def test_a_second_episode_begins_as_the_first_one_did(standing_state, gait):
     assert np.array_equal(*outputs)
 
 
-def test_bad_commands_and_arm_targets_are_reported_and_harmless(standing_state):
-    controller = WholeBodyController()
-    controller.reset(standing_state)
+def test_bad_commands_and_arm_targets_are_reported_and_harmless(controller, standing_state):
     bad_arms = UpperBody(np.full(8, np.nan), np.zeros(8), np.ones(8, dtype=bool))
     command = Command(h=math.nan, w=7.0, gait=Gait.WALKING)
     assert controller.act(standing_state, command, bad_arms).is_finite

@@ -77,7 +77,7 @@ def test_it_walks_with_a_delay_that_it_does_not_know():
 @pytest.mark.parametrize("period", [0.002, 0.004, 0.01, 0.02])
 def test_it_walks_at_lower_rates(period):
     speed, up = _walk(period=period)
-    assert up and speed == pytest.approx(0.6, abs=0.15)
+    assert up and speed == pytest.approx(0.6, abs=0.06)
 
 
 def _stays_up(terrain, command, seconds):

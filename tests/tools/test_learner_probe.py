@@ -1,6 +1,5 @@
 """The program that looks at what a learner sees."""
 
-import importlib.util
 import math
 import pathlib
 import sys
@@ -11,13 +10,9 @@ import torch
 ROOT = pathlib.Path(__file__).parents[2]
 
 
-@pytest.fixture
-def probe():
-    spec = importlib.util.spec_from_file_location("learner_probe", ROOT / "tools" / "learner_probe.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture(scope="module")
+def probe(load_tool):
+    return load_tool("learner_probe")
 
 
 def test_an_error_is_its_bias_its_repeating_part_and_the_rest(probe):

@@ -1,10 +1,7 @@
 """The tool that writes tables into the documents: places, cells, and the commit that a table belongs to."""
 
 import argparse
-import importlib.util
 import pathlib
-import sys
-from types import ModuleType
 
 import pytest
 
@@ -15,12 +12,8 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def tool() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("results", ROOT / "tools" / "results.py")
-    assert spec is not None and spec.loader is not None
-    module = sys.modules["results"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def tool(load_tool):
+    return load_tool("results")
 
 
 def test_every_table_has_its_places_and_every_place_its_table(tool) -> None:

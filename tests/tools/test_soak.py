@@ -1,22 +1,13 @@
 """The program behind `make soak`."""
 
-import importlib.util
-import pathlib
-
 import pytest
 
 from hugwbc import Gait
 
-PATH = pathlib.Path(__file__).parents[2] / "tools" / "soak.py"
 
-
-@pytest.fixture
-def soak():
-    spec = importlib.util.spec_from_file_location("soak", PATH)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture(scope="module")
+def soak(load_tool):
+    return load_tool("soak")
 
 
 def test_a_line_for_each_kind_of_state_and_for_each_gait(soak, capsys, monkeypatch):

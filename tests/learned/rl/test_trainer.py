@@ -244,58 +244,45 @@ def test_curricula_ground_latency_and_hops_are_resumed_bit_for_bit(tmp_path: pat
         assert torch.equal(value, resumed[name]), name
 
 
-def test_another_number_of_robots_is_refused(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 1))
-    other = dataclasses.replace(config(tmp_path, 2, resume=True), env=dataclasses.replace(ENV, count=8))
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The folder of a run of one iteration."""
+    folder = tmp_path_factory.mktemp("finished")
+    run(config(folder, 1))
+    return folder
+
+
+def test_another_number_of_robots_is_refused(finished: pathlib.Path) -> None:
+    other = dataclasses.replace(config(finished, 2, resume=True), env=dataclasses.replace(ENV, count=8))
     with pytest.raises(PolicyFileError, match=r"--env\.count 16"):
         Trainer(other)
 
 
-def test_truncated_checkpoint_is_refused(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 1))
-    path = tmp_path / CHECKPOINT_NAME
-    path.write_bytes(path.read_bytes()[:1000])
+def test_truncated_checkpoint_is_refused(tmp_path: pathlib.Path, finished: pathlib.Path) -> None:
+    (tmp_path / CHECKPOINT_NAME).write_bytes((finished / CHECKPOINT_NAME).read_bytes()[:1000])
     with pytest.raises(PolicyFileError, match="truncated"):
         Trainer(config(tmp_path, 2, resume=True))
 
 
-@pytest.mark.parametrize("damage", ["drop iteration", "seconds is text"])
-def test_a_checkpoint_without_its_counters_is_refused(tmp_path: pathlib.Path, damage: str) -> None:
-    run(config(tmp_path, 1))
-    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
-    if damage == "drop iteration":
-        del metadata["iteration"]
-    else:
-        metadata["seconds"] = "soon"
-    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
-    with pytest.raises(PolicyFileError, match="lacks a readable"):
-        Trainer(config(tmp_path, 2, resume=True))
-
-
-def test_a_snapshot_without_its_curriculum_is_refused(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 1))
-    tensors, metadata = checkpoint.load_file(tmp_path / SNAPSHOT_NAME, "checkpoint")
-    del metadata["curriculum"]
-    checkpoint.save_file(tmp_path / "cut", tensors, "checkpoint", metadata)
-    with pytest.raises(PolicyFileError, match="lacks a readable 'curriculum'"):
-        Trainer(config(tmp_path, 2, start_from=tmp_path / "cut"))
-
-
-def test_a_checkpoint_of_other_state_is_refused(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 1))
-    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
-    tensors["env.qpos"] = tensors["env.qpos"][:, 1:]
-    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata)
-    with pytest.raises(PolicyFileError, match="Continue from its snapshot"):
-        Trainer(config(tmp_path, 2, resume=True))
-
-
-def test_tensors_of_a_part_that_is_unknown_are_refused(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 1))
-    tensors, metadata = checkpoint.load_file(tmp_path / SNAPSHOT_NAME, "checkpoint")
-    checkpoint.save_file(tmp_path / "odd", tensors | {"memory.rows": torch.zeros(1)}, "checkpoint", metadata)
-    with pytest.raises(PolicyFileError, match=r"odd holds 'memory'"):
-        Trainer(config(tmp_path, 2, start_from=tmp_path / "odd"))
+@pytest.mark.parametrize(
+    ("tensors", "entries", "message"),
+    [
+        ({}, {"iteration": None}, "lacks a readable"),
+        ({}, {"seconds": "soon"}, "lacks a readable"),
+        ({}, {"curriculum": None}, "lacks a readable 'curriculum'"),
+        ({"env.qpos": torch.zeros(16, 25)}, {}, "Continue from its snapshot"),
+        ({"memory.rows": torch.zeros(1)}, {}, "odd holds 'memory'"),
+    ],
+)
+def test_a_file_of_another_state_is_refused(tmp_path: pathlib.Path, finished, tensors, entries, message) -> None:
+    """A checkpoint, or the snapshot where the message is of one."""
+    snapshot = "curriculum" in message or "odd" in message
+    path = tmp_path / ("odd" if snapshot else CHECKPOINT_NAME)
+    old, metadata = checkpoint.load_file(finished / (SNAPSHOT_NAME if snapshot else CHECKPOINT_NAME), "checkpoint")
+    kept = {name: value for name, value in (metadata | entries).items() if value is not None}
+    checkpoint.save_file(path, old | tensors, "checkpoint", kept)
+    with pytest.raises(PolicyFileError, match=message):
+        Trainer(config(tmp_path, 2, **({"start_from": path} if snapshot else {"resume": True})))
 
 
 def test_schedules_begin_with_the_run_and_survive_a_resumption(tmp_path: pathlib.Path) -> None:
