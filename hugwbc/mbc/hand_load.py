@@ -18,10 +18,11 @@ _NONE = np.zeros((2, 3))
 class HandLoad:
     """The force on each hand from outside, smooth enough for the balance.
 
-    What the targets tell counts at once. Of what is felt besides, nothing counts in a stand: a robot that leans against
-    a force holds a pull, but it presses harder on a post that it touches, which pushes back harder, until it falls.
-    Left alone, it gives way to both, and the push of a post vanishes. A force that has made the robot step and is
-    still there thereafter is a pull; it counts until it ends, in the stand that follows as well.
+    What the targets tell counts at once; it comes without jumps (`upper_ik.hand_loads`). Of what is felt besides,
+    nothing counts in a stand: a robot that leans against a force holds a pull, but it presses harder on a post that it
+    touches, which pushes back harder, until it falls. Left alone, it gives way to both, and the push of a post
+    vanishes. A force that has made the robot step and is still there thereafter is a pull; it counts until it ends, in
+    the stand that follows as well.
 
     Forces as small as the friction of the arms' drives are not told apart from none; they fade out.
 
@@ -29,21 +30,20 @@ class HandLoad:
         force: on the left and the right hand, world frame [N], shape (2, 3).
     """
 
-    def __init__(self, rate: float, least: float, *, measured: bool = True) -> None:
+    def __init__(self, rate: float, least: float) -> None:
         """Set up the filter.
 
         Args:
-            rate: bandwidth [1/s].
+            rate: bandwidth of what is felt [1/s].
             least: force up to which nothing counts [N]; from twice this force on all of it does.
-            measured: whether the forces of the state count; otherwise only those that are told.
         """
-        self._rate, self._least, self._measured = rate, least, measured
+        self._rate, self._least = rate, least
         self.reset()
 
     def reset(self) -> None:
         """Start with free hands."""
         self.force = _NONE
-        self._told, self._felt, self._mean = np.zeros((3, 2, 3))
+        self._felt, self._mean = np.zeros((2, 2, 3))
         self._stepped = 0.0
 
     def update(self, state: RobotState, upper_body: UpperBody, dt: float, *, stepping: bool) -> None:
@@ -56,19 +56,14 @@ class HandLoad:
             stepping: whether the robot walks, or steps to catch itself.
         """
         told = -hand_loads(upper_body.hand_force, upper_body.payload)
-        seen = state.hand_force if self._measured else None
-        tells = np.count_nonzero(told) + np.count_nonzero(self._told) > 0  # faster than `any`
-        if seen is None and not (tells or self.force.any()):
+        seen = state.hand_force
+        if not math.isfinite(told.sum() + (0.0 if seen is None else seen.sum())):
             return
-        if not math.isfinite((told.sum() if tells else 0.0) + (0.0 if seen is None else seen.sum())):
-            return
-        share = 1.0 - math.exp(-self._rate * dt)
-        if tells:
-            self._told = self._told + share * (_bounded(told) - self._told)
-        self.force = _without_small(self._told, self._least) if tells else _NONE
+        told = _bounded(told)
+        self.force = _without_small(told, self._least)
         if seen is None:
             return
-        self._felt = self._felt + share * (_bounded(seen) - self._told - self._felt)
+        self._felt = self._felt + (1.0 - math.exp(-self._rate * dt)) * (_bounded(seen) - told - self._felt)
         self._mean = self._mean + (1.0 - math.exp(-_LASTING * dt)) * (self._felt - self._mean)
         felt = _length(self._felt)
         if (felt <= self._least).all():  # and what lasts of it is no more

@@ -285,12 +285,9 @@ class ControllerParams:
 
     # --- forces on the hands
     hand_force_rate: Positive = 10.0
-    """Bandwidth of the forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
+    """Bandwidth of the felt forces on the hands that the balance reckons with [1/s]: below the sway of the arms."""
     least_hand_force: Positive = 10.0
     """Force on a hand up to which none is assumed [N]: what friction of the drives and swinging arms look like."""
-    measured_hand_force: bool = True
-    """Whether the balance reckons with the forces on the hands that the state has, besides those that the targets tell.
-    They count once they have made the robot step (docs/forces.md)."""
 
     # --- output
     joint_stiffness: float = 0.1

@@ -149,9 +149,7 @@ class WholeBodyController:
         self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
         self._waist.weight[:] = self.params.waist_weight
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
-        self._hand_load = HandLoad(
-            self.params.hand_force_rate, self.params.least_hand_force, measured=self.params.measured_hand_force
-        )
+        self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
         self._clear()
 
