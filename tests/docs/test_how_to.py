@@ -4,7 +4,7 @@ import json
 import pathlib
 
 import pytest
-from docs_pages import ROOT, follow
+from docs_pages import ROOT, blocks, follow
 
 from hugwbc.cli import main
 from hugwbc.cli.check import CHECK_FAILED
@@ -20,6 +20,9 @@ def test_add_a_command_script(folder: pathlib.Path, package: pathlib.Path) -> No
 
 
 def test_add_a_controller(folder: pathlib.Path) -> None:
+    (balancer,) = [block for block in blocks(HOW_TO.parent / "getting-started.md") if block.title == "balancer.py"]
+    (folder / "balancer").mkdir()
+    (folder / "balancer" / "balancer.py").write_text(balancer.text)
     follow(HOW_TO / "add-a-controller.md", folder, in_processes=True)
     assert (folder / "out" / "balancer" / "report.html").exists()
 

@@ -147,12 +147,12 @@ def test_the_library():
 
 
 def test_the_documented_example_is_a_script_and_its_mistake_is_told_so():
-    page = (pathlib.Path(__file__).parents[2] / "docs" / "upper_ik.md").read_text()
-    text = page.split("```yaml\n")[1].split("```")[0]
-    assert [segment.label for segment in parse(text).segments] == ["reach", "wipe while walking", "stop"]
+    page = (pathlib.Path(__file__).parents[2] / "docs" / "how-to" / "add-a-command-script.md").read_text()
+    text = page.split('```yaml title="inspect.yaml"\n')[1].split("```")[0]
+    assert [segment.label for segment in parse(text).segments][:3] == ["stand", "approach", "stop"]
     with pytest.raises(ConfigError) as caught:
-        parse(text.replace("h: -0.1", "h: -1"))
-    assert str(caught.value) in page
+        parse(text.replace("v_x: 0.4", "v_x: 4"))
+    assert str(caught.value).removeprefix("scene.yaml") in page
 
 
 @pytest.mark.parametrize("name", SCRIPT_NAMES)
