@@ -191,7 +191,7 @@ def _drive(options: PlayOptions) -> int:
         raise ConfigError(f"port is {serve.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
     _check_address(serve.host, serve.port)
     try:
-        from hugwbc.viz.drive import Drive
+        from hugwbc.viz.drive import drive
         from hugwbc.viz.live import LivePage
     except ImportError as error:
         raise ConfigError(f"the live page needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
@@ -218,7 +218,7 @@ def _drive(options: PlayOptions) -> int:
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 
     try:
-        Drive(loop, page, perform=perform, tell=say).run(options.duration or np.inf)
+        drive(loop, page, options.duration or np.inf, perform=perform, tell=say)
     finally:
         page.close()
     return 0

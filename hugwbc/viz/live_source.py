@@ -38,11 +38,6 @@ class LiveSource:
         with self._asking:
             self.wanted, self._walks_by_itself = Command(), False
 
-    def restart(self) -> None:
-        """Set the time back to 0 and start from rest in the wanted gait."""
-        self._command = default_command(self.wanted.gait)
-        self._t = 0.0
-
     @property
     def command(self) -> Command:
         """The command as far as the ramps have come."""
@@ -95,8 +90,10 @@ class LiveSource:
             self.tell(reason)
 
     def command_at(self, t: float) -> Command:
-        """Return the command at time t [s], as far as the ramps have come."""
-        dt, self._t = max(0.0, t - self._t), max(t, self._t)
+        """Return the command at time t [s], as far as the ramps have come; time that goes back starts from rest."""
+        if t < self._t:
+            self._t, self._command = 0.0, default_command(self.wanted.gait)
+        dt, self._t = t - self._t, t
         wanted, gait = self.wanted.array(), self._command.gait
         wanted_gait = Gait.STANDING if self._paused else self.wanted.gait
         if wanted_gait is not gait:

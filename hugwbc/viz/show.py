@@ -158,37 +158,39 @@ def fate(trace: Trace) -> str:
 def run_live(
     loop: ControlLoop,
     duration: float,
-    draw: Draw | None = None,
+    draw: Callable[[Moment], bool | None] | None = None,
     *,
-    until: Callable[[], bool] | None = None,
+    until: Callable[[], bool] = lambda: False,
+    clock: RealTime | None = None,
     tell: Tell = print,
 ) -> None:
     """Run a control loop for a time, falls included [s], at real time if there is a viewer.
 
-    A robot that fell stands up again, and the commands restart. The run ends early where `until`, called after each
-    control period, returns True. `tell` receives a line for each fall and, at the end, how the run went.
+    A robot that fell stands up again, and so does one whose viewer asks for it: `draw` returns True. The commands then
+    restart. The run ends early where `until`, called after each control period, returns True. `tell` receives a line
+    for each fall and, at the end, how the run went.
     """
-    falls, t, simulated, next_frame = 0, 0.0, 0.0, 0.0
+    falls, simulated, next_frame = 0, 0.0, 0.0
     messages: list[str] = []
     loop.reset()
-    clock = RealTime()
+    clock = clock or RealTime()
     while simulated < duration - 1e-9:
-        loop.step(loop.decide(t), loop.period)
-        t += loop.period
+        loop.step(loop.decide(loop.simulation.time), loop.period)
         simulated += loop.period
-        if draw is not None and simulated >= next_frame:
+        again = loop.simulation.fallen
+        if draw is not None and (again or simulated >= next_frame):
             next_frame += FRAME_PERIOD
-            draw(loop.moment())
+            again = bool(draw(loop.moment())) or again
             clock.keep(simulated)
         if loop.simulation.fallen:
             falls += 1
-            tell(f"fell after {t:.1f} s; standing up again")
+            tell(f"fell after {loop.simulation.time:.1f} s; standing up again")
             if draw is not None:
                 clock.pause(FALLEN_PAUSE)
+        if again:
             messages += loop.safe.report().messages  # the reset clears them
             loop.reset()
-            t = 0.0
-        elif until is not None and until():
+        elif until():
             break
     tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
     for message in dict.fromkeys([*messages, *loop.safe.report().messages]):

@@ -22,7 +22,7 @@ from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, UpperBodySource
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Scene, Table, Tray
-from hugwbc.viz.drive import Drive
+from hugwbc.viz.drive import drive
 from hugwbc.viz.drive_link import DriveLink
 from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage
 from hugwbc.viz.live_meshes import colour_meshes
@@ -160,7 +160,7 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown()
         return "carry with test: done after 1.0 s"
 
     page.link._hear(1, '{"presses": ["task:nothing", "task:carry"]}')
-    Drive(loop, page, perform=perform, tell=told.append).run(0.2)
+    drive(loop, page, 0.2, perform=perform, tell=told.append)
     (name, interruption, status, objects), stopped = seen
     assert name == "carry" and interruption == "" and stopped == "stop was pressed"
     assert status["task"] == "carry" and status["line"].startswith("carry at 0.0 s")
@@ -199,7 +199,7 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
         raise SceneError("the robot stands in the table")
 
     page.link._hear(1, '{"presses": ["task:carry"]}')
-    Drive(loop, page, perform=perform, tell=told.append).run(0.2)
+    drive(loop, page, 0.2, perform=perform, tell=told.append)
     words = "carry was not done: the robot stands in the table"
     assert words in told and words in page.link._status["notes"]
     assert 0.0 < own.time < 0.2, "it stood up again after the attempt, and goes on"
@@ -223,9 +223,9 @@ class Driven:
         self.page = LivePage(self.simulation, name="qp", tasks=("press_button", "carry_tray"))
         self.loop = ControlLoop(WholeBodyController(), self.page.source, self.simulation, UpperBodySource())
         self.told = []
-        self.drive = Drive(self.loop, self.page, tell=self.told.append)
         self._running = True
-        self._thread = threading.Thread(target=self.drive.run, args=(np.inf, lambda: not self._running), daemon=True)
+        options = {"stop": lambda: not self._running, "tell": self.told.append}
+        self._thread = threading.Thread(target=drive, args=(self.loop, self.page, np.inf), kwargs=options, daemon=True)
         self._thread.start()
 
     def close(self):

@@ -46,7 +46,6 @@ def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
     assert source.wanted == Command()
     source.wanted = dataclasses.replace(source.wanted, h=-0.2)
     play(source, 3.0)
-    source.restart()
     assert source.command_at(0.0) == Command()
 
 
