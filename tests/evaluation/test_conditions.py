@@ -31,12 +31,6 @@ def test_a_slope_is_under_the_robot_s_feet_at_once_and_rises_along_its_heading()
         Conditions(slope=1.0)
 
 
-def test_the_robot_stands_on_rough_ground():
-    simulation = Conditions(terrain_roughness=0.05).simulation(1.0, (3,))
-    height = simulation.state().position[2]
-    assert height == pytest.approx(0.982, abs=0.002)
-
-
 def test_arms_follow_seed_and_kind(tmp_path):
     assert Conditions().arms((0,)) is None
     state = Conditions().simulation(1.0, (0,)).state()

@@ -6,19 +6,9 @@ import numpy as np
 import pytest
 
 from hugwbc import load_robot, rotations
+from hugwbc.mbc import tasks
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.tasks import (
-    AngularMomentumTask,
-    CentreOfMassMotionTask,
-    CentreOfMassTask,
-    PelvisHeightTask,
-    PelvisOrientationTask,
-    PelvisTravelTask,
-    PostureTask,
-    StanceContactTask,
-    SwingFootTask,
-)
 
 PARAMS = ControllerParams()
 ROBOT = load_robot()
@@ -27,23 +17,23 @@ STEP = 1e-6
 
 def _tasks_on_target(dynamics, state):
     """One of each task, with its target where the robot is: there, errors of rotation are linear."""
-    height = PelvisHeightTask(PARAMS)
+    height = tasks.PelvisHeightTask(PARAMS)
     height.target = float(dynamics.frame("pelvis").position[2])
-    orientation = PelvisOrientationTask(PARAMS)
+    orientation = tasks.PelvisOrientationTask(PARAMS)
     orientation.yaw, orientation.pitch = state.yaw, float(rotations.pitch_of(state.orientation))
-    com = CentreOfMassTask(PARAMS)
+    com = tasks.CentreOfMassTask(PARAMS)
     com.target, com.heading = dynamics.com[:2].copy(), 0.7
-    swing = SwingFootTask(PARAMS, "right")
+    swing = tasks.SwingFootTask(PARAMS, "right")
     foot = dynamics.frame("right_sole")
     swing.position = foot.position
     swing.yaw = float(np.arctan2(foot.rotation[1, 0], foot.rotation[0, 0]))
     swing.pitch = float(np.arcsin(-foot.rotation[2, 0]))
-    posture = PostureTask("posture", np.array([ROBOT.waist, *ROBOT.arms]), 10.0)
+    posture = tasks.PostureTask("posture", np.array([ROBOT.waist, *ROBOT.arms]), 10.0)
     posture.target[:] = state.q[[ROBOT.waist, *ROBOT.arms]]
-    travel = PelvisTravelTask(PARAMS)
+    travel = tasks.PelvisTravelTask(PARAMS)
     travel.heading = -1.2
-    contact, momentum = StanceContactTask(PARAMS, "left"), AngularMomentumTask(PARAMS)
-    return [height, orientation, com, travel, swing, posture, contact, momentum, CentreOfMassMotionTask(PARAMS)]
+    contact, momentum = tasks.StanceContactTask(PARAMS, "left"), tasks.AngularMomentumTask(PARAMS)
+    return [height, orientation, com, travel, swing, posture, contact, momentum, tasks.CentreOfMassMotionTask(PARAMS)]
 
 
 def _upright(state, foot_frame="right_sole"):
@@ -114,7 +104,7 @@ def test_shapes_and_units_are_consistent(random_state):
 
 def test_height_law(dynamics_of):
     dynamics = dynamics_of()
-    task = PelvisHeightTask(ControllerParams(height_gains=(100.0, 20.0)))
+    task = tasks.PelvisHeightTask(ControllerParams(height_gains=(100.0, 20.0)))
     task.target, task.rate = 0.93, -0.1
     # 100 (0.93 - 0.98) + 20 (-0.1 - 0) = -7
     assert task.evaluate(dynamics).acceleration == pytest.approx([-7.0])
@@ -122,7 +112,7 @@ def test_height_law(dynamics_of):
 
 def test_orientation_rows_are_roll_pitch_yaw_in_the_heading(dynamics_of):
     dynamics = dynamics_of(orientation=rotations.from_yaw_pitch_roll(2.0, 0.1, 0.0))
-    task = PelvisOrientationTask(ControllerParams(orientation_gains=(100.0, 20.0)))
+    task = tasks.PelvisOrientationTask(ControllerParams(orientation_gains=(100.0, 20.0)))
     task.yaw, task.pitch = 2.0, 0.3
     terms = task.evaluate(dynamics)
     assert terms.error == pytest.approx([0.0, 0.2, 0.0], abs=1e-12)
@@ -132,7 +122,7 @@ def test_orientation_rows_are_roll_pitch_yaw_in_the_heading(dynamics_of):
 def test_centre_of_mass_law_along_and_across_the_heading(dynamics_of):
     """Along it is pulled to the target, across it only follows the plan; the heading is the world's y."""
     dynamics = dynamics_of(velocity=np.array([0.3, 0.2, 0.0]))
-    task = CentreOfMassTask(ControllerParams(com_gains=(30.0, 10.0)))
+    task = tasks.CentreOfMassTask(ControllerParams(com_gains=(30.0, 10.0)))
     task.heading, task.servo, task.feedforward = np.pi / 2.0, np.array([1.0, 0.0]), np.array([0.5, 0.7])
     task.target = dynamics.com[:2] + np.array([0.05, 0.1])
     terms = task.evaluate(dynamics)
@@ -143,7 +133,7 @@ def test_centre_of_mass_law_along_and_across_the_heading(dynamics_of):
 
 def test_pelvis_travel_law(dynamics_of):
     dynamics = dynamics_of(velocity=np.array([0.0, 0.4, 0.0]))
-    task = PelvisTravelTask(ControllerParams(travel_damping=2.0))
+    task = tasks.PelvisTravelTask(ControllerParams(travel_damping=2.0))
     task.heading, task.speed, task.feedforward = np.pi / 2.0, 0.5, 0.3
     terms = task.evaluate(dynamics)
     # 0.3 + 2 (0.5 - 0.4)
@@ -152,7 +142,7 @@ def test_pelvis_travel_law(dynamics_of):
 
 def test_swing_foot_law(dynamics_of):
     dynamics = dynamics_of(velocity=np.array([0.0, 0.0, 0.1]))
-    task = SwingFootTask(ControllerParams(swing_gains=(100.0, 10.0), swing_rotation_gains=(50.0, 5.0)), "left")
+    task = tasks.SwingFootTask(ControllerParams(swing_gains=(100.0, 10.0), swing_rotation_gains=(50.0, 5.0)), "left")
     foot = dynamics.frame("left_sole")
     task.position, task.velocity = foot.position + np.array([0.02, 0.0, 0.03]), np.array([0.0, 0.0, 0.4])
     task.acceleration, task.pitch = np.array([0.0, 1.0, 0.0]), 0.1
@@ -166,7 +156,7 @@ def test_swing_foot_law(dynamics_of):
 
 def test_a_standing_foot_is_stopped_and_one_in_the_air_settles(dynamics_of):
     dynamics = dynamics_of(velocity=np.array([0.1, 0.0, -0.05]))
-    task = StanceContactTask(ControllerParams(contact_damping=30.0), "right")
+    task = tasks.StanceContactTask(ControllerParams(contact_damping=30.0), "right")
     assert task.evaluate(dynamics).acceleration[:3] == pytest.approx([-3.0, 0.0, 1.5])
     task.settle = 0.3
     assert task.evaluate(dynamics).acceleration[2] == pytest.approx(30.0 * (-0.3 + 0.05))
@@ -174,7 +164,7 @@ def test_a_standing_foot_is_stopped_and_one_in_the_air_settles(dynamics_of):
 
 def test_a_gap_is_closed_at_a_bounded_speed(dynamics_of):
     dynamics = dynamics_of()
-    task = PostureTask("arms", ROBOT.arms, speed=2.0)
+    task = tasks.PostureTask("arms", ROBOT.arms, speed=2.0)
     task.stiffness[:], task.damping[:] = 100.0, 20.0
     task.target[0] = 3.0  # unbounded, 100 * 3 = 300
     assert task.evaluate(dynamics).acceleration[0] == pytest.approx(20.0 * 2.0)
@@ -188,7 +178,7 @@ def test_line_contact_has_no_roll_row(dynamics_of):
     dynamics = dynamics_of()
     roll = np.zeros(dynamics.nv)
     roll[dynamics.columns[ROBOT.index("left_hip_roll_joint")]] = 1.0
-    terms = StanceContactTask(PARAMS, "left").evaluate(dynamics)
+    terms = tasks.StanceContactTask(PARAMS, "left").evaluate(dynamics)
     assert terms.jacobian.shape[0] == 5
     # Turning the leg about x turns the foot about x: neither its pitch nor its yaw row sees it.
     assert (terms.jacobian @ roll)[3:] == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -196,7 +186,7 @@ def test_line_contact_has_no_roll_row(dynamics_of):
 
 def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(dynamics_of):
     dynamics = dynamics_of(angular_velocity=np.array([0.0, 1.0, 0.0]))
-    task = AngularMomentumTask(ControllerParams(momentum_damping=5.0))
+    task = tasks.AngularMomentumTask(ControllerParams(momentum_damping=5.0))
     # The robot turns as one piece: its momentum is inertia times angular velocity.
     assert task.evaluate(dynamics).acceleration == pytest.approx(-5.0 * dynamics.inertia[:, 1])
     task.planned = np.array([1.0, 2.0, 3.0])
@@ -205,7 +195,7 @@ def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(dynamics
 
 def test_a_standing_sole_is_turned_to_the_slope_of_the_ground(dynamics_of):
     dynamics = dynamics_of()
-    task = StanceContactTask(ControllerParams(contact_pitch_stiffness=100.0), "left")
+    task = tasks.StanceContactTask(ControllerParams(contact_pitch_stiffness=100.0), "left")
     level = task.evaluate(dynamics).acceleration[3]
     task.slope = 0.05
     assert task.evaluate(dynamics).acceleration[3] - level == pytest.approx(100.0 * 0.05)

@@ -11,14 +11,7 @@ import pytest
 
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.comparison import comparison_summary, figure_table, summarise
-from hugwbc.report.comparison_page import (
-    link_video,
-    report_html,
-    safety_tables,
-    summary_table,
-    write_comparison,
-    write_report,
-)
+from hugwbc.report import comparison_page
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.scripts.script import Script, Segment
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter
@@ -45,7 +38,7 @@ class _References(html.parser.HTMLParser):
 def test_pages_load_nothing_and_escape_names(make_run: Callable, tmp_path: pathlib.Path) -> None:
     runs = [make_run(name=NASTY, fell=True), make_run(name="learned", seed=2)]
     write_replay(tmp_path / "replay.html", runs, title="<script>alert(1)</script>")
-    write_report(tmp_path / "report.html", "<script>alert(1)</script>", runs, subtitle="<img src=x>")
+    comparison_page.write_report(tmp_path / "report.html", "<script>alert(1)</script>", runs, subtitle="<img src=x>")
     for name, scripts in (("replay.html", 2), ("report.html", 0)):
         page = (tmp_path / name).read_text(encoding="utf-8")
         references = _References(page)
@@ -61,7 +54,7 @@ def test_pages_load_nothing_and_escape_names(make_run: Callable, tmp_path: pathl
 @pytest.mark.parametrize("count", [0, 5])
 def test_too_few_or_too_many_runs_are_refused(make_run: Callable, count: int) -> None:
     runs = [make_run()] * count
-    for draw in (replay_html, tracking_panels, lambda r: report_html("t", r)):
+    for draw in (replay_html, tracking_panels, lambda r: comparison_page.report_html("t", r)):
         with pytest.raises(ConfigError, match="runs to draw; give 1 to 4"):
             draw(runs)
 
@@ -69,7 +62,7 @@ def test_too_few_or_too_many_runs_are_refused(make_run: Callable, count: int) ->
 def test_one_sample_is_enough(make_run: Callable) -> None:
     run = make_run(seconds=0.02)
     assert len(run.time) == 1
-    assert "<svg" in report_html("short", [run])
+    assert "<svg" in comparison_page.report_html("short", [run])
     assert "Play" in replay_html([run])
 
 
@@ -109,10 +102,10 @@ def test_tables(make_run: Callable) -> None:
         "learned": {"fell": False, "errors": {"v_x": 0.03123, "w": float("nan")}, "steps": 1000},
         "qp": {"fell": True, "errors": {"v_x": 0.5}, "note": "<b>"},
     }
-    table = summary_table("Summary", summaries)
+    table = comparison_page.summary_table("Summary", summaries)
     assert list(table.columns) == ["", "learned", "qp"]
     assert table.rows[:2] == [("fell", False, True), ("errors v_x", 0.03123, 0.5)]
-    page = report_html("t", [make_run()], [table], links={"3-D replay": "replay.html"})
+    page = comparison_page.report_html("t", [make_run()], [table], links={"3-D replay": "replay.html"})
     rows = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
     cells = {name: re.findall("<td>(.*?)</td>", rest) for name, rest in rows}
     assert cells == {
@@ -130,8 +123,8 @@ def test_a_comparison_begins_with_a_sentence_and_a_picture_and_links_its_video(m
     script = Script("two", (Segment("stand", 1.0), Segment("walk <fast>", 1.0)))
     outcomes = {run.name: summarise(run) for run in runs}
     summary = comparison_summary(script, outcomes)
-    write_comparison(tmp_path, summary, figure_table(outcomes), runs, script=script)
-    link_video(tmp_path / "report.html", tmp_path / "compare.mp4")
+    comparison_page.write_comparison(tmp_path, summary, figure_table(outcomes), runs, script=script)
+    comparison_page.link_video(tmp_path / "report.html", tmp_path / "compare.mp4")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     order = ["class=\"lead\">qp and learned stayed up for 2.0 s", "The ways from above", "href=\"compare.mp4\"",
              "Where they ended", "Segment by segment", "<h2 id=\"figures\">"]  # fmt: skip
@@ -142,13 +135,13 @@ def test_a_comparison_begins_with_a_sentence_and_a_picture_and_links_its_video(m
 
 def test_what_the_filter_changed_is_named_and_zeros_are_left_out():
     reports = {"qp": SafetyReport(ticks=500, overruns=43), "learned": SafetyReport(ticks=50, commands_guarded={"l": 2})}
-    (table,) = safety_tables({name: vars(report) for name, report in reports.items()})
+    (table,) = comparison_page.safety_tables({name: vars(report) for name, report in reports.items()})
     rows = {str(row[0]): row[1:] for row in table.rows}
     assert rows["command that the legs do not allow together with the others: l"] == (0, 2)
     (overruns,) = [name for name in rows if name.startswith("overruns: the controller took longer than its period")]
     assert rows[overruns] == (43, 0) and len(rows) == 2
     assert "qp 500, learned 50" in table.note
-    assert safety_tables({"qp": vars(SafetyReport(ticks=500))}) == []
+    assert comparison_page.safety_tables({"qp": vars(SafetyReport(ticks=500))}) == []
 
 
 def test_plots_are_shaded_by_segment(make_run):

@@ -1,4 +1,4 @@
-"""Contacts from joint torques: standing, walking against the true contacts, and the filter's consistency."""
+"""Contacts from joint torques: standing, and walking against the true contacts."""
 
 import dataclasses
 
@@ -55,36 +55,34 @@ def test_soles_that_part_do_not_both_stand():
         assert observer.force.any(axis=1).tolist() == stands
 
 
-def _walk(seed, duration, v_x=0.5, omega=0.0, settle=1.0, biases=None, told="h1"):
-    """Walk on the estimate; errors of tilt and velocity, the filter's covariance, inferred and true contacts."""
-    profile = ROBOT if biases is None else dataclasses.replace(ROBOT, gyro_bias=biases[0], accelerometer_bias=biases[1])
+def _walk(seed, duration, v_x=0.5, told="h1"):
+    """Walk on the estimate; errors of tilt and velocity, inferred and true contacts, after the first second."""
     robot = load_robot("h1")
-    simulation = Simulation(sensing=profile, seed=seed, robot=robot, actuators=Actuators(), ground=Ground.named("firm"))
+    simulation = Simulation(sensing=ROBOT, seed=seed, robot=robot, actuators=Actuators(), ground=Ground.named("firm"))
     known = load_robot(told)
     estimator = StateEstimator(robot=known)
-    command = Command(v_x=v_x, omega=omega, gait=Gait.WALKING)
+    command = Command(v_x=v_x, gait=Gait.WALKING)
     loop = ControlLoop(WholeBodyController(robot=known), Constant(command), simulation, None, estimator)
     loop.reset()
-    delay = round(profile.latency / simulation.timestep)
-    errors, contacts, covariances, truths = [], [], [], []
+    delay = round(ROBOT.latency / simulation.timestep)
+    errors, contacts, truths = [], [], []
     while simulation.time < duration:
         joint_command = loop.decide(simulation.time)
         for _ in range(loop.substeps):
             truths.append(loop.step(joint_command, simulation.timestep))
-            if simulation.time < settle or len(truths) <= delay:
+            if simulation.time < 1.0 or len(truths) <= delay:
                 continue
             truth, estimate = truths[-1 - delay], loop.control.estimate  # the estimate is of the reading's time
             turn = rotations.to_matrix(estimate.orientation) @ rotations.to_matrix(truth.orientation).T
             tilt = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0]])
             errors.append(np.concatenate((tilt, estimate.velocity - truth.velocity)))
             contacts.append((estimator.contact, truth.foot_force[:, 2] > TOUCHING))
-            covariances.append(estimator.covariance())
     assert not simulation.fallen
-    return np.array(errors), np.array(contacts), np.array(covariances)
+    return np.array(errors), np.array(contacts)
 
 
 def test_contacts_and_velocity_of_a_walk_without_foot_sensors():
-    errors, contacts, _ = _walk(seed=11, duration=4.0)
+    errors, contacts = _walk(seed=11, duration=4.0)
     inferred, true = contacts[:, 0], contacts[:, 1]
     assert (inferred & ~true).mean() < 0.05, "false contacts"
     assert (true & ~inferred).mean() < 0.05, "missed contacts"
@@ -94,6 +92,6 @@ def test_contacts_and_velocity_of_a_walk_without_foot_sensors():
 
 def test_a_swinging_leg_that_is_heavier_than_told_does_not_stand():
     """Told 51.65 kg, weighing 59.3; by the torques alone a swinging foot seems to stand in a fifth of its swing."""
-    _, contacts, _ = _walk(seed=2, duration=3.0, v_x=1.0, told="h1-2023")
+    _, contacts = _walk(seed=2, duration=3.0, v_x=1.0, told="h1-2023")
     inferred, true = contacts[:, 0], contacts[:, 1]
     assert (inferred & ~true).sum() < 0.15 * (~true).sum(), "false contacts"

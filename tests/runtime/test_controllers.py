@@ -46,6 +46,13 @@ def third_party(monkeypatch):
     plugins.cache_clear()
 
 
+@pytest.fixture
+def theirs(tmp_path):
+    """The contract of a policy of others, without a network."""
+    (tmp_path / "theirs.yaml").write_text(CONTRACT)
+    return str(tmp_path / "theirs.yaml")
+
+
 def test_ours_are_registered_as_in_pyproject():
     path = pathlib.Path(hugwbc.__file__).parent.parent / "pyproject.toml"
     registered = tomllib.loads(path.read_text())["project"]["entry-points"][GROUP]
@@ -103,34 +110,31 @@ def test_plugins_that_do_not_work_are_refused(third_party):
         ControllerSpec("qp")
 
 
-def test_paths(tmp_path):
+def test_paths(tmp_path, theirs):
     shutil.copytree(policy_dir() / "h1", tmp_path / "mine")
     for path in (tmp_path / "mine", tmp_path / "mine" / "policy.safetensors"):
         assert ControllerSpec(str(path)).build().name == "learned"
-    (tmp_path / "theirs.yaml").write_text(CONTRACT)
     with pytest.raises(PolicyFileError, match="names no policy file"):
-        ControllerSpec(str(tmp_path / "theirs.yaml")).build()
+        ControllerSpec(theirs).build()
     with pytest.raises(ConfigError, match="bare network; write a contract"):
         ControllerSpec("motion.pt")
     with pytest.raises(HugwbcError, match=r"the path of a policy folder or file .*, or of a contract"):
         ControllerSpec(str(tmp_path / "nothing"))
 
 
-def test_labels_tell_policies_apart(tmp_path):
+def test_labels_tell_policies_apart(theirs):
     assert ControllerSpec("qp").label == "qp"
     assert ControllerSpec("learned", "runs/second").label == "learned second"
-    (tmp_path / "theirs.yaml").write_text(CONTRACT)
-    assert ControllerSpec(str(tmp_path / "theirs.yaml")).label == "theirs"
+    assert ControllerSpec(theirs).label == "theirs"
 
 
-def test_the_training_is_what_the_policys_file_says(tmp_path):
+def test_the_training_is_what_the_policys_file_says(theirs):
     assert ControllerSpec("learned").training == "noise" == ControllerSpec(str(policy_dir() / "h1")).training
     assert ControllerSpec("qp").training is None
-    (tmp_path / "theirs.yaml").write_text(CONTRACT)
-    assert ControllerSpec(str(tmp_path / "theirs.yaml"), "net.pt").training is None
+    assert ControllerSpec(theirs, "net.pt").training is None
 
 
-def test_identity_is_that_of_the_files(tmp_path):
+def test_identity_is_that_of_the_files(tmp_path, theirs):
     default = ControllerSpec("learned").identity()
     shutil.copytree(policy_dir() / "h1", tmp_path / "copy")
     copy = ControllerSpec("learned", tmp_path / "copy").identity()
@@ -139,10 +143,9 @@ def test_identity_is_that_of_the_files(tmp_path):
         "name": "qp", "package": default["package"], "files": [],
         "policy": None, "robot": DEFAULT_ROBOT, "drives": "real",
     }  # fmt: skip
-    network, contract = tmp_path / "net.pt", tmp_path / "theirs.yaml"
+    network = tmp_path / "net.pt"
     network.write_bytes(b"a")
-    contract.write_text(CONTRACT)
-    spec = ControllerSpec(str(contract), str(network))
+    spec = ControllerSpec(theirs, str(network))
     before = spec.identity()
     assert len(before["files"]) == 2
     network.write_bytes(b"b")
@@ -163,7 +166,7 @@ def test_the_command_line_names_what_is_valid(capsys):
     assert "Valid: learned, qp, hold, leggedlab-h1, unitree-h1" in capsys.readouterr().err
 
 
-def test_a_policy_for_what_takes_none_is_refused(tmp_path):
+def test_a_policy_for_what_takes_none_is_refused(theirs):
     for name in ("hold", "qp"):
         with pytest.raises(ConfigError, match=f"controller '{name}' takes no policy"):
             ControllerSpec(name, "h1")
@@ -171,8 +174,7 @@ def test_a_policy_for_what_takes_none_is_refused(tmp_path):
         ControllerSpec(str(policy_dir() / "h1"), "h1")
     with pytest.raises(ConfigError, match="takes no policy"):
         ControllerSpec.parse("qp=h1")
-    (tmp_path / "theirs.yaml").write_text(CONTRACT)
-    assert ControllerSpec(str(tmp_path / "theirs.yaml"), "net.pt").policy == "net.pt"
+    assert ControllerSpec(theirs, "net.pt").policy == "net.pt"
 
 
 def test_whatever_a_plugin_takes_as_policy_tells_its_results_apart(third_party, monkeypatch, tmp_path):

@@ -33,19 +33,12 @@ def test_a_fault_is_read_from_its_text():
 
 
 TEXTS = (
-    "",
-    "imu-gone",
-    "imu-gone@soon",
-    "imu-gone@-1",
-    "imu-gone@nan",
-    "encoder-stuck@1",
-    "imu-gone=left_knee_joint@1",
-)
+    "", "imu-gone", "imu-gone@soon", "imu-gone@-1", "imu-gone@nan", "encoder-stuck@1", "imu-gone=left_knee_joint@1",
+    "dropped@1", "dropped=some@1", "dropped=1@1", "dropped=nan@1", "motor-dead@1",
+)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "text", [*TEXTS, "dropped@1", "dropped=some@1", "dropped=1@1", "dropped=nan@1", "motor-dead@1"]
-)
+@pytest.mark.parametrize("text", TEXTS)
 def test_a_text_that_is_no_fault_is_refused(text):
     with pytest.raises(ConfigError, match=r"(?i)fault"):
         Fault.parse(text)

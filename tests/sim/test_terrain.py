@@ -29,33 +29,29 @@ def test_a_slope_rises_along_x_below_the_same_roughness() -> None:
     assert sloped.gradient == (pytest.approx(np.tan(0.1)), 0.0) and level.gradient == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("slope", [1.0, -0.8, np.nan])
-def test_bad_slope_is_refused(slope: float) -> None:
-    with pytest.raises(ConfigError, match=r"terrain slope is .* give an angle from -0.78 to 0.78 rad"):
-        rough_terrain(0.0, np.random.default_rng(0), slope=slope)
+FLAT, RNG = np.zeros((2, 2)), np.random.default_rng(0)
 
 
-def test_bad_gradient_is_refused() -> None:
-    with pytest.raises(ConfigError, match="give dz/dx and dz/dy from -1 to 1"):
-        HeightField(np.zeros((2, 2)), (1.0, 1.0), (np.nan, 0.0))
-
-
-@pytest.mark.parametrize("size", [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (np.inf, 1.0)])
-def test_bad_size_is_refused(size: tuple[float, float]) -> None:
-    with pytest.raises(ConfigError, match="give finite extents above 0"):
-        HeightField(np.zeros((2, 2)), size)
-
-
-@pytest.mark.parametrize("heights", [np.zeros(4), np.zeros((1, 5)), np.array([[0.0, np.nan], [0.0, 0.0]])])
-def test_bad_heights_are_refused(heights: np.ndarray) -> None:
-    with pytest.raises(ConfigError, match="at least 2 x 2 finite heights"):
-        HeightField(heights, (1.0, 1.0))
-
-
-@pytest.mark.parametrize("amplitude", [-0.1, np.nan, np.inf, 1.0])
-def test_bad_amplitude_is_refused(amplitude: float) -> None:
-    with pytest.raises(ConfigError, match=r"terrain amplitude is .* give a height from 0 to 1 m"):
-        rough_terrain(amplitude, np.random.default_rng(0))
+@pytest.mark.parametrize(
+    ("make", "values", "message"),
+    [
+        (lambda x: rough_terrain(0.0, RNG, slope=x), (1.0, -0.8, np.nan), "slope is .* from -0.78 to 0.78 rad"),
+        (lambda x: rough_terrain(x, RNG), (-0.1, np.nan, np.inf, 1.0), "amplitude is .* a height from 0 to 1 m"),
+        (lambda x: HeightField(FLAT, (1.0, 1.0), (x, 0.0)), (np.nan,), "give dz/dx and dz/dy from -1 to 1"),
+        (lambda x: HeightField(FLAT, (x, 1.0)), (0.0, -1.0, np.nan, np.inf), "give finite extents above 0"),
+        (
+            lambda x: HeightField(np.array(x), (1.0, 1.0)),
+            ([0.0], [[0.0] * 5], [[0.0, np.nan], [0.0, 0.0]]),
+            "2 x 2 fin",
+        ),
+        (load_model, (0.0, -0.002, 0.02, np.nan), "physics time step is .* above 0 and up to 0.01 s"),
+    ],
+    ids=["slope", "amplitude", "gradient", "size", "heights", "time step"],
+)
+def test_what_is_out_of_range_is_refused(make, values, message: str) -> None:
+    for value in values:
+        with pytest.raises(ConfigError, match=message):
+            make(value)
 
 
 def test_the_ground_around_the_start_can_be_level() -> None:
@@ -92,12 +88,6 @@ def test_lookup_agrees_with_rays_onto_mujocos_ground() -> None:
     for x, y in rng.uniform([-2.9, -1.9], [2.9, 1.9], (200, 2)):
         # MuJoCo keeps heights in single precision.
         assert ground(x, y) == pytest.approx(float(field.height_at(np.array([x, y]))), abs=1e-5)
-
-
-@pytest.mark.parametrize("timestep", [0.0, -0.002, 0.02, np.nan])
-def test_bad_time_step_is_refused(timestep: float) -> None:
-    with pytest.raises(ConfigError, match=r"physics time step is .* give a value above 0 and up to 0.01 s"):
-        load_model(timestep)
 
 
 def test_model_without_visuals_has_the_same_physics() -> None:

@@ -33,18 +33,6 @@ def test_a_hand_slows_down_so_that_it_could_stop_at_its_target(descent):
     assert np.all(descent.residual < 1e-3) and not descent.stalled.any()
 
 
-def test_out_of_reach_it_comes_to_rest_at_the_nearest_point_and_says_that_it_stalled(descent):
-    shoulders = np.array([[0.0, 0.2136, 0.4389], [0.0, -0.2136, 0.4389]])
-    goal = Goal(shoulders + np.array([1.0, 0.0, 0.0]))
-    for _ in range(200):
-        descent.descend(goal, DT, 1)
-    last = descent.q.copy()
-    descent.descend(goal, DT, 1)
-    assert descent.residual == pytest.approx([1.0 - 0.613] * 2, abs=0.03), "the arm is 0.613 m long"
-    assert np.abs(descent.q - last).max() < 1e-3, "no chatter across the stretched arm"
-    assert descent.stalled.all()
-
-
 def test_near_something_to_touch_it_goes_only_as_fast_as_it_can_stop(descent):
     room = 0.02
     stopping = math.sqrt(2.0 * CONFIG.collision_deceleration * room)

@@ -430,24 +430,6 @@ def test_several_hosts_or_none_are_refused():
     assert refusal(Headers(), any_host=True) is not None
 
 
-def test_the_page_of_viser_has_our_part_in_it_and_our_files_are_served(port):
-    def page(path, **headers):
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-        connection.request("GET", path, headers=headers)
-        answer = connection.getresponse()
-        found = answer.read().decode()
-        connection.close()
-        return answer.status, found
-
-    status, index = page("/", **{"Accept-Encoding": "gzip"})
-    assert status == 200 and '<head><link rel="stylesheet" href="/drive.css"><script src="/drive.js"></script>' in index
-    assert '<meta name="viewport" content="width=device-width' in index, "phones"
-    status, script = page("/drive.js")
-    assert status == 200 and '"KeyW"' in script and '"hopping_left"' in script and "@" not in script
-    assert page("/drive.css")[0] == 200 and page("/nothing.js")[0] == 404
-    assert page("/drive.js", Host="evil.example")[0] == 403
-
-
 def test_a_server_that_the_guard_does_not_see_is_refused():
     with pytest.raises(ConfigError, match="another way"), DriveLink({}).serving(any_host=False):
         pass
@@ -466,41 +448,51 @@ SOCKET = {
 }  # fmt: skip
 
 
-def status(port, path="/", **headers):
+def ask(port, path="/", **headers):
+    """Return the status and the text of what a server on this machine answers."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     try:
-        connection.putrequest("GET", path, skip_host=True)
+        connection.putrequest("GET", path, skip_host=True, skip_accept_encoding=True)
         for name, value in headers.items():
             connection.putheader(name.replace("_", "-"), value)
         connection.endheaders()
-        return connection.getresponse().status
+        answer = connection.getresponse()
+        return answer.status, "" if answer.status == 101 else answer.read().decode()
     finally:
         connection.close()
 
 
+def test_the_page_of_viser_has_our_part_in_it_and_our_files_are_served(port):
+    own = f"127.0.0.1:{port}"
+    status, index = ask(port, Host=own, Accept_Encoding="gzip")
+    assert status == 200 and '<head><link rel="stylesheet" href="/drive.css"><script src="/drive.js"></script>' in index
+    assert '<meta name="viewport" content="width=device-width' in index, "phones"
+    status, script = ask(port, "/drive.js", Host=own)
+    assert status == 200 and '"KeyW"' in script and '"hopping_left"' in script and "@" not in script
+    assert ask(port, "/drive.css", Host=own)[0] == 200 and ask(port, "/nothing.js", Host=own)[0] == 404
+    assert ask(port, "/drive.js", Host="evil.example")[0] == 403
+
+
 def test_the_running_server_refuses_other_names_and_other_pages(port):
     own = f"127.0.0.1:{port}"
-    assert status(port, Host=own) == 200
-    assert status(port, Host=f"evil.example:{port}") == 403
-    assert status(port, Host=own, Origin=f"http://{own}", **SOCKET) == 101
-    assert status(port, Host=own, Origin="http://evil.example", **SOCKET) == 403
-    assert status(port, Host=f"evil.example:{port}", Origin=f"http://evil.example:{port}", **SOCKET) == 403
+    assert ask(port, Host=own)[0] == 200
+    assert ask(port, Host=f"evil.example:{port}")[0] == 403
+    assert ask(port, Host=own, Origin=f"http://{own}", **SOCKET)[0] == 101
+    assert ask(port, Host=own, Origin="http://evil.example", **SOCKET)[0] == 403
+    assert ask(port, Host=f"evil.example:{port}", Origin=f"http://evil.example:{port}", **SOCKET)[0] == 403
     ours = {name: value for name, value in SOCKET.items() if name != "Sec-WebSocket-Protocol"}
-    assert status(port, path="/drive", Host=own, Origin=f"http://{own}", **ours) == 101
-    assert status(port, path="/drive", Host=own, Origin="http://evil.example", **ours) == 403
+    assert ask(port, path="/drive", Host=own, Origin=f"http://{own}", **ours)[0] == 101
+    assert ask(port, path="/drive", Host=own, Origin="http://evil.example", **ours)[0] == 403
 
 
 def test_the_page_shows_objects_and_says_the_forces_on_the_hands():
-    scene = Scene((Table(name="desk", position=(2.0, 0.0)), Tray(name="tray", on="desk")))
-    simulation = Simulation(sensing="exact", scene=scene)
+    simulation = Simulation(sensing="exact", scene=tray_on_a_table())
     page = LivePage(simulation, name="test")
-    try:
-        page.show(simulation)
-        shown = [frame.position for frame in page._objects[1:]]
-        np.testing.assert_allclose(shown, simulation.objects.poses[:, :3])
-        assert page.link._status["line"].endswith("hands 0 and 0 N")
-    finally:
-        page.close()
+    page.show(simulation)
+    shown = [frame.position for frame in page._objects[1:]]
+    np.testing.assert_allclose(shown, simulation.objects.poses[:, :3])
+    assert page.link._status["line"].endswith("hands 0 and 0 N")
+    page.close()
 
 
 def test_every_colour_of_an_object_is_a_mesh():

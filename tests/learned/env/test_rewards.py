@@ -1,7 +1,6 @@
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 import torch
 
@@ -14,18 +13,7 @@ from hugwbc.robot import load_robot
 ROBOT = load_robot()
 
 
-def make_body() -> Body:
-    others = np.setdiff1d(np.arange(19), ROBOT.arms)
-    return Body(
-        nominal=torch.tensor(ROBOT.nominal, dtype=torch.float32),
-        lower=torch.tensor(ROBOT.lower, dtype=torch.float32),
-        upper=torch.tensor(ROBOT.upper, dtype=torch.float32),
-        arms=torch.tensor(ROBOT.arms),
-        hips=torch.tensor(ROBOT.hip_yaw_roll),
-        waist_and_legs=torch.tensor(others),
-        waist=ROBOT.waist,
-        dt=0.02,
-    )
+BODY = Body.of(ROBOT, 0.02)
 
 
 def make_transition(**changes: torch.Tensor) -> Transition:
@@ -164,7 +152,7 @@ def test_row_against_hand_computed_value(name: str) -> None:
     if expected is None:
         expected = 2.05 - (0.895 + 0.95 * 1.155)
     term = rewards.TERMS[name]
-    assert term(make_transition(**changes), make_body()).item() == pytest.approx(expected, rel=1e-5)
+    assert term(make_transition(**changes), BODY).item() == pytest.approx(expected, rel=1e-5)
 
 
 def test_every_term_has_a_case() -> None:
@@ -191,33 +179,33 @@ def test_intervention_masks_the_arms_only(name: str) -> None:
     arms = torch.zeros(1, 19)
     arms[0, ROBOT.arms] = 1.0
     legs = 1.0 - arms
-    term, body = rewards.TERMS[name], make_body()
+    term = rewards.TERMS[name]
     field = MASKED[name]
     masked = {"intervention": torch.tensor([True])}
-    assert term(make_transition(**{field: arms}, **masked), body).item() == 0.0
-    assert term(make_transition(**{field: arms}), body).item() > 0.0
+    assert term(make_transition(**{field: arms}, **masked), BODY).item() == 0.0
+    assert term(make_transition(**{field: arms}), BODY).item() > 0.0
     if field != "q":
-        assert term(make_transition(**{field: legs}, **masked), body).item() > 0.0
+        assert term(make_transition(**{field: legs}, **masked), BODY).item() > 0.0
 
 
 def test_feet_symmetry_only_in_phase() -> None:
     changes = {"foot_offset": torch.tensor([[0.3, 0.4, 0.1]]), "in_phase": torch.tensor([False])}
-    assert rewards.feet_symmetry(make_transition(**changes), make_body()).item() == 0.0
+    assert rewards.feet_symmetry(make_transition(**changes), BODY).item() == 0.0
 
 
 def test_unequal_support_only_in_phase_and_of_one_foot() -> None:
     one_foot = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]])
     in_turn = make_transition(foot_force=one_foot, in_phase=torch.tensor([False]))
-    assert rewards.unequal_support(in_turn, make_body()).item() == 0.0
+    assert rewards.unequal_support(in_turn, BODY).item() == 0.0
     for both in (0.0, 400.0):
         transition = make_transition(foot_force=torch.full((1, 2, 3), both))
-        assert rewards.unequal_support(transition, make_body()).item() == 0.0
+        assert rewards.unequal_support(transition, BODY).item() == 0.0
 
 
 def test_terms_are_weighted_by_period_and_penalty_scale() -> None:
     transition = make_transition(height=torch.tensor([0.1]), angular_velocity=torch.tensor([[1.0, 0.0, 0.0]]))
     terms = rewards.reward_terms(EnvConfig(extra=ExtraWeights(alive=0.0)))
-    values = rewards.evaluate_terms(terms, transition, make_body(), penalty_scale=0.2)
+    values = rewards.evaluate_terms(terms, transition, BODY, penalty_scale=0.2)
     assert "alive" not in values and set(values) > {"body_height_tracking", "roll_pitch_angular_velocity"}
     assert values["body_height_tracking"].item() == pytest.approx(-40 * 0.02 * 0.01)
     assert values["roll_pitch_angular_velocity"].item() == pytest.approx(-0.5 * 0.02 * 0.2)
@@ -241,19 +229,19 @@ def test_contacts_in_flight_count_in_jumping_and_hopping_and_no_mismatch_does_in
         (Gait.HOPPING_RIGHT, True),
     ):
         transition = make_transition(gait=torch.tensor([int(gait)]), **lifted)
-        assert (rewards.flight_contact(transition, make_body()).item() == 2.0) == jumps
-        assert (rewards.contact_mismatch(transition, make_body()).item() == 0.0) == (gait is Gait.STANDING)
+        assert (rewards.flight_contact(transition, BODY).item() == 2.0) == jumps
+        assert (rewards.contact_mismatch(transition, BODY).item() == 0.0) == (gait is Gait.STANDING)
 
 
 def test_a_flight_may_end_as_it_likes() -> None:
     landing = {"touch_down": torch.tensor([[True, False]]), "descent": torch.tensor([[1.6, 0.0]])}
     for gait, expected in ((Gait.WALKING, 1.69), (Gait.JUMPING, 0.0), (Gait.HOPPING_LEFT, 0.0)):
         transition = make_transition(gait=torch.tensor([int(gait)]), **landing)
-        assert rewards.foot_impact(transition, make_body()).item() == pytest.approx(expected, abs=1e-4)
+        assert rewards.foot_impact(transition, BODY).item() == pytest.approx(expected, abs=1e-4)
 
 
 def test_a_soft_landing_costs_nothing_and_a_hard_one_no_more_than_its_limit() -> None:
     down = torch.tensor([[True, True]])
     for descent, expected in (((0.3, -1.0), 0.0), ((5.0, 0.0), 4.0)):
         transition = make_transition(touch_down=down, descent=torch.tensor([descent]))
-        assert rewards.foot_impact(transition, make_body()).item() == pytest.approx(expected)
+        assert rewards.foot_impact(transition, BODY).item() == pytest.approx(expected)

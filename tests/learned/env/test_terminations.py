@@ -7,13 +7,16 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.terminations import FeetRule, fallen, held_foot_down
 
 
-def test_inclinations_and_a_low_pelvis_are_falls_and_nothing_less_is(small_env: HumanoidEnv) -> None:
+def test_inclinations_and_a_low_pelvis_are_falls_and_less_or_a_touch_of_the_trunk_is_not(
+    small_env: HumanoidEnv,
+) -> None:
     zero = torch.zeros(8)
     pitch, roll, height = zero.clone(), zero.clone(), zero.clone()
     pitch[:2] = torch.tensor([1.01, -0.99])
     roll[2:4] = torch.tensor([-0.81, 0.79])
     height[4:6] = torch.tensor([0.44, 0.46]) - 0.98
-    readings = dataclasses.replace(small_env.readings, pitch=pitch, roll=roll, height=height)
+    force = torch.full_like(small_env.readings.link_force, 30.0)
+    readings = dataclasses.replace(small_env.readings, pitch=pitch, roll=roll, height=height, link_force=force)
     assert fallen(readings, small_env.robot).tolist() == [True, False, True, False, True, False, False, False]
 
 

@@ -11,11 +11,17 @@ from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import UnknownNameError
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Box, Button, Cart, Cylinder, Door, Drawer, Shelf, Step, Table, Tray, Wall
+from hugwbc.sim.scenes.thing import Thing
 from hugwbc.sim.sensors import ROBOT as AS_A_ROBOT
 
 ROBOT = load_robot()
 HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
 FAR = (3.0, 0.0)
+
+
+def among(*things: Thing, **options) -> Simulation:
+    """Return a simulation with exact sensors of a robot among objects."""
+    return Simulation(sensing="exact", scene=Scene(things), **options)
 
 
 def run(
@@ -44,9 +50,7 @@ def depth(simulation: Simulation, name: str) -> float:
 
 def test_a_box_lies_still_on_a_table_and_hardly_sinks() -> None:
     table = Table(name="desk", position=FAR, height=0.8)
-    simulation = Simulation(
-        sensing="exact", scene=Scene((table, Box(name="parcel", on="desk", size=(0.3, 0.25, 0.2), mass=2.0)))
-    )
+    simulation = among(table, Box(name="parcel", on="desk", size=(0.3, 0.25, 0.2), mass=2.0))
     before = simulation.objects["parcel"]
     deepest = 0.0
     for _ in range(25):
@@ -65,7 +69,7 @@ def test_friction_is_as_declared(friction: float, moves: bool) -> None:
     """A force of 0.3 of the weight moves a box of less friction, on a table that has more."""
     table = Table(name="desk", position=FAR, size=(2.0, 1.0), friction=1.5)
     box = Box(name="parcel", on="desk", size=(0.3, 0.25, 0.1), mass=2.0, friction=friction)
-    simulation = Simulation(sensing="exact", scene=Scene((table, box)))
+    simulation = among(table, box)
     run(simulation, 0.1)
     start = simulation.objects["parcel"].position[0]
     run(simulation, 0.5, {"parcel": (0.3 * 2.0 * 9.81, 0.0, 0.0)})
@@ -76,7 +80,7 @@ def test_friction_is_as_declared(friction: float, moves: bool) -> None:
 
 @pytest.mark.parametrize("hinge", ["left", "right"])
 def test_a_door_is_pushed_open_and_its_closer_closes_it(hinge: str) -> None:
-    simulation = Simulation(sensing="exact", scene=Scene((Door(name="exit", hinge=hinge, position=FAR, closer=10.0),)))
+    simulation = among(Door(name="exit", hinge=hinge, position=FAR, closer=10.0))
     joint = simulation.model.joint("exit")
     at, dof = joint.qposadr[0], joint.dofadr[0]
     run(simulation, 0.2)
@@ -98,16 +102,12 @@ def test_a_door_is_pushed_open_and_its_closer_closes_it(hinge: str) -> None:
 
 
 def test_a_door_turns_about_its_hinge() -> None:
-    simulation = Simulation(
-        sensing="exact", scene=Scene((Door(name="exit", hinge="left", position=FAR, yaw=math.pi / 2),))
-    )
+    simulation = among(Door(name="exit", hinge="left", position=FAR, yaw=math.pi / 2))
     assert simulation.objects["exit"].position == pytest.approx([3.0 - 0.45, 0.0, 0.0], abs=1e-9)
 
 
 def test_a_drawer_sticks_below_its_friction_and_opens_above_it() -> None:
-    simulation = Simulation(
-        sensing="exact", scene=Scene((Drawer(name="drawer", position=FAR, resistance=15.0, travel=0.3),))
-    )
+    simulation = among(Drawer(name="drawer", position=FAR, resistance=15.0, travel=0.3))
     run(simulation, 1.0, {"drawer": (-12.0, 0.0, 0.0)})
     assert simulation.objects["drawer"].travel < 2e-3
     run(simulation, 2.0, {"drawer": (-20.0, 0.0, 0.0)})
@@ -116,9 +116,7 @@ def test_a_drawer_sticks_below_its_friction_and_opens_above_it() -> None:
 
 
 def test_a_button_gives_way_at_its_force_and_springs_back() -> None:
-    simulation = Simulation(
-        sensing="exact", scene=Scene((Button(name="button", position=FAR, force=15.0, travel=0.02),))
-    )
+    simulation = among(Button(name="button", position=FAR, force=15.0, travel=0.02))
     run(simulation, 0.2)
     assert abs(simulation.objects["button"].travel) < 2e-4
     run(simulation, 0.5, {"button": (9.0, 0.0, 0.0)})  # 3 N move it, 15 N press it down: 9 N half of it
@@ -131,7 +129,7 @@ def test_a_button_gives_way_at_its_force_and_springs_back() -> None:
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0)])
 def test_a_cart_rolls_and_comes_to_rest(direction: tuple[float, float]) -> None:
-    simulation = Simulation(sensing="exact", scene=Scene((Cart(name="cart", position=FAR, mass=20.0, rolling=0.02),)))
+    simulation = among(Cart(name="cart", position=FAR, mass=20.0, rolling=0.02))
     run(simulation, 0.5)
     start = simulation.objects["cart"].position
     assert np.linalg.norm(simulation.objects["cart"].velocity) < 1e-3
@@ -146,7 +144,7 @@ def test_a_cart_rolls_and_comes_to_rest(direction: tuple[float, float]) -> None:
 
 def test_the_cup_stands_on_a_tray_at_rest_and_falls_when_it_is_tilted() -> None:
     table = Table(name="desk", position=FAR)
-    simulation = Simulation(sensing="exact", scene=Scene((table, Tray(name="tray", on="desk"))))
+    simulation = among(table, Tray(name="tray", on="desk"))
     before = simulation.objects["tray/cup"].position
     run(simulation, 2.0)
     cup = simulation.objects["tray/cup"]
@@ -162,27 +160,27 @@ def test_a_cylinder_stands_on_a_shelf_and_a_robot_stands_on_a_step() -> None:
     shelf = Shelf(name="shelf", position=FAR, boards=(0.4, 0.8))
     can = Cylinder(name="can", on="shelf/1", radius=0.04, height=0.12, mass=0.4)
     step = Step(name="platform", position=(0.0, 0.0), size=(1.0, 1.0, 0.05))
-    simulation = Simulation(sensing="exact", scene=Scene((shelf, can)))
+    simulation = among(shelf, can)
     assert simulation.objects["can"].position[2] == pytest.approx(0.46)
     run(simulation, 1.0)
     assert simulation.objects["can"].tilt < 0.01 and simulation.objects["can"].position[2] == pytest.approx(
         0.46, abs=1e-3
     )
-    on_step = Simulation(sensing="exact", scene=Scene((Step(name="platform", position=FAR, size=(1.0, 1.0, 0.05)),)))
+    on_step = among(Step(name="platform", position=FAR, size=(1.0, 1.0, 0.05)))
     on_step.data.qpos[:3] += [3.0, 0.0, 0.05]
     for _ in range(100):
         state = on_step.step(HOLD, 0.002)
     assert state.foot_force[:, 2].sum() > 0.5 * ROBOT.mass * 9.81
     assert on_step.data.sensor("left_sole_position").data[2] == pytest.approx(0.05, abs=2e-3)
     with pytest.raises(Exception, match="the robot stands in object 'platform' at the start"):
-        Simulation(sensing="exact", scene=Scene((step,)))
+        among(step)
 
 
 def hand_in_front_of(gap: float) -> Simulation:
     """A robot whose forearms point forward, towards a wall that is a gap ahead of them."""
     simulation = Simulation(sensing="exact")
     tip = float(simulation.data.geom("left_elbow_link").xpos[0]) + 0.14
-    return Simulation(sensing="exact", scene=Scene((Wall(name="wall", position=(tip + gap + 0.05, 0.0)),)))
+    return among(Wall(name="wall", position=(tip + gap + 0.05, 0.0)))
 
 
 def test_a_hand_does_not_enter_what_it_presses_and_feels_its_force() -> None:
@@ -210,7 +208,7 @@ def test_both_hands_hold_a_box_by_friction() -> None:
     left, right = probe.hand_position("left"), probe.hand_position("right")
     size = (0.1, left[1] - right[1] - 0.0605, 0.1)
     at = (left[0], 0.0, left[2] - 0.05)
-    simulation = Simulation(sensing="exact", scene=Scene((Box(name="parcel", position=at, size=size, mass=1.0),)))
+    simulation = among(Box(name="parcel", position=at, size=size, mass=1.0))
     command = squeeze(simulation, 40.0, 9.81)
     run(simulation, 1.0, command=command)
     parcel, hand = simulation.objects["parcel"], simulation.hand_position("left")
@@ -224,7 +222,7 @@ def test_both_hands_hold_a_box_by_friction() -> None:
 
 
 def test_an_object_that_leaves_the_world_is_reported_once() -> None:
-    simulation = Simulation(sensing="exact", scene=Scene((Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)),)))
+    simulation = among(Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)))
     joint = simulation.model.joint("parcel")
     simulation.data.qvel[joint.dofadr[0] + 2] = 450.0
     run(simulation, 0.2)
@@ -235,7 +233,7 @@ def test_an_object_that_leaves_the_world_is_reported_once() -> None:
 
 
 def test_divergence_is_reported_and_nothing_is_nan() -> None:
-    simulation = Simulation(sensing="exact", scene=Scene((Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)),)))
+    simulation = among(Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)))
     run(simulation, 0.01)
     simulation.data.qvel[simulation.model.joint("parcel").dofadr[0]] = math.nan
     state = simulation.step(HOLD, 0.002)
@@ -268,7 +266,7 @@ def test_an_exact_profile_sees_the_truth_and_a_robots_sees_as_motion_capture() -
 
 
 def test_names_of_objects_that_are_not_there() -> None:
-    simulation = Simulation(sensing="exact", scene=Scene((Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)),)))
+    simulation = among(Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)))
     assert "parcel" in simulation.objects and "box" not in simulation.objects and list(simulation.objects) == ["parcel"]
     for look in (simulation.objects.__getitem__, simulation.objects.seen):
         with pytest.raises(UnknownNameError, match=r"unknown object 'parcl'\. Did you mean 'parcel'"):
@@ -311,7 +309,7 @@ def test_a_hand_wakes_what_sleeps() -> None:
     hand = Simulation(sensing="exact").hand_position("left")
     stool = Step(name="stool", position=(hand[0] + 0.2, hand[1]), size=(0.2, 0.2, hand[2] - 0.05))
     box = Box(name="parcel", on="stool", position=(-0.05, 0.0), size=(0.1, 0.1, 0.1), mass=0.3, friction=0.2)
-    simulation = Simulation(sensing="exact", scene=Scene((stool, box)))
+    simulation = among(stool, box)
     run(simulation, 0.5)
     assert simulation.data.ntree_awake == 1
     start = simulation.objects["parcel"].position[0]
@@ -321,9 +319,7 @@ def test_a_hand_wakes_what_sleeps() -> None:
 
 
 def test_the_most_slippery_box_lies_still_on_level_ground() -> None:
-    simulation = Simulation(
-        sensing="exact", scene=Scene((Box(name="ice", position=FAR, size=(0.1, 0.1, 0.1), friction=0.005),))
-    )
+    simulation = among(Box(name="ice", position=FAR, size=(0.1, 0.1, 0.1), friction=0.005))
     run(simulation, 1.0)
     assert simulation.objects["ice"].position == pytest.approx([3.0, 0.0, 0.05], abs=1e-3)
     run(simulation, 0.5, {"ice": (0.1, 0.0, 0.0)})
