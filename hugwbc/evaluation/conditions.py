@@ -115,10 +115,11 @@ class Conditions:
         friction, payload, gain = (rng.uniform(*r) for r in (ranges.friction, ranges.torso_mass, ranges.gains))
         return dataclasses.replace(self, friction=float(friction), payload=float(payload), gain=float(gain))
 
-    def simulation(self, duration: float, seed: tuple[int, ...], scene: Scene | None = None) -> Engine:
+    def simulation(self, duration: float, seed: int | tuple[int, ...], scene: Scene | None = None) -> Engine:
         """Return the simulation of one episode; its duration [s] determines the size of the ground.
 
-        The seed is that of the ground and of the sensor noise.
+        The seed is that of the ground, of the sensor noise and of what varies in the scene: a number as
+        `Arena.simulation` takes it, or the seed of an experiment and the number of the episode.
         """
         make = functools.partial(
             self.chosen.simulation_in,
@@ -127,7 +128,7 @@ class Conditions:
             variation=self.variation(),
             latency=self.latency,
             faults=self.declared_faults,
-            seed=int(np.random.SeedSequence(seed).generate_state(1)[0]),
+            seed=seed if isinstance(seed, int) else int(np.random.SeedSequence(seed).generate_state(1)[0]),
             scene=scene,
         )
         if self.is_level:

@@ -69,15 +69,10 @@ def plan(settings: PressSettings) -> list[Plan]:
 
 def episode(controller: Controller, settings: PressSettings, plan: Plan) -> Row:
     """Return the mean distance of the force along the wanted one to it from `STEADY` on [N]; None in a fall."""
-    conditions, rising = settings.conditions, settings.force / 100.0
+    rising = settings.force / 100.0
+    duration = BEGIN + rising + PRESSED
     wall = Wall(name="wall", position=(WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
-    simulation = conditions.chosen.simulation(
-        timestep=conditions.timestep,
-        variation=conditions.variation(),
-        latency=conditions.latency,
-        seed=int(np.random.SeedSequence((settings.seed, plan.draw)).generate_state(1)[0]),
-        scene=Scene((wall,)),
-    )
+    simulation = settings.conditions.simulation(duration, (settings.seed, plan.draw), Scene((wall,)))
     misses: list[float] = []
     watch = ForceWatch(lambda truth: truth.hand_force)
 
@@ -87,7 +82,7 @@ def episode(controller: Controller, settings: PressSettings, plan: Plan) -> Row:
             misses.append(abs(-float(truth.hand_force[0, 0]) - settings.force))
 
     source = PressSource(None, force=settings.force)
-    trace, end = play(controller, settings, source, simulation, BEGIN + rising + PRESSED, on_step)
+    trace, end = play(controller, settings, source, simulation, duration, on_step)
     return {"error": float(np.mean(misses)) if misses and not trace.fell else None, **watch.row(), **end}
 
 

@@ -15,6 +15,7 @@ from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, single,
 from hugwbc.evaluation.plans import Plan
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import Count, Positive, settings
+from hugwbc.sim import Simulation
 from hugwbc.tasks.run_task import run_task
 from hugwbc.tasks.suite import TASK_NAMES, load_task
 
@@ -57,13 +58,8 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     - `gripped`: bodies that the idealised gripper held. `hand_depth`: how deep a hand was in an object, at most [m].
     """
     conditions, task, seed = settings.conditions, load_task(str(plan.tags["task"])), settings.seed + plan.draw
-    simulation = conditions.chosen.simulation(
-        timestep=conditions.timestep,
-        latency=conditions.latency,
-        seed=seed,
-        variation=conditions.variation(),
-        scene=task.scene,
-    )
+    simulation = conditions.simulation(settings.duration, seed, task.scene)
+    assert isinstance(simulation, Simulation)  # the settings refuse other engines
     run = run_task(task, controller, simulation, conditions.estimator())
     verdict, record, trace = run.verdict, run.record, run.trace
     seconds = len(trace.time) * RECORD_PERIOD
