@@ -72,7 +72,7 @@ def test_reach_while_walking(run):
 
 
 def test_walk_with_a_cup(run):
-    out = run("04_walk_with_a_cup.py")
+    out = run("04_walk_with_a_cup.py", "--duration", "12")
     assert number(r"The cup rose by ([\d.]+) cm", out) > 3
     assert number(r"moved by ([\d.]+) m", out) > 0.3
     assert number(r"tilted by ([\d.]+) degrees", out) < 45
@@ -80,7 +80,7 @@ def test_walk_with_a_cup(run):
 
 
 def test_pick_from_the_floor(run):
-    out = run("05_pick_from_the_floor.py")
+    out = run("05_pick_from_the_floor.py", "--duration", "5")
     alone, helped = out.split("whole body:")
     assert "arms alone: not done: reach: timeout of 4 s: the right hand is" in alone and "tolerance" in alone
     assert number(r"lifted by ([\d.]+) cm", alone) < 1

@@ -17,8 +17,7 @@ def test_joint_order_is_the_papers() -> None:
     assert list(load_robot().joint_names) == names
 
 
-def test_groups() -> None:
-    robot = load_robot()
+def test_groups(robot) -> None:
     np.testing.assert_array_equal(robot.legs, np.arange(10))
     assert robot.waist == 10
     np.testing.assert_array_equal(robot.arms, np.arange(11, 19))
@@ -27,8 +26,7 @@ def test_groups() -> None:
     np.testing.assert_array_equal(robot.hip_yaw_roll, [0, 1, 5, 6])
 
 
-def test_limits_and_gains_of_some_joints() -> None:
-    robot = load_robot()
+def test_limits_and_gains_of_some_joints(robot) -> None:
     knee, ankle, elbow = (robot.index(n) for n in ("left_knee_joint", "right_ankle_joint", "left_elbow_joint"))
     assert (robot.lower[knee], robot.upper[knee], robot.nominal[knee]) == (-0.26, 2.05, 0.8)
     assert (robot.kp[ankle], robot.kd[ankle], robot.torque_limit[ankle], robot.velocity_limit[ankle]) == (40, 2, 38, 9)
@@ -38,8 +36,7 @@ def test_limits_and_gains_of_some_joints() -> None:
     assert np.all((robot.lower < robot.nominal) & (robot.nominal < robot.upper))
 
 
-def test_arrays_are_read_only_and_the_robot_is_loaded_once() -> None:
-    robot = load_robot()
+def test_arrays_are_read_only_and_the_robot_is_loaded_once(robot) -> None:
     assert load_robot() is robot
     with pytest.raises(ValueError, match="read-only"):
         robot.kp[0] = 1.0
@@ -80,9 +77,8 @@ def test_a_table_is_a_copy_and_has_the_differences_applied() -> None:
     assert "robots" not in robot_table()
 
 
-def test_drives_by_joint() -> None:
+def test_drives_by_joint(robot) -> None:
     """Full torque up to a corner speed below the highest one; the corner's share is that of the maker's drives."""
-    robot = load_robot()
     assert np.all(robot.friction > 0.0) and np.all(robot.viscous > 0.0) and np.all(robot.armature > 0.0)
     share = robot.corner_speed / robot.velocity_limit
     motor = {"knee": 8.8 / 16.0, "hip_roll": 14.0 / 25.6, "ankle": 13.5 / 30.0, "elbow": 13.5 / 30.0}
@@ -90,8 +86,7 @@ def test_drives_by_joint() -> None:
         assert share[robot.index(f"left_{part}_joint")] == pytest.approx(expected, abs=0.005)
 
 
-def test_ideal_drives_have_no_friction_and_everything_else_is_the_same() -> None:
-    robot = load_robot()
+def test_ideal_drives_have_no_friction_and_everything_else_is_the_same(robot) -> None:
     ideal = robot.with_ideal_drives()
     assert ideal is robot.with_ideal_drives() and (ideal.name, ideal.mass) == (robot.name, robot.mass)
     assert not ideal.friction_torque(np.ones(19)).any() and robot.friction_torque(np.ones(19)).all()

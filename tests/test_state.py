@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.robot import load_robot
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
 
@@ -45,8 +44,7 @@ def test_torso_imu_by_hand() -> None:
     np.testing.assert_allclose(rate, [1, 0, 0], atol=1e-12)
 
 
-def test_torso_imu_agrees_with_the_simulated_truth() -> None:
-    robot = load_robot()
+def test_torso_imu_agrees_with_the_simulated_truth(robot) -> None:
     model = mujoco.MjModel.from_xml_path(str(robot.xml_path))
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)

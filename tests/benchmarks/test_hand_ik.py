@@ -45,9 +45,8 @@ def test_ours_ends_nearer_to_its_targets_than_the_others_within_reach_and_beyond
     assert ours.limit_violations == ours.exceptions == 0
 
 
-def test_what_goes_wrong_is_counted(monkeypatch):
+def test_what_goes_wrong_is_counted(monkeypatch, robot):
     monkeypatch.setattr(ik_benchmark, "TICKS", 10)
-    robot = load_robot()
     calls = iter(range(1000))
 
     def jumps_and_raises(_):

@@ -5,7 +5,7 @@ from hugwbc.cli import main
 
 def test_train_saves_a_policy_that_plays(tmp_path, capsys):
     words = ["train", "--env.count", "4", "--ppo.horizon", "8", "--steps", "64", "--threads", "1"]
-    words += ["--out", str(tmp_path)]
+    words += ["--evaluation-robots", "4", "--evaluation-seconds", "0.1", "--out", str(tmp_path)]
     assert main(words) == 0
     text = capsys.readouterr().out
     assert "iteration 1" in text and "stopped after 2 iterations, 64 steps" in text

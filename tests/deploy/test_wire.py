@@ -28,22 +28,6 @@ def test_the_check_sum_of_the_first_command_is_the_makers() -> None:
     assert wire.check_sum(command.tobytes()) == 0xF6575A86
 
 
-def plain_check_sum(message: bytes) -> int:
-    """CRC-32/MPEG-2 bit by bit, as the maker writes it."""
-    value = 0xFFFFFFFF
-    for word in np.frombuffer(message, dtype="<u4")[:-1].tolist():
-        for bit in range(31, -1, -1):
-            feedback = (value >> 31) ^ (word >> bit & 1)
-            value = value << 1 & 0xFFFFFFFF ^ (0x04C11DB7 if feedback else 0)
-    return value
-
-
-@pytest.mark.parametrize("size", [8, 64, 812, 1180])
-def test_the_check_sum_is_crc_32_mpeg_2_over_words(size: int) -> None:
-    message = np.random.default_rng(size).integers(0, 256, size, dtype=np.uint8).tobytes()
-    assert wire.check_sum(message) == plain_check_sum(message)
-
-
 def random_message(name: str, rng: np.random.Generator) -> np.ndarray:
     """A record with random numbers, finite where they are floats, small where the maker's own packing needs it."""
     record = wire.record(name)

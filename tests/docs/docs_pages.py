@@ -18,36 +18,20 @@ _BLOCK = re.compile(
     r'^```(?P<language>\w*)(?: title="(?P<title>[^"]+)")?\n(?P<text>.*?)^```$',
     flags=re.DOTALL | re.MULTILINE,
 )
+# A short training ends with an evaluation that takes longer than all its steps: the tests make do with less.
+SHORT_EVALUATION = ["--evaluation-robots", "4", "--evaluation-seconds", "0.1"]
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """A fenced block of a page.
-
-    Attributes:
-        language: after the fence; empty for a picture in characters.
-        text: between the fences.
-        title: file name that the page gives it.
-        mark: comment right above it, which says whether the tests run it.
-        line: of the page.
-    """
+    """A fenced block of a page: `title` is the file that it gives, `mark` the comment above it, for the tests."""
 
     language: str
     text: str
     title: str | None
     mark: str
     line: int
-
-    @property
-    def is_run(self) -> bool:
-        """Whether tests run it at all."""
-        return not self.mark.startswith("not run by the tests: ")
-
-    @property
-    def is_slow(self) -> bool:
-        """Whether only the slow tests run it."""
-        return self.mark == "slow"
 
 
 def blocks(page: pathlib.Path) -> list[Block]:
@@ -78,17 +62,12 @@ def follow(
 ) -> None:
     """Do what a page says, in a folder: write its files, apply its patches, run its programs and commands.
 
-    Args:
-        page: Markdown.
-        folder: in which everything happens.
-        package: folder with the `hugwbc` to run.
-        slow: whether to run the slow blocks as well.
-        in_processes: whether `hugwbc` runs in a process of its own, as it always does with another package.
+    `package` is the folder with the `hugwbc` to run; another one than ours runs in processes of its own.
     """
     printed = ""
     for block in blocks(page):
         where = f"{page.name}:{block.line}"
-        if not block.is_run or (block.is_slow and not slow):
+        if block.mark.startswith("not run by the tests: ") or (block.mark == "slow" and not slow):
             continue
         if block.language == "diff":
             apply(block.text, package, where)
@@ -102,6 +81,8 @@ def follow(
         elif block.language == "sh":
             for line in block.text.replace("\\\n", " ").splitlines():
                 words = shlex.split(line, comments=True)
+                if words[:2] == ["hugwbc", "train"] and "--recipe" not in words:
+                    words += SHORT_EVALUATION
                 if words:
                     here = words[0] == "hugwbc" and package == ROOT and not in_processes
                     printed = (_verb if here else _command)(words, folder, package, where)

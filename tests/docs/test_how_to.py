@@ -40,22 +40,15 @@ def test_change_the_training(folder: pathlib.Path, capsys: pytest.CaptureFixture
     assert f"no recipe made it; hugwbc train with apart.py {written} did" in capsys.readouterr().out
 
 
-def test_add_an_observation(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "add-an-observation.md", folder, in_processes=True)
-
-
-def test_add_an_object(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "add-an-object.md", folder)
-
-
 def test_add_a_task(folder: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-task.md", folder)
     (row,) = json.loads((folder / "touch_post.json").read_text())["rows"]
     assert row["success"] and not row["reason"]
 
 
-def test_use_gymnasium(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "use-gymnasium.md", folder)
+@pytest.mark.parametrize("page", ["add-an-observation", "add-an-object", "use-gymnasium"])
+def test_a_page_is_followed(folder: pathlib.Path, page: str) -> None:
+    follow(HOW_TO / f"{page}.md", folder, in_processes=page == "add-an-observation")
 
 
 @pytest.mark.slow

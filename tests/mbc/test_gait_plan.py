@@ -16,6 +16,11 @@ def _run(plan, gait, seconds, *, frequency=2.0, may_start=True, may_stop=True):
     return events
 
 
+@pytest.fixture
+def plan():
+    return GaitPlan(gather_time=0.3)
+
+
 @pytest.mark.parametrize("frequency", [1.5, 2.0, 3.5])
 def test_each_foot_lifts_off_at_the_stride_frequency(frequency):
     events = _run(GaitPlan(), Gait.WALKING, 6.0, frequency=frequency)
@@ -81,8 +86,7 @@ def test_a_step_that_is_retimed_ends_then_and_the_next_one_takes_its_time(change
 
 
 @pytest.mark.parametrize("frequency", [1.5, 3.5])
-def test_a_jump_is_half_stance_half_flight_after_a_longer_first_stance(frequency):
-    plan = GaitPlan(gather_time=0.3)
+def test_a_jump_is_half_stance_half_flight_after_a_longer_first_stance(plan, frequency):
     airborne = []
     for _ in range(round(4.0 / DT)):
         plan.advance(Gait.JUMPING, frequency, DT, may_start=True, may_stop=False)
@@ -93,16 +97,14 @@ def test_a_jump_is_half_stance_half_flight_after_a_longer_first_stance(frequency
     assert np.diff(change) == pytest.approx(np.full(len(change) - 1, 0.5 / frequency), abs=1.5 * DT)
 
 
-def test_a_jump_waits_for_the_robot_to_come_to_rest():
-    plan = GaitPlan(gather_time=0.3)
+def test_a_jump_waits_for_the_robot_to_come_to_rest(plan):
     _run(plan, Gait.JUMPING, 0.5, may_start=False)
     assert plan.mode is Mode.STANDING
     _run(plan, Gait.JUMPING, 2 * DT)
     assert plan.mode is Mode.LEAPING
 
 
-def test_a_jump_ends_with_a_landing_and_then_stands():
-    plan = GaitPlan(gather_time=0.3)
+def test_a_jump_ends_with_a_landing_and_then_stands(plan):
     _run(plan, Gait.JUMPING, 0.7)
     assert plan.airborne
     _run(plan, Gait.STANDING, 0.4)
@@ -116,8 +118,7 @@ def test_a_jump_ends_with_a_landing_and_then_stands():
     assert plan.mode is Mode.STANDING and plan.legs == ()
 
 
-def test_a_walk_turns_into_a_jump_by_way_of_a_stand_at_the_end_of_a_step():
-    plan = GaitPlan(gather_time=0.3)
+def test_a_walk_turns_into_a_jump_by_way_of_a_stand_at_the_end_of_a_step(plan):
     _run(plan, Gait.WALKING, 1.1)
     remaining = plan.remaining
     _run(plan, Gait.JUMPING, remaining - 2 * DT)
@@ -126,8 +127,7 @@ def test_a_walk_turns_into_a_jump_by_way_of_a_stand_at_the_end_of_a_step():
     assert plan.mode is Mode.LEAPING and not plan.airborne
 
 
-def test_a_hop_waits_for_the_weight_and_ends_on_both_feet():
-    plan = GaitPlan(gather_time=0.3)
+def test_a_hop_waits_for_the_weight_and_ends_on_both_feet(plan):
     _run(plan, Gait.HOPPING_RIGHT, 1.0, may_start=False)
     assert plan.mode is Mode.SHIFTING and plan.legs == ()
     _run(plan, Gait.HOPPING_RIGHT, 0.7)

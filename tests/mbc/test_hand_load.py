@@ -34,8 +34,12 @@ def felt(state, force):
     return dataclasses.replace(state, hand_force=np.array([force, [0.0, 0.0, 0.0]]))
 
 
-def test_small_forces_are_none_and_large_ones_count_in_full(standing_state):
-    load = HandLoad(10.0, 5.0)
+@pytest.fixture
+def load():
+    return HandLoad(10.0, 5.0)
+
+
+def test_small_forces_are_none_and_large_ones_count_in_full(load, standing_state):
     for force, share in ((4.0, 0.0), (7.5, 0.5), (40.0, 1.0)):
         load.reset()
         counted = after(load, felt(standing_state, [force, 0.0, 0.0]), 4.0, stepping=True)
@@ -53,14 +57,12 @@ def test_a_felt_force_counts_only_after_it_has_made_the_robot_step(standing_stat
     assert not after(load, pulled, 4.0, stepping=False).any(), "the next force has to prove itself"
 
 
-def test_a_short_blow_does_not_count_in_full(standing_state):
-    load = HandLoad(10.0, 5.0)
+def test_a_short_blow_does_not_count_in_full(load, standing_state):
     after(load, felt(standing_state, [15.0, 0.0, 0.0]), 2.0, stepping=True)
     assert after(load, felt(standing_state, [150.0, 0.0, 0.0]), 0.1, stepping=True)[0, 0] < 60.0
 
 
-def test_without_an_estimate_what_is_told_counts(standing_state):
-    load = HandLoad(10.0, 5.0)
+def test_without_an_estimate_what_is_told_counts(load, standing_state):
     told = dataclasses.replace(ARMS, payload=np.array([3.0, 0.0]), hand_force=np.array([[0.0, 0.0, 0.0], [15.0, 0, 0]]))
     state = dataclasses.replace(standing_state, hand_force=None)
     force = after(load, state, 4.0, stepping=False, targets=told)
@@ -68,16 +70,14 @@ def test_without_an_estimate_what_is_told_counts(standing_state):
     assert told.hand_force.tolist() == [[0.0, 0.0, 0.0], [15.0, 0.0, 0.0]], "the targets are the caller's"
 
 
-def test_what_is_told_and_felt_counts_once(standing_state):
-    load = HandLoad(10.0, 5.0)
+def test_what_is_told_and_felt_counts_once(load, standing_state):
     told = dataclasses.replace(ARMS, hand_force=np.array([[-40.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     force = after(load, felt(standing_state, [40.0, 0.0, 0.0]), 4.0, stepping=True, targets=told)
     assert force == pytest.approx(np.array([[40.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), abs=0.05)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_broken_estimate_leaves_the_last_force(standing_state, bad):
-    load = HandLoad(10.0, 5.0)
+def test_a_broken_estimate_leaves_the_last_force(load, standing_state, bad):
     before = after(load, dataclasses.replace(standing_state, hand_force=PULL), 2.0, stepping=True).copy()
     broken = after(load, dataclasses.replace(standing_state, hand_force=np.full((2, 3), bad)), 1.0, stepping=True)
     assert broken.tolist() == before.tolist() and before.any()

@@ -25,9 +25,8 @@ def write(path: pathlib.Path, **changes: object) -> pathlib.Path:
     return path
 
 
-def test_noise_range_is_the_papers_mirrored_and_within_limits() -> None:
+def test_noise_range_is_the_papers_mirrored_and_within_limits(robot) -> None:
     low, high = arm_noise_range()
-    robot = load_robot()
     assert low.tolist() == pytest.approx([-2.6, -0.3, -1.2, -1.2, -2.6, -3.0, -4.3, -1.2])
     assert high.tolist() == pytest.approx([2.6, 3.0, 4.3, 2.5, 2.6, 0.3, 1.2, 2.5])
     assert (low >= robot.lower[robot.arms]).all() and (high <= robot.upper[robot.arms]).all()
@@ -51,10 +50,9 @@ def test_a_saved_motion_is_read_back(tmp_path: pathlib.Path) -> None:
     np.testing.assert_array_equal(read.positions, motion.positions)
 
 
-def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.Path) -> None:
+def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.Path, robot) -> None:
     names = ("some_finger", *ARMS[::-1])
     path = write(tmp_path / "a.npz", joint_names=np.array(names), positions=np.tile(np.arange(9.0), (2, 1)))
-    robot = load_robot()
     expected = np.minimum(np.arange(8, 0, -1), robot.upper[robot.arms])
     np.testing.assert_allclose(load_motion(path).positions, np.tile(expected, (2, 1)))
 
@@ -114,9 +112,8 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path: pathlib.Path) -> None:
     assert [motion.name for motion in load_motions(tmp_path)] == ["a", "b"]
 
 
-def test_generated_motions_follow_their_seed_and_move_like_arms() -> None:
+def test_generated_motions_follow_their_seed_and_move_like_arms(robot) -> None:
     motions, same, other = (generate_motions(seed, count=4, duration=10.0) for seed in (1, 1, 2))
-    robot = load_robot()
     for a, b, c in zip(motions, same, other, strict=True):
         assert a.duration == pytest.approx(10.0)
         np.testing.assert_array_equal(a.positions, b.positions)
@@ -137,10 +134,9 @@ def table(path: pathlib.Path, *lines: str) -> pathlib.Path:
     return path
 
 
-def test_a_table_with_joint_names_is_a_motion(tmp_path: pathlib.Path) -> None:
+def test_a_table_with_joint_names_is_a_motion(tmp_path: pathlib.Path, robot) -> None:
     motion = load_motion(table(tmp_path / "wave.csv"))
     assert (motion.name, motion.fps, motion.unused) == ("wave", pytest.approx(20.0), ("torso_joint",))
-    robot = load_robot()
     expected = np.clip(0.1 * np.arange(3)[:, None] * np.ones(8), robot.lower[robot.arms], robot.upper[robot.arms])
     np.testing.assert_allclose(motion.positions, expected)
 

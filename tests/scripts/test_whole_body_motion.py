@@ -18,11 +18,10 @@ def asked(motion, name):
 
 
 @pytest.mark.parametrize(("up", "unit", "prefix"), [("y", 1.0, ""), ("z", 0.01, "mixamorig:"), ("y", 1.0, "Bob:")])
-def test_a_person_who_stands_asks_for_nothing_but_hands(up, unit, prefix, tmp_path):
+def test_a_person_who_stands_asks_for_nothing_but_hands(up, unit, prefix, tmp_path, robot):
     motion = load_whole_body_motion(write_bvh(tmp_path / "stand.bvh", up=up, unit=unit, prefix=prefix))
     assert motion.duration == pytest.approx(5.0) and not motion.walking.any()
     np.testing.assert_allclose(motion.asked, 0.0, atol=1e-6)
-    robot = load_robot()
     # Each arm goes half of its length down and half of it forward, from the robot's own shoulder.
     half = (robot.upper_arm + robot.forearm) / 2.0
     np.testing.assert_allclose(

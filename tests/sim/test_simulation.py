@@ -170,7 +170,6 @@ def test_push_changes_the_velocity_at_once(plane: Simulation) -> None:
 
 def test_force_acts_for_its_duration_only() -> None:
     simulation = Simulation(sensing="exact")
-    simulation.reset()
     simulation.apply_force(np.array([100.0, 0.0, 0.0]), 0.1)
     torso = simulation.model.body("torso_link").id
     acting = []
@@ -185,7 +184,6 @@ def test_force_acts_for_its_duration_only() -> None:
 def test_force_gives_its_impulse_to_the_centre_of_mass() -> None:
     """In the air, 100 N for 0.1 s change the momentum by 10 Ns, and gravity takes 0.2 s of fall."""
     simulation = Simulation(sensing="exact")
-    simulation.reset()
     simulation.data.qpos[2] += 5.0
     simulation.apply_force(np.array([100.0, -50.0, 0.0]), 0.1, link="pelvis")
     simulation.step(HOLD, 0.2)
@@ -252,7 +250,6 @@ def test_fallen_by_inclination_and_height(
 
 def test_limp_robot_falls_and_its_trunk_is_noticed_on_the_ground() -> None:
     simulation = Simulation(sensing="exact")
-    simulation.reset()
     zero = np.zeros(19)
     limp = JointCommand(zero, zero, zero, zero, zero)
     simulation.push(np.array([1.0, 0.0, 0.0]))

@@ -30,6 +30,11 @@ def shoulder_to_targets(points):
     return points - np.array([[0.0, 0.2136, 0.4389], [0.0, -0.2136, 0.4389]])
 
 
+@pytest.fixture
+def ik():
+    return ArmIK()
+
+
 def test_hands_agree_with_pinocchio_on_the_whole_robot(robot):
     ik, kinematics = ArmIK(), Kinematics()
     rng = np.random.default_rng(0)
@@ -75,8 +80,7 @@ def test_heading_targets_stay_level_and_turn_with_the_yaw_alone(robot):
     assert hands == pytest.approx(level, abs=5e-4)
 
 
-def test_a_hand_without_a_target_rests(robot, nominal_state):
-    ik = ArmIK()
+def test_a_hand_without_a_target_rests(ik, robot, nominal_state):
     rest = ik.hands(robot.nominal[robot.arms], 0.0)
     solution = converge(ik, HandTargets(None, COMFORTABLE[1]), nominal_state)
     hands = ArmIK().hands(solution.q, 0.0)
@@ -100,8 +104,7 @@ def test_a_target_out_of_reach_gives_the_stretched_arm(robot, nominal_state):
     assert np.abs(solution.dq).max() < 0.05, "settled, no chatter"
 
 
-def test_nothing_sampled_is_nearer_to_a_target_out_of_reach(nominal_state):
-    ik = ArmIK()
+def test_nothing_sampled_is_nearer_to_a_target_out_of_reach(ik, nominal_state):
     rng = np.random.default_rng(1)
     postures = [q for q in rng.uniform(ik.lower, ik.upper, (3000, 8)) if ik.clearance(q).min() > 0.01]
     samples = np.array([ik.hands(q, 0.0) for q in postures])
@@ -135,9 +138,8 @@ def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_sta
     assert ik.failures == ik.without_collisions == 0
 
 
-def test_a_detour_ends_once(nominal_state):
+def test_a_detour_ends_once(ik, nominal_state):
     """A target behind the head, out of reach: the arm goes to the better side and then rests there."""
-    ik = ArmIK()
     targets = HandTargets(np.array([-1.2, -0.1, 1.8]), COMFORTABLE[1])
     converge(ik, targets, nominal_state, seconds=8.0)
     hands = ik.hands(ik.q, 0.0).copy()
@@ -233,8 +235,7 @@ def test_a_stretched_arm_does_not_jitter(nominal_state):
     assert np.sqrt(np.mean(jerk**2)) < 50.0
 
 
-def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot):
-    ik = ArmIK()
+def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(ik, robot):
     rng = np.random.default_rng(2)
     margin = ik.config.limit_margin
     lower, upper = robot.lower[robot.arms] + margin, robot.upper[robot.arms] - margin
@@ -257,8 +258,7 @@ def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(robot):
     assert far > 5000
 
 
-def test_unusable_numbers_are_counted_and_hold(robot, nominal_state):
-    ik = ArmIK()
+def test_unusable_numbers_are_counted_and_hold(ik, robot, nominal_state):
     good = HandTargets(*COMFORTABLE)
     held = converge(ik, good, nominal_state)
     lost_waist = nominal_state.q.copy()
@@ -281,15 +281,13 @@ def test_unusable_numbers_are_counted_and_hold(robot, nominal_state):
     assert ik.solve(good, nominal_state, DT).ok
 
 
-def test_far_but_finite_numbers_are_harmless(nominal_state):
-    ik = ArmIK()
+def test_far_but_finite_numbers_are_harmless(ik, nominal_state):
     solution = converge(ik, HandTargets(np.array([1e12, 0.0, 0.0]), np.array([0.0, -1e12, 0.0])), nominal_state, 2.0)
     assert np.all(np.isfinite(solution.q))
     assert not solution.reachable.any()
 
 
-def test_reset_moves_into_the_limits_and_ignores_nan(robot, nominal_state):
-    ik = ArmIK()
+def test_reset_moves_into_the_limits_and_ignores_nan(ik, robot, nominal_state):
     outside = robot.upper[robot.arms] + 0.3
     outside[0] = math.nan
     ik.reset(outside)
@@ -310,8 +308,7 @@ def test_mirrored_targets_give_the_mirrored_arms(robot):
     assert b.residual[::-1] == pytest.approx(a.residual, abs=1e-6)
 
 
-def test_the_script_stays_comfortably_within_reach(robot):
-    ik = ArmIK()
+def test_the_script_stays_comfortably_within_reach(ik, robot):
     script = load_script("loco_manipulation")
     q = robot.nominal.copy()
     shoulders = -shoulder_to_targets(np.zeros((2, 3)))
@@ -354,8 +351,7 @@ def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_sta
     assert used.detours > before
 
 
-def test_a_loop_that_paused_for_long_goes_on_at_once(robot, nominal_state):
-    ik = ArmIK()
+def test_a_loop_that_paused_for_long_goes_on_at_once(ik, robot, nominal_state):
     ik.reset(robot.nominal[robot.arms])
     before, begin = ik.q, time.process_time()
     solution = ik.solve(HandTargets(*COMFORTABLE), nominal_state, 3600.0)

@@ -32,14 +32,22 @@ def message(number, time):
     return dataclasses.replace(GOOD, stamp=time, sequence=number)
 
 
-def test_targets_without_a_stamp_are_always_new():
-    watch = TargetWatch()
+@pytest.fixture
+def watch():
+    return TargetWatch()
+
+
+@pytest.fixture
+def source():
+    return UpperBodySource()
+
+
+def test_targets_without_a_stamp_are_always_new(watch):
     assert all(watch.admit(GOOD, 0.0, DT) is GOOD for _ in range(100))
     assert watch.counts == TargetCounts()
 
 
-def test_what_goes_wrong_on_the_way_is_counted_by_kind():
-    watch = TargetWatch()
+def test_what_goes_wrong_on_the_way_is_counted_by_kind(watch):
     first, second, fourth, fifth = (message(n, 0.02 * n) for n in (1, 2, 4, 5))
     for now, arrived, followed in (
         (0.03, first, first),
@@ -53,8 +61,7 @@ def test_what_goes_wrong_on_the_way_is_counted_by_kind():
     assert watch.counts == TargetCounts(bad=1, late=1, repeated=1, dropped=2)
 
 
-def test_the_age_counts_from_when_a_target_was_made():
-    watch = TargetWatch()
+def test_the_age_counts_from_when_a_target_was_made(watch):
     assert watch.admit(message(1, 0.0), 0.3, DT) is not None
     assert watch.age == pytest.approx(0.3)
     assert watch.admit(message(1, 0.0), 0.5, 0.19) is not None
@@ -66,23 +73,20 @@ def test_the_age_counts_from_when_a_target_was_made():
 
 
 @pytest.mark.parametrize("stamp", [math.nan, math.inf])
-def test_a_stamp_that_is_not_finite_is_bad_and_shuts_out_nothing(stamp):
-    watch = TargetWatch()
+def test_a_stamp_that_is_not_finite_is_bad_and_shuts_out_nothing(watch, stamp):
     assert watch.admit(message(1, stamp), 0.0, DT) is None
     good = message(2, 0.1)
     assert watch.admit(good, 0.1, DT) is good
     assert watch.counts == TargetCounts(bad=1)
 
 
-def test_a_loop_that_stood_still_finds_its_target_stale():
-    watch = TargetWatch()
+def test_a_loop_that_stood_still_finds_its_target_stale(watch):
     assert watch.admit(message(1, 0.0), 0.0, DT) is not None
     assert watch.admit(message(1, 0.0), math.nan, math.nan) is not None, "a step of NaN counts as none"
     assert watch.admit(message(1, 0.0), 0.6, 0.6) is None
 
 
-def test_a_stream_goes_on_after_one_message_from_a_wrong_clock():
-    watch = TargetWatch()
+def test_a_stream_goes_on_after_one_message_from_a_wrong_clock(watch):
     watch.admit(message(1, 100.0), 0.0, DT)
     numbers = []
     for tick in range(1, 41):
@@ -95,8 +99,7 @@ def test_a_stream_goes_on_after_one_message_from_a_wrong_clock():
 
 
 @pytest.mark.parametrize("shape", [(2,), (3, 1), ()])
-def test_numbers_that_stay_bad_are_no_update(shape):
-    watch = TargetWatch()
+def test_numbers_that_stay_bad_are_no_update(watch, shape):
     watch.admit(GOOD, 0.0, DT)
     bad = HandTargets(np.zeros(shape), GOOD.right)
     followed = [watch.admit(bad, 0.0, 0.03) for _ in range(30)]
@@ -104,8 +107,7 @@ def test_numbers_that_stay_bad_are_no_update(shape):
     assert watch.counts == TargetCounts(bad=30, stale=1)
 
 
-def test_a_stream_that_is_ended_on_purpose_may_start_anew_with_any_stamp():
-    watch = TargetWatch()
+def test_a_stream_that_is_ended_on_purpose_may_start_anew_with_any_stamp(watch):
     watch.admit(message(7, 5.0), 5.0, DT)
     watch.forget()
     again = message(1, 0.0)
@@ -113,15 +115,13 @@ def test_a_stream_that_is_ended_on_purpose_may_start_anew_with_any_stamp():
     assert watch.counts == TargetCounts()
 
 
-def test_source_leaves_the_arms_alone_without_targets(nominal_state):
-    source = UpperBodySource()
+def test_source_leaves_the_arms_alone_without_targets(source, nominal_state):
     assert not arms_of(source, nominal_state, None).indicator
     assert source.solution is None
 
 
-def test_source_never_jumps(robot):
+def test_source_never_jumps(source, robot):
     """Random targets, gaps, lost numbers, takeovers that start elsewhere: the command stream keeps its speed."""
-    source = UpperBodySource()
     rng = np.random.default_rng(0)
     command = robot.nominal[robot.arms].copy()
     hands = None
@@ -142,8 +142,7 @@ def test_source_never_jumps(robot):
     assert source.ik.failures == 0
 
 
-def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(robot, nominal_state):
-    source = UpperBodySource()
+def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(source, robot, nominal_state):
     wanted = robot.nominal[robot.arms] + 0.4
     joints = HandTargets(None, None, joints=wanted, joint_velocity=np.zeros(8))
     path = []
@@ -159,8 +158,7 @@ def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(rob
     assert np.abs(np.diff(speed, axis=0)).max() <= ACCELERATION * DT + 1e-9
 
 
-def test_joint_targets_that_are_not_finite_are_held_off(robot, nominal_state):
-    source = UpperBodySource()
+def test_joint_targets_that_are_not_finite_are_held_off(source, robot, nominal_state):
     bad = HandTargets(None, None, joints=np.full(8, np.nan))
     assert not arms_of(source, nominal_state, bad).indicator
     good = HandTargets(None, None, joints=robot.nominal[robot.arms])
@@ -169,8 +167,7 @@ def test_joint_targets_that_are_not_finite_are_held_off(robot, nominal_state):
     assert source.watch.counts.bad == 2
 
 
-def test_a_first_target_of_nan_leaves_the_arms_alone(nominal_state):
-    source = UpperBodySource()
+def test_a_first_target_of_nan_leaves_the_arms_alone(source, nominal_state):
     assert not arms_of(source, nominal_state, HandTargets(np.full(3, math.nan), np.zeros(3)), ARMS).indicator
     assert source.watch.counts.bad == 1
 
@@ -198,8 +195,7 @@ def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(robot, nomi
     assert arms_of(source, state, fresh, own).indicator, "a stream that comes back takes the arms again"
 
 
-def test_takeover_starts_where_the_command_was_and_ends_there(nominal_state):
-    source = UpperBodySource()
+def test_takeover_starts_where_the_command_was_and_ends_there(source, nominal_state):
     first = arms_of(source, nominal_state, HANDS, ARMS)
     assert first.q == pytest.approx(ARMS, abs=1e-3)
     for _ in range(100):

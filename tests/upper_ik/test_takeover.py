@@ -15,8 +15,12 @@ def run(takeover, target, seconds, start=None, dt=DT):
     return [takeover.follow(target, np.zeros(8), dt, start) for _ in range(round(seconds / dt))]
 
 
-def test_takeover_blends_from_the_start_to_the_target():
-    takeover = Takeover()
+@pytest.fixture
+def takeover():
+    return Takeover()
+
+
+def test_takeover_blends_from_the_start_to_the_target(takeover):
     bodies = run(takeover, ARMS, 0.5, start=np.full(8, 0.1))
     assert all(body.mask.all() for body in bodies)
     # Half of the blend time: half of the way.
@@ -26,8 +30,7 @@ def test_takeover_blends_from_the_start_to_the_target():
     assert bodies[-1].q == pytest.approx(ARMS)
 
 
-def test_velocity_is_the_derivative_of_position():
-    takeover = Takeover()
+def test_velocity_is_the_derivative_of_position(takeover):
     fine = 1e-3
     bodies = run(takeover, ARMS, 0.5, start=np.zeros(8), dt=fine)
     q = np.array([body.q for body in bodies])
@@ -35,8 +38,7 @@ def test_velocity_is_the_derivative_of_position():
     assert dq[1:] == pytest.approx(np.diff(q, axis=0) / fine, abs=0.02)
 
 
-def test_a_jump_of_the_target_becomes_a_ramp_within_the_limits():
-    takeover = Takeover()
+def test_a_jump_of_the_target_becomes_a_ramp_within_the_limits(takeover):
     run(takeover, np.zeros(8), 0.5, start=np.zeros(8))
     bodies = [takeover.follow(np.full(8, 1.0), np.zeros(8), DT) for _ in range(40)]
     dq = np.array([np.zeros(8), *(body.dq for body in bodies)])
@@ -46,8 +48,7 @@ def test_a_jump_of_the_target_becomes_a_ramp_within_the_limits():
     assert max(body.q.max() for body in bodies) < 1.0 + 1e-9, "no overshoot"
 
 
-def test_hand_back_returns_before_the_mask_clears():
-    takeover = Takeover()
+def test_hand_back_returns_before_the_mask_clears(takeover):
     own = np.full(8, 0.2)
     run(takeover, ARMS, 1.0, start=own)
     last, ticks = takeover.follow(ARMS, np.zeros(8), DT), 0
@@ -60,8 +61,7 @@ def test_hand_back_returns_before_the_mask_clears():
     assert not takeover.release(own, DT).indicator
 
 
-def test_targets_that_return_during_a_hand_back_are_taken_up_from_there():
-    takeover = Takeover()
+def test_targets_that_return_during_a_hand_back_are_taken_up_from_there(takeover):
     run(takeover, ARMS, 1.0, start=np.zeros(8))
     for _ in range(20):
         half_way = takeover.release(None, DT)
@@ -71,8 +71,7 @@ def test_targets_that_return_during_a_hand_back_are_taken_up_from_there():
 
 
 @pytest.mark.parametrize(("q", "dt"), [(np.full(8, math.nan), DT), (ARMS, 0.0), (ARMS, math.nan)])
-def test_unusable_targets_hold_and_are_counted(q, dt):
-    takeover = Takeover()
+def test_unusable_targets_hold_and_are_counted(takeover, q, dt):
     last = run(takeover, ARMS, 0.3, start=np.zeros(8))[-1]
     body = takeover.follow(q, np.zeros(8), dt)
     assert body.q == pytest.approx(last.q + body.dq * (DT if dt == DT else 0.0))
@@ -89,8 +88,7 @@ def test_a_takeover_after_a_reset_begins_where_the_first_one_did(robot):
     assert takeover.follow(q, np.zeros(8), 0.02).q == pytest.approx(first)
 
 
-def test_acceleration_is_the_derivative_of_velocity_for_targets_that_name_none():
-    takeover = Takeover()
+def test_acceleration_is_the_derivative_of_velocity_for_targets_that_name_none(takeover):
     fine = 1e-3
     bodies = [takeover.follow(ARMS, np.zeros(8), fine, np.zeros(8)) for _ in range(500)]
     bodies += [takeover.release(np.zeros(8), fine) for _ in range(900)]

@@ -1,11 +1,9 @@
 import torch
 
 from hugwbc.learned.env.readings import Body
-from hugwbc.robot import load_robot
 
 
-def test_the_robot_s_constants_and_groups_of_joints() -> None:
-    robot = load_robot()
+def test_the_robot_s_constants_and_groups_of_joints(robot) -> None:
     body = Body.of(robot, 0.02)
     assert body.dt == 0.02 and robot.joint_names[body.waist] == "torso_joint"
     knee = robot.index("left_knee_joint")

@@ -4,7 +4,8 @@ import pickle
 
 import pytest
 import torch
-from safetensors.torch import save
+from safetensors import safe_open
+from safetensors.torch import save, save_file
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy import checkpoint
@@ -53,30 +54,22 @@ def test_another_kind_is_refused(saved: pathlib.Path) -> None:
         checkpoint.load_file(saved, "checkpoint")
 
 
-def rewritten_header(path: pathlib.Path, **changes: str) -> None:
-    from safetensors import safe_open
-    from safetensors.torch import save_file
-
-    with safe_open(path, "pt") as file:
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"metadata": '{"steps": 8, "name": "\\u00e9"}'}, "checksum"),
+        ({"format": "hugwbc-37"}, "has hugwbc-37, this hugwbc reads hugwbc-2"),
+    ],
+)
+def test_a_changed_header_is_refused(saved: pathlib.Path, changes: dict[str, str], message: str) -> None:
+    with safe_open(saved, "pt") as file:
         header = file.metadata()
-    save_file(TENSORS, path, header | changes)
-
-
-def test_changed_metadata_are_refused(saved: pathlib.Path) -> None:
-    rewritten_header(saved, metadata='{"steps": 8, "name": "\\u00e9"}')
-    with pytest.raises(PolicyFileError, match="checksum"):
-        checkpoint.load_file(saved, "policy")
-
-
-def test_another_format_is_refused(saved: pathlib.Path) -> None:
-    rewritten_header(saved, format="hugwbc-37")
-    with pytest.raises(PolicyFileError, match="has hugwbc-37, this hugwbc reads hugwbc-2"):
+    save_file(TENSORS, saved, header | changes)
+    with pytest.raises(PolicyFileError, match=message):
         checkpoint.load_file(saved, "policy")
 
 
 def test_foreign_safetensors_are_refused(tmp_path: pathlib.Path) -> None:
-    from safetensors.torch import save_file
-
     path = tmp_path / "foreign.safetensors"
     save_file({"w": torch.zeros(2)}, path)
     with pytest.raises(PolicyFileError, match="no format mark"):
