@@ -6,7 +6,7 @@ name. The types `bool` and `Path` understand text; `Any` gets numbers, text, lis
 
 import pathlib
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 import yaml
@@ -39,25 +39,22 @@ def named_path(kind: str, name: str | pathlib.Path, folder: pathlib.Path) -> pat
     return folder / f"{name}.yaml"
 
 
-def load(model: type[_T], path: pathlib.Path, context: Mapping[str, Any] | None = None, **more: object) -> _T:
+def load(model: type[_T], path: pathlib.Path, **more: object) -> _T:
     """Read a model from a YAML file; errors name file, line and column, what is wrong and what is valid.
 
     Args:
         model: a class of settings, or any other type that pydantic can check.
         path: path of the file.
-        context: what the model's validators may ask for, as pydantic's `ValidationInfo.context`.
         more: fields that the file does not give, such as its name.
     """
     try:
         text = read_file(path, LARGEST_FILE).decode("utf-8-sig")
     except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path that no file can have
         raise ConfigError(f"cannot read {one_line(str(path))}: {error}; give a YAML file in UTF-8") from error
-    return parse(model, text, path, context, **more)
+    return parse(model, text, path, **more)
 
 
-def parse(
-    model: type[_T], text: str, path: pathlib.Path, context: Mapping[str, Any] | None = None, **more: object
-) -> _T:
+def parse(model: type[_T], text: str, path: pathlib.Path, **more: object) -> _T:
     """Read a model from YAML text; as `load`, whose path stands in the messages and is the base of relative paths."""
     mark = yaml.Mark(str(path), 0, 0, 0, None, 0)
     root = yaml.MappingNode("tag:yaml.org,2002:map", [], mark)
@@ -65,7 +62,7 @@ def parse(
         root = yaml.compose(text, Loader=yaml.SafeLoader) or root
         content = _content(root, iter(range(MOST_PARTS)), DEEPEST)
         content = {**content, **more} if isinstance(content, dict) else content
-        return TypeAdapter(model).validate_python(content, context={**(context or {}), "folder": path.parent})
+        return TypeAdapter(model).validate_python(content, context={"folder": path.parent})
     except ValidationError as error:
         place, problem = deepest(error)
         mark = _mark(root, place)

@@ -75,7 +75,7 @@ class BoxGrip:
         view = yield from doing(f"lift '{name}'", self.lift(view, name, height, speed))
         return (yield from doing("bring the box to the chest", self.bring(view, goal)))
 
-    def grasp(self, view: View, name: Name, posture: Command | None = None) -> Course:
+    def grasp(self, view: View, name: Name, posture: Command | None) -> Course:
         """Crouch, put the hands beside the box, and squeeze it."""
         box = seen(view, name)
         posture = posture or squat(float(box.position[2]) + self.at[1])
@@ -114,11 +114,11 @@ class BoxGrip:
         points = self._sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
         return self._glide(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5)
 
-    def put(self, view: View, name: Name, goal: np.ndarray, yaw: float, above: float = 0.05) -> Course:
+    def put(self, view: View, name: Name, goal: np.ndarray, yaw: float) -> Course:
         """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
         posture = squat(float(goal[2]) + self.at[1])
         ahead = rotations.rotation_z(yaw)
-        for height, speed in ((above, 0.12), (-0.005, 0.05)):
+        for height, speed in ((0.05, 0.12), (-0.005, 0.05)):
             box = seen(view, name)
             # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
             slipped = (hands_in(view, "world").mean(axis=0) - box.position) @ rotations.rotation_z(box.yaw)

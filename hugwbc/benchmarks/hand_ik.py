@@ -88,19 +88,16 @@ def sample_targets(count: int, seed: int) -> np.ndarray:
     return np.array(pairs)
 
 
-def compare_solvers(
-    count: int, seed: int = 0, on_progress: Callable[[float], None] | None = None
-) -> dict[str, IKFigures]:
+def compare_solvers(count: int, on_progress: Callable[[float], None] | None = None) -> dict[str, IKFigures]:
     """Visit the same targets with every solver that is installed and return its figures by name.
 
     Args:
         count: number of targets, at least 2.
-        seed: seed of the targets.
         on_progress: called with the fraction done.
     """
     if count < 2:
         raise ConfigError(f"count of targets is {count}; give 2 or more")
-    targets = sample_targets(count, seed)
+    targets = sample_targets(count, 0)
     makers: dict[str, Callable[[], Step]] = {"hugwbc": _ours, "hugwbc through the body": _ours_through_the_body}
     makers |= {name: make for name, make in (("mink", _mink), ("pink", _pink)) if importlib.util.find_spec(name)}
     figures = {}

@@ -90,7 +90,7 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     from hugwbc.upper_ik.workspace import measure_workspace
 
     advance = on_progress or (lambda fraction: None)
-    environment = speed.environment_speed(settings.count, settings.control_steps, threads=settings.threads)
+    environment = speed.environment_speed(settings.count, settings.control_steps, settings.threads)
     advance(0.05)
     bare = environment.bare_steps_per_s
     training = speed.training_speed(bare, settings.count, settings.iterations, settings.threads)

@@ -13,12 +13,12 @@ LEVELS = (0.25, 0.5, 0.75, 1.0)  # of the curriculum's alpha
 SAMPLES = 400
 
 
-def hand_clouds(level: float, samples: int = SAMPLES, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def hand_clouds(level: float, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
     """Return positions of both hands in the pelvis frame under the noise of a curriculum level [m], (samples, 3).
 
     The arms follow alpha * noise + (1 - alpha) * policy, the paper's blend; the nominal posture stands for the policy.
     """
-    source = NoiseTargets(samples, NOISE_INTERVAL, torch.Generator().manual_seed(seed))
+    source = NoiseTargets(samples, NOISE_INTERVAL, torch.Generator().manual_seed(0))
     # The robots change targets at different times. After two intervals, none of them is at its nominal start any more.
     for _ in range(2 * NOISE_INTERVAL):
         source.step()

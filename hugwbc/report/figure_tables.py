@@ -13,7 +13,7 @@ CSV_COLUMNS = (
 )
 
 
-def comparison_table(figures: Sequence[Figure], note: str = "") -> Table:
+def comparison_table(figures: Sequence[Figure]) -> Table:
     """Lay out the figures of one table: a row for each quantity, a column for the paper and each controller.
 
     A measured cell shows the value, its interval and the ratio to the paper's value. It is marked "worse" if it is
@@ -24,7 +24,7 @@ def comparison_table(figures: Sequence[Figure], note: str = "") -> Table:
     columns: dict[str, list[Cell]] = {"": [f"{name} [{unit}]" if unit else name for name, unit in units.items()]}
     for reference in dict.fromkeys(figure.reference for figure in figures):
         columns |= _columns([figure for figure in figures if figure.reference == reference], list(units))
-    return Table(figures[0].table, list(columns), list(map(list, zip(*columns.values(), strict=True))), note)
+    return Table(figures[0].table, list(columns), list(map(list, zip(*columns.values(), strict=True))))
 
 
 def _columns(figures: Sequence[Figure], quantities: Sequence[str]) -> dict[str, list[Cell]]:

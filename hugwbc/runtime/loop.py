@@ -5,7 +5,6 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
-from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ArmSource, ControlPeriod
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
@@ -52,9 +51,11 @@ class ControlLoop:
         simulation: Engine,
         upper_body: ArmSource | None = None,
         estimator: StateEstimator | None = None,
-        robot: Robot | None = None,
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.
+
+        The safety filter and the servo of the arms know the simulated robot with its drives. What the controller, the
+        hand IK and the estimator are told is up to them.
 
         Args:
             controller: any object with the members of `Controller`.
@@ -63,11 +64,8 @@ class ControlLoop:
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none
                 where the sensors tell the state.
-            robot: robot whose limits the safety filter keeps, and whose weight and friction the servo of the arms makes
-                up for; None for the simulated one with its drives. What the controller, the hand IK and the estimator
-                are told is up to them.
         """
-        robot, sensing = robot or simulation.known_robot, simulation.sensing
+        robot, sensing = simulation.known_robot, simulation.sensing
         sight = Sight(
             SimulatedWorld(simulation),
             robot,

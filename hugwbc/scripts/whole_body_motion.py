@@ -96,15 +96,15 @@ def load_whole_body_motion(path: str | pathlib.Path) -> WholeBodyMotion:
     return retarget(load_bvh(path))
 
 
-def retarget(clip: BodyClip, robot: Robot | None = None) -> WholeBodyMotion:
-    """Return a person's clip as commands and hand targets of a robot, by default the H1.
+def retarget(clip: BodyClip) -> WholeBodyMotion:
+    """Return a person's clip as commands and hand targets of the H1.
 
     The height is that of the middle of the hips above the ankles, minus that of standing: the 95th percentile of the
     clip, but between 95 and 100 % of straight legs. Pitch is the lean of the line from hips to shoulders in the heading
     of the hips; the waist angle is the yaw from hips to shoulders. Hands are where the person's wrists are from their
     shoulders, put at the robot's shoulders.
     """
-    robot = robot or load_robot()
+    robot = load_robot()
     joints = {name: _resampled(points, clip.fps) for name, points in clip.joints.items()}
     straight = clip.length("hip", "knee", "ankle")
     leg = robot.leg_length / straight

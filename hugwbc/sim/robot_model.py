@@ -24,7 +24,6 @@ def load_model(
     terrain: HeightField | None = None,
     *,
     lean: bool = False,
-    imu: bool = False,
     robot: Robot | None = None,
     actuators: Actuators | None = None,
     ground: Ground | None = None,
@@ -38,7 +37,6 @@ def load_model(
         lean: leave out what does not influence the motion: visual shapes, the sensors of hands and IMU, and the search
             for contact islands (one robot is one island). The motion is the same bit by bit and takes a quarter less
             time.
-        imu: with `lean`, keep the gyro and the orientation of the IMU.
         robot: robot to simulate; None for the H1.
         actuators: drives of the joints, whose friction and inertia the model gets; None for real ones.
         ground: firmness of the ground, and of the objects; None for firm.
@@ -49,7 +47,7 @@ def load_model(
     spec = mujoco.MjSpec.from_file(str(robot.xml_path))
     spec.option.timestep = timestep
     if lean:
-        _make_lean(spec, imu=imu)
+        _make_lean(spec)
     if terrain is not None:
         _replace_floor(spec, terrain)
     model = spec.compile() if scene is None else _compile_with(scene, spec, terrain)
@@ -88,12 +86,11 @@ def check_timestep(timestep: float) -> None:
         raise ConfigError(f"physics time step is {timestep} s; give a value above 0 and up to 0.01 s")
 
 
-def _make_lean(spec: mujoco.MjSpec, *, imu: bool) -> None:
-    dropped = () if imu else ("imu_orientation", "imu_gyro")
+def _make_lean(spec: mujoco.MjSpec) -> None:
     spec.compiler.discardvisual = True
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     for sensor in list(spec.sensors):
-        if sensor.name in dropped or sensor.name.endswith("_hand_position"):
+        if sensor.name in ("imu_orientation", "imu_gyro") or sensor.name.endswith("_hand_position"):
             spec.delete(sensor)
 
 

@@ -101,20 +101,17 @@ class LevelGround:
     period: float
 
 
-def level_terrain(
-    levels: int, amplitude: float, rng: np.random.Generator, period: float = 4.0, spacing: float = 0.2
-) -> LevelGround:
+def level_terrain(levels: int, amplitude: float, rng: np.random.Generator) -> LevelGround:
     """Generate regions of uniformly random heights, from a level plane to plus or minus `amplitude`, in equal steps.
 
     Args:
         levels: number of regions, at least 2.
         amplitude: half-width of the distribution of heights in the last region [m].
         rng: generator of the random heights.
-        period: distance after which the heights repeat [m]; a multiple of the spacing.
-        spacing: distance of the grid points [m].
     """
     if levels < 2 or not 0.0 <= amplitude < 1.0:
         raise ConfigError(f"{levels} terrain levels up to {amplitude} m; give at least 2 levels, and 0 to 1 m")
+    period, spacing = 4.0, 0.2  # [m], after which the heights repeat, and of the grid points
     cells = round(period / spacing)
     tiles = [np.tile(rng.uniform(-1.0, 1.0, (cells, cells)), (2, 2)) for _ in range(levels)]
     scaled = [tile * amplitude * level / (levels - 1) for level, tile in enumerate(tiles)]

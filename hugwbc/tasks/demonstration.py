@@ -14,7 +14,6 @@ from hugwbc.behaviours.hands import in_frame, points_in
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import Controller
 from hugwbc.robot import SIDES, Robot
-from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Simulation
 from hugwbc.tasks.run_task import run_task
@@ -140,7 +139,6 @@ def demonstrate(
     task: Task,
     controller: Controller,
     simulation: Simulation,
-    estimator: StateEstimator | None = None,
     *,
     seed: int,
     on_progress: Callable[[float], None] | None = None,
@@ -151,7 +149,6 @@ def demonstrate(
         task: the task.
         controller: any object with the members of `Controller`.
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
-        estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
         seed: that of the simulation, to be noted.
         on_progress: called with the fraction of the time limit.
     """
@@ -160,9 +157,7 @@ def demonstrate(
     def watched(view: View, shapes: Shapes) -> Course:
         return watch.course(task.behaviour(view, shapes), view)
 
-    run = run_task(
-        dataclasses.replace(task, behaviour=watched), controller, simulation, estimator, on_progress=on_progress
-    )
+    run = run_task(dataclasses.replace(task, behaviour=watched), controller, simulation, on_progress=on_progress)
     count = len(watch.actions)  # a fall or the time limit leaves a last frame without its action
     bodies = len(task.scene.body_names)
     return Demonstration(

@@ -49,7 +49,7 @@ def upright(body: str, missed: str) -> Milestone:
     return Milestone(missed, lambda record: 1.0 if at_end(record.tilt(body)) <= UPRIGHT else 0.0)
 
 
-def hands_off(missed: str = "a hand still held it at the end") -> Milestone:
+def hands_off(missed: str) -> Milestone:
     """Return the milestone that no hand touches or holds anything at the end."""
 
     def progress(record: TaskRecord) -> float:
@@ -81,13 +81,13 @@ def half_height(thing: Thing) -> float:
     return settled(thing.size[2]) / 2  # type: ignore[attr-defined]
 
 
-def stands_on(record: TaskRecord, body: str, support: str, tolerance: float = 0.02) -> bool:
+def stands_on(record: TaskRecord, body: str, support: str) -> bool:
     """Return whether a box stands on a table, step or box at the end: its lower side is at the height of the top."""
     below = record.thing(support)
     if hasattr(below, "boards") or not hasattr(below, "size"):
         return False
     top = top_of(record, support) if isinstance(below, Table | Step) else _top_of_box(record, support)
-    return abs(at_end(record.poses[body][:, 2]) - half_height(record.thing(body)) - top) <= tolerance
+    return abs(at_end(record.poses[body][:, 2]) - half_height(record.thing(body)) - top) <= 0.02
 
 
 def _top_of_box(record: TaskRecord, name: str) -> float:

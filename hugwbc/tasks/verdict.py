@@ -97,7 +97,7 @@ def longest(kept: np.ndarray) -> float:
     return best * RECORD_PERIOD
 
 
-def at_end(values: np.ndarray, time: float = 0.2) -> float:
-    """Return the mean of the last samples of a quantity, shape (T,), over a time [s]."""
-    count = max(1, round(time / RECORD_PERIOD))
+def at_end(values: np.ndarray) -> float:
+    """Return the mean of the last 0.2 s of a quantity, shape (T,)."""
+    count = round(0.2 / RECORD_PERIOD)
     return float(np.mean(values[-count:]))

@@ -22,11 +22,11 @@ COVERED = 0.9
 _STEP = 0.01  # [m]
 
 
-def path_points(step: float = _STEP) -> np.ndarray:
+def path_points() -> np.ndarray:
     """Return points of the path at equal distances [m], shape (n, 2)."""
     legs = np.linalg.norm(np.diff(CORNERS, axis=0), axis=1)
     at = np.concatenate(([0.0], np.cumsum(legs)))
-    along = np.arange(0.0, at[-1] + step / 2, step)
+    along = np.arange(0.0, at[-1] + _STEP / 2, _STEP)
     return np.stack([np.interp(along, at, CORNERS[:, axis]) for axis in (0, 1)], axis=1)
 
 

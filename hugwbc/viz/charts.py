@@ -123,13 +123,11 @@ def curves(
     labels: tuple[str, str],
     *,
     dashed: tuple[np.ndarray, np.ndarray] | None = None,
-    named: bool = False,
     bottom: float | None = None,
 ) -> Panel:
     """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and a dashed reference line.
 
-    The labels are those of the two axes; a `named` picture has a legend; `bottom` is the lower end of the vertical
-    axis.
+    The labels are those of the two axes; `bottom` is the lower end of the vertical axis.
     """
 
     def draw(axes: "Axes") -> None:
@@ -137,8 +135,6 @@ def curves(
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
         if dashed is not None:
             axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
-        if named:
-            axes.legend(frameon=False, labelcolor=INK)
         if bottom is not None:
             axes.set_ylim(bottom=bottom)
         axes.set_xlabel(labels[0])

@@ -53,9 +53,7 @@ class _Recorder:
         self.commands.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
 
-def replay_html(
-    traces: Sequence[Trace], *, title: str = "hugwbc replay", fps: int = FPS, chapters: Sequence[Chapter] = ()
-) -> str:
+def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", chapters: Sequence[Chapter] = ()) -> str:
     """Return the page: one to four robots side by side, the first leftmost, in the colours of `LABEL_COLOURS`.
 
     It loads nothing. The browser interpolates between the frames. The names of the chapters stand on the time axis.
@@ -66,20 +64,20 @@ def replay_html(
     names, around = [trace.name for trace in traces], [trace.scene for trace in traces]
     scene = Scene(meshcat.Visualizer(window=recorder), names, robot, around)
     end = max(float(trace.time[-1]) for trace in traces)
-    animation = Animation(default_framerate=fps)
+    animation = Animation(default_framerate=FPS)
     for view, trace in zip(scene.robots, traces, strict=True):
-        samples = frame_samples(trace.time, fps, end)
+        samples = frame_samples(trace.time, FPS, end)
         robot = _ROOT.append(WORLD).append(view.path)
-        for path, tracks in (*_tracks(view, trace, samples), *_footprint_tracks(view, trace, samples, fps)):
-            animation.clips[robot.append(path)] = _clip(tracks, fps)
-    centre, distance = camera_path(traces, fps, end)
+        for path, tracks in (*_tracks(view, trace, samples), *_footprint_tracks(view, trace, samples)):
+            animation.clips[robot.append(path)] = _clip(tracks)
+    centre, distance = camera_path(traces, FPS, end)
     # The camera cannot stand back (see `WORLD`); shrinking the world by the same factor gives the same picture.
     scale = 1.0 / distance[:, None]
     world: Tracks = [
         ("position", "vector3", (scale * world_offset(centre)).tolist()),
         ("scale", "vector3", np.repeat(scale, 3, axis=1).tolist()),
     ]
-    animation.clips[_ROOT.append(WORLD)] = _clip(world, fps)
+    animation.clips[_ROOT.append(WORLD)] = _clip(world)
     scene.visualizer.set_animation(animation, play=False, repetitions=1_000_000)
     begin = float(traces[0].time[0])
     strips = {"@GAITS@": gait_bar(traces, begin, end), "@CHAPTERS@": chapter_bar(chapters, begin, end)}
@@ -91,11 +89,10 @@ def write_replay(
     traces: Sequence[Trace],
     *,
     title: str = "hugwbc replay",
-    fps: int = FPS,
     chapters: Sequence[Chapter] = (),
 ) -> None:
     """Write `replay_html` to a file."""
-    write_whole(path, replay_html(traces, title=title, fps=fps, chapters=chapters))
+    write_whole(path, replay_html(traces, title=title, chapters=chapters))
 
 
 def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:
@@ -111,10 +108,10 @@ def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:
 Tracks = list[tuple[str, str, list]]
 
 
-def _clip(tracks: Tracks, fps: int) -> AnimationClip:
+def _clip(tracks: Tracks) -> AnimationClip:
     frames = {name: list(range(len(values))) for name, _, values in tracks}
     return AnimationClip(
-        tracks={name: AnimationTrack(name, kind, frames[name], values) for name, kind, values in tracks}, fps=fps
+        tracks={name: AnimationTrack(name, kind, frames[name], values) for name, kind, values in tracks}, fps=FPS
     )
 
 
@@ -146,13 +143,13 @@ def _motion(marks: Sequence[Mark]) -> Tracks:
     return [(name, kind, values.tolist()) for name, kind, values in candidates if np.ptp(values, axis=0).any()]
 
 
-def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray, fps: int) -> Iterator[tuple[str, Tracks]]:
+def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
     """Yield the tracks of footprints, which appear when a foot comes down and then stay."""
     times = [(float(time), foot) for foot in range(2) for time in trace.touch_downs[foot] if time <= trace.time[-1]]
     for number, (time, foot) in enumerate(sorted(times)):
         sample = int(np.searchsorted(trace.time, time))
         name = view.add_footprint(number, view.marks.footprint(trace.qpos[sample], foot))
-        shown = np.arange(len(samples)) / fps + trace.time[0] >= time
+        shown = np.arange(len(samples)) / FPS + trace.time[0] >= time
         yield name, [("visible", "bool", shown.tolist())]
 
 

@@ -34,7 +34,7 @@ def _tracks(page: str) -> dict[str, dict[str, dict]]:
 
 def test_replay_moves_the_links_as_pinocchio_says(make_run: Callable) -> None:
     first, second = make_run(seed=1), make_run(name="learned", seed=2)
-    page = replay_html([first, second], fps=25)
+    page = replay_html([first, second])
     tracks, kinematics = _tracks(page), Kinematics()
     lanes = {c["path"]: c["matrix"][12:15] for c in _commands(page) if c["type"] == "set_transform"}
     assert [lanes[f"/meshcat/world/robot_{i}"] for i in (0, 1)] == [[0.0, -0.75, 0.0], [0.0, 0.75, 0.0]]
@@ -64,7 +64,7 @@ def test_replay_shows_hand_targets_only_while_there_are_any(make_run: Callable) 
 
 def test_marks_move_show_and_hide_with_the_run(make_run: Callable) -> None:
     run = make_run(seconds=2.0)
-    tracks = _tracks(replay_html([run], fps=25))
+    tracks = _tracks(replay_html([run]))
     arrow = tracks["meshcat/world/robot_0/forces/left"]
     shown = [key["value"] for key in arrow[".visible"]["keys"]]
     assert shown == ([False] * 13 + [True] * 12) * 2
@@ -81,7 +81,7 @@ def test_marks_move_show_and_hide_with_the_run(make_run: Callable) -> None:
 
 
 def test_every_track_lasts_as_long_as_the_run(make_run: Callable) -> None:
-    for path, tracks in _tracks(replay_html([make_run(seconds=2.0)], fps=25)).items():
+    for path, tracks in _tracks(replay_html([make_run(seconds=2.0)])).items():
         for track in tracks.values():
             assert track["keys"][-1]["time"] == 49, f"{path} would start over before the others"
 
@@ -124,7 +124,7 @@ def test_objects_that_move_have_tracks_and_the_others_stay(make_run: Callable) -
     poses = np.tile([[2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.9, 1.0, 0.0, 0.0, 0.0]], (len(run.time), 1, 1))
     poses[:, 1, 2] += np.linspace(0.0, 0.5, len(run.time))  # the box is lifted
     lifted = dataclasses.replace(run, scene=scene, object_pose=poses, hand_force=np.zeros((len(run.time), 2, 3)))
-    page = replay_html([run, lifted], fps=25)
+    page = replay_html([run, lifted])
     tracks = {name: track for name, track in _tracks(page).items() if "/objects/" in name}
     assert list(tracks) == ["meshcat/world/robot_1/objects/1"]
     assert list(tracks["meshcat/world/robot_1/objects/1"]) == [".position"]

@@ -5,14 +5,14 @@ import dataclasses
 import torch
 
 from hugwbc.learned.env.readings import Readings
-from hugwbc.sim.sensors import ROBOT, SensorProfile
+from hugwbc.sim.sensors import ROBOT
 
 
 class SensorErrors:
     """What sensors add to the true state: white noise, and offsets and biases that stay for an episode.
 
-    They are those of a `SensorProfile`, times a factor of each robot. Walks of the biases are left out: over an episode
-    they are a tenth of the biases. The age of the readings is part of the latency of the actions.
+    They are those of the profile `ROBOT`, times a factor of each robot. Walks of the biases are left out: over an
+    episode they are a tenth of the biases. The age of the readings is part of the latency of the actions.
 
     Attributes:
         scale: factor of each robot, shape (n, 1).
@@ -21,14 +21,7 @@ class SensorErrors:
         tilt_bias: error of the attitude about the pelvis's axes [rad], shape (n, 3).
     """
 
-    def __init__(
-        self,
-        count: int,
-        joints: int,
-        scale: tuple[float, float],
-        generator: torch.Generator,
-        profile: SensorProfile = ROBOT,
-    ) -> None:
+    def __init__(self, count: int, joints: int, scale: tuple[float, float], generator: torch.Generator) -> None:
         """Draw the factors of the robots; their errors are zero until `reset`.
 
         Args:
@@ -36,9 +29,8 @@ class SensorErrors:
             joints: number of joints.
             scale: smallest and largest factor.
             generator: source of the draws.
-            profile: standard deviations of the errors.
         """
-        self._profile, self._generator = profile, generator
+        self._generator = generator
         low, high = scale
         self.active = high > 0.0
         self.scale = (
@@ -52,7 +44,7 @@ class SensorErrors:
         """Draw the offsets and biases of a new episode for robots (indices)."""
         if not self.active:
             return
-        p, scale, count = self._profile, self.scale[robots], robots.numel()
+        p, scale, count = ROBOT, self.scale[robots], robots.numel()
         self.encoder_offset[robots] = scale * self._normal(p.encoder_offset, count, self.encoder_offset.shape[1])
         self.gyro_bias[robots] = scale * self._normal(p.gyro_bias, count, 3)
         self.tilt_bias[robots] = scale * self._normal(p.attitude_bias, count, 3)
@@ -61,7 +53,7 @@ class SensorErrors:
         """Return the readings with the errors of the sensors in what a policy observes."""
         if not self.active:
             return readings
-        p, scale = self._profile, self.scale
+        p, scale = ROBOT, self.scale
         count, joints = readings.q.shape
         tilt = self.tilt_bias + scale * self._normal(p.attitude, count, 3)
         gravity = readings.gravity + torch.linalg.cross(tilt, readings.gravity)
