@@ -17,8 +17,6 @@ from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Disturber, Engine, Force
 from hugwbc.state import RobotState
 
-_ONLY = np.array([0])  # row of the only robot
-
 
 def rollout(
     controller: Controller,
@@ -98,7 +96,7 @@ class Recorder:
         self.rows: dict[str, list] = {}
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
-        self._watch = TouchDownWatch(1, self.simulation.timestep)
+        self._watch = TouchDownWatch(self.simulation.timestep)
         self._samples = 0
         left_out = SCENE_FIELDS if self.simulation.scene is None else ()
         self._moment_fields = [name for name in MOMENT_FIELDS if name not in left_out]
@@ -118,7 +116,7 @@ class Recorder:
             assert force is not None
             if self.on_step is not None:
                 self.on_step(state, self.loop.control.estimate)
-            self._watch.update(_ONLY, now, force[None], self.simulation.sole_velocity[None])
+            self._watch.update(now, force, self.simulation.sole_velocity)
         return not self.simulation.fallen
 
     def sample(self, t: float, command: JointCommand) -> Moment:
@@ -149,15 +147,12 @@ class Recorder:
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """Return the record of the run."""
-        landed = self._watch.of(0)
         return Trace(
             name=self.loop.safe.name,
             **{name: np.array(values) for name, values in self.rows.items()},
             tick_ms=np.array(self.tick_ms),
             ik_ms=np.array(self.ik_ms),
-            touch_downs=landed.times,
-            touch_down_velocity=landed.velocity,
-            stance_peak=landed.peak,
+            **self._watch.record(),
             mass=self.simulation.robot.mass,
             fell=fell,
             survived_s=survived_s,

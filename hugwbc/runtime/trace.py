@@ -1,6 +1,7 @@
 """The record of one run of a controller, which metrics, plots and replays read, and the watch over its touch-downs."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -107,92 +108,53 @@ class Trace:
         return f"Trace('{self.name}', {seconds:.1f} s, {len(self.time)} samples, {fate}, {self.robot}{around})"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class TouchDowns:
-    """The touch-downs of one run, each field for the left and the right foot.
-
-    Attributes:
-        times: `Trace.touch_downs`.
-        velocity: `Trace.touch_down_velocity`.
-        peak: `Trace.stance_peak`.
-    """
-
-    times: tuple[np.ndarray, np.ndarray]
-    velocity: tuple[np.ndarray, np.ndarray]
-    peak: tuple[np.ndarray, np.ndarray]
-
-
 class TouchDownWatch:
-    """A watch over the feet of one or more robots, called after every physics step.
+    """A watch over both feet of one run, called after every physics step."""
 
-    A rollout by itself and a batch use the same watch, so that their records are equal to the last bit.
-    """
-
-    def __init__(self, count: int, timestep: float) -> None:
-        """Begin with all feet on the ground.
-
-        Args:
-            count: number of robots.
-            timestep: physics time step [s].
-        """
+    def __init__(self, timestep: float) -> None:
+        """Begin with both feet on the ground; the physics time step is in [s]."""
         # Vertical forces of the last physics steps within IMPACT_TIME, written in turn.
-        self._forces = np.zeros((max(1, round(IMPACT_TIME / timestep)), count, 2))
+        self._forces = np.zeros((max(1, round(IMPACT_TIME / timestep)), 2))
         self._turn = 0
-        self._last_contact = np.zeros((count, 2))  # [s]
-        self._velocity = np.zeros((count, 2, 3))
-        self._peak = np.zeros((count, 2))  # of the current stance
-        self._times: list[tuple[list[float], list[float]]] = [([], []) for _ in range(count)]
-        self._velocities: list[tuple[list[np.ndarray], list[np.ndarray]]] = [([], []) for _ in range(count)]
-        self._peaks: list[tuple[list[float], list[float]]] = [([], []) for _ in range(count)]
+        self._last_contact = np.zeros(2)  # [s]
+        self._velocity = np.zeros((2, 3))
+        self._peak = np.zeros(2)  # of the current stance
+        self._times: tuple[list[float], list[float]] = ([], [])
+        self._velocities: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+        self._peaks: tuple[list[float], list[float]] = ([], [])
 
-    def update(self, rows: np.ndarray, now: float, force: np.ndarray, velocity: np.ndarray) -> None:
-        """Take the feet of the robots that are still up, after a physics step.
+    def update(self, now: float, force: np.ndarray, velocity: np.ndarray) -> None:
+        """Take the feet after a physics step.
 
         Args:
-            rows: indices of these robots, shape (m,).
             now: time after the step [s].
-            force: ground reactions in the world frame [N], shape (m, 2, 3).
-            velocity: velocities of the soles in the world frame [m/s], shape (m, 2, 3).
+            force: ground reactions in the world frame [N], shape (2, 3).
+            velocity: velocities of the soles in the world frame [m/s], shape (2, 3).
         """
-        normal = force[..., 2]
+        normal = force[:, 2]
         contact = normal > CONTACT_FORCE
-        each = slice(None) if rows.size == len(self._peak) else rows  # a slice spares copies
-        before = self._last_contact[each]
         # A shorter time in the air is a bounce of the contact, not a swing; its forces belong to the same stance.
-        landed = contact & (now - before > SHORTEST_SWING)
-        if np.count_nonzero(landed):  # takes a tenth of the time of `any`
-            for place, foot in np.argwhere(landed).tolist():
-                self._land(int(rows[place]), foot, now)
-        self._last_contact[each] = np.where(contact, now, before)
+        for foot in np.flatnonzero(contact & (now - self._last_contact > SHORTEST_SWING)).tolist():
+            self._land(foot, now)
+        self._last_contact[contact] = now
         self._turn = (self._turn + 1) % len(self._forces)
-        if np.count_nonzero(np.isfinite(normal)) < normal.size:  # a NaN of diverged physics does not count
-            normal = np.nan_to_num(normal)
-        self._forces[self._turn, each] = normal
-        mean = np.add.reduce(self._forces[:, each]) / len(self._forces)
-        self._peak[each] = np.maximum(self._peak[each], mean)
-        self._velocity[each] = velocity
+        self._forces[self._turn] = np.nan_to_num(normal)  # a NaN of diverged physics does not count
+        self._peak = np.maximum(self._peak, np.add.reduce(self._forces) / len(self._forces))
+        self._velocity[:] = velocity
 
-    def _land(self, row: int, foot: int, now: float) -> None:
-        if self._times[row][foot]:  # a stance from the start of the run follows no touch-down
-            self._peaks[row][foot].append(float(self._peak[row, foot]))
-        self._peak[row, foot] = 0.0
-        self._times[row][foot].append(now)
+    def _land(self, foot: int, now: float) -> None:
+        if self._times[foot]:  # a stance from the start of the run follows no touch-down
+            self._peaks[foot].append(float(self._peak[foot]))
+        self._peak[foot] = 0.0
+        self._times[foot].append(now)
         # The contact force slows the sole within a step, so the speed of the impact is that of the step before.
-        self._velocities[row][foot].append(self._velocity[row, foot].copy())
+        self._velocities[foot].append(self._velocity[foot].copy())
 
-    def of(self, row: int) -> TouchDowns:
-        """Return the touch-downs of one robot."""
-        peaks = [
-            [*closed, float(current)] if times else []
-            for closed, current, times in zip(self._peaks[row], self._peak[row], self._times[row], strict=True)
-        ]
-        return TouchDowns(
-            times=_pair([np.array(times) for times in self._times[row]]),
-            velocity=_pair([np.array(found).reshape(-1, 3) for found in self._velocities[row]]),
-            peak=_pair([np.array(found) for found in peaks]),
-        )
-
-
-def _pair(arrays: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    left, right = arrays
-    return left, right
+    def record(self) -> dict[str, Any]:
+        """Return `touch_downs`, `touch_down_velocity` and `stance_peak` of a `Trace`."""
+        current = [[peak] if times else [] for peak, times in zip(self._peak.tolist(), self._times, strict=True)]
+        return {
+            "touch_downs": tuple(map(np.array, self._times)),
+            "touch_down_velocity": tuple(np.array(found).reshape(-1, 3) for found in self._velocities),
+            "stance_peak": tuple(np.array(closed + last) for closed, last in zip(self._peaks, current, strict=True)),
+        }
