@@ -22,7 +22,6 @@ LEVEL = 1.13  # [m], height of the hands at which the forearms of a robot that s
 LOWEST = -0.25  # [m], of the commanded h
 COMFORTABLE = 1.05  # [m], height at which single hands work while the robot stands upright
 NO_FORCE = np.zeros((2, 3))
-NO_HAND = np.full(3, np.nan)
 _PEAK = 1.875  # highest speed of a minimum-jerk motion, relative to its mean
 _GLIDE_SPEED, _SHORTEST_GLIDE = 0.25, 0.5  # [m/s] mean speed, [s]
 _PRESSING_GAIN = 2.0  # [1/s], at which the force of a pressing hand goes to the wanted one

@@ -52,31 +52,23 @@ class Disturber:
                 raise UnknownNameError("link", force.link, links)
         self._forces = tuple(forces)
         self._rows = [links[force.link] for force in forces]
-        self.reset()
-
-    def reset(self) -> None:
-        """Start a new run at time 0."""
         self._acting: dict[int, np.ndarray] = {}
 
-    def update(self, t: float, qpos: np.ndarray, external_force: np.ndarray) -> bool:
+    def update(self, t: float, qpos: np.ndarray, external_force: np.ndarray) -> None:
         """Set the forces for the physics step that begins at time t; only the links of its forces are written.
 
         Args:
             t: time [s].
             qpos: positions of the robot, shape (26,); its yaw turns forces in the heading frame.
             external_force: forces and torques on the links in the world [N, N*m], shape (links, 6); written in place.
-
-        Returns:
-            Whether a force has set in or ended.
         """
         acting = {i for i, force in enumerate(self._forces) if force.acts_at(t)}
         if acting == self._acting.keys():
-            return False
+            return
         self._acting = {i: self._acting[i] if i in self._acting else self._in_world(i, qpos) for i in acting}
         for row in set(self._rows):
             on_link = [vector for i, vector in self._acting.items() if self._rows[i] == row]
             external_force[row, :3] = np.sum(on_link, axis=0) if on_link else 0.0
-        return True
 
     def _in_world(self, index: int, qpos: np.ndarray) -> np.ndarray:
         force = self._forces[index]

@@ -46,12 +46,6 @@ class CommandConfig:
         if total > 1.0 + 1e-9:  # decimal fractions that sum to 1 may exceed it by rounding
             raise ConfigError(f"the fractions of standing, walking and hopping sum to {total:g}; give at most 1")
 
-    def fractions(self) -> dict[str, float]:
-        """Return the fraction of the commands of each gait; jumping is the rest."""
-        given = {"standing": self.standing_fraction, "walking": self.walking_fraction, "hopping": self.hopping_fraction}
-        rest = 1.0 - sum(given.values())
-        return given | {"jumping": rest if rest > 1e-9 else 0.0}
-
 
 @settings
 class CurriculumConfig:

@@ -14,7 +14,6 @@ from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy import checkpoint, critic_observations as obs
 from hugwbc.learned.policy.records import versions
 
-STARTS_FILE = "starts.safetensors"
 # Shapes of one recorded state: position and velocity of the simulation, and what the environment keeps of a robot.
 COLUMNS: dict[str, tuple[int, ...]] = {
     "qpos": (7 + obs.JOINTS,),

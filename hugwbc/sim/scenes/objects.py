@@ -30,7 +30,6 @@ class ObjectState:
         velocity: of the origin [m/s], shape (3,).
         angular_velocity: [rad/s], shape (3,).
         travel: how far its joint is from rest: angle of a door [rad], way of a drawer or button [m]; None without one.
-        travel_rate: its speed [rad/s] or [m/s].
         hand_force: force of each hand on it by contact [N], shape (2, 3); zeros for a hand that does not touch it.
         time: time of the measurement [s].
         age: how long ago that was [s].
@@ -41,7 +40,6 @@ class ObjectState:
     velocity: np.ndarray | None = None
     angular_velocity: np.ndarray | None = None
     travel: float | None = None
-    travel_rate: float | None = None
     hand_force: np.ndarray | None = None
     time: float = 0.0
     age: float = 0.0
@@ -221,18 +219,16 @@ class SceneObjects(Objects):
         body, data, model = int(self._bodies[self._row(name)]), self._data, self._model
         velocity = np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
-        travel = rate = None
+        travel = None
         joint = int(model.body_jntadr[body])
         if joint >= 0 and int(model.jnt_type[joint]) in _ONE_WAY:
             travel = float(data.qpos[model.jnt_qposadr[joint]])
-            rate = float(data.qvel[model.jnt_dofadr[joint]])
         return ObjectState(
             position=data.xpos[body].copy(),
             orientation=data.xquat[body].copy(),
             velocity=velocity[3:],
             angular_velocity=velocity[:3],
             travel=travel,
-            travel_rate=rate,
             hand_force=self._hand_force(body),
             time=float(data.time),
         )

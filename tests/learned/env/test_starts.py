@@ -12,7 +12,6 @@ from hugwbc.learned.env.starts import (
     COLUMNS,
     START_JOINT_NOISE,
     START_VELOCITY,
-    STARTS_FILE,
     RecordedStarts,
     StartRecorder,
     draw_starts,
@@ -40,8 +39,8 @@ def starts_file(tmp_path: pathlib.Path) -> pathlib.Path:
     recorder.add(states([3, 3, 4]))
     recorder.add(states([4, 3, 3, 3], first=4))
     assert recorder.full and recorder.count == 5
-    recorder.save(tmp_path / STARTS_FILE)
-    return tmp_path / STARTS_FILE
+    recorder.save(tmp_path / "starts.safetensors")
+    return tmp_path / "starts.safetensors"
 
 
 def test_recorded_starts_are_drawn_by_gait_and_share(starts_file: pathlib.Path) -> None:
@@ -102,7 +101,7 @@ def test_recorded_states_give_themselves_again(starts_file: pathlib.Path) -> Non
 
 
 def test_unusable_starts_are_refused(tmp_path: pathlib.Path) -> None:
-    path = tmp_path / STARTS_FILE
+    path = tmp_path / "starts.safetensors"
     with pytest.raises(PolicyFileError, match="cannot read"):
         RecordedStarts.load(path)
     for damage in ({"qpos": torch.zeros(2, 25)}, {"gait": torch.zeros(0)}, {"history": torch.zeros(3, 5, 63)}):
