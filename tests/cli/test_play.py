@@ -52,24 +52,6 @@ def test_hands_are_held_where_they_are_told_to():
     assert hands.array().tolist() == [[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]]
 
 
-def test_play_on_the_estimate_of_noisy_sensors(capsys):
-    options = [
-        "play",
-        "--controller",
-        "qp",
-        "--v-x",
-        "0.4",
-        "--viewer",
-        "none",
-        "--duration",
-        "2",
-        "--sensing",
-        "robot",
-    ]
-    assert main(options) == 0
-    assert "2.0 s simulated, 0 falls" in capsys.readouterr().out
-
-
 def test_a_scene_is_played_and_a_bad_one_is_refused(tmp_path, capsys):
     unwatched = ["play", "--controller", "hold", "--viewer", "none", "--scene"]
     assert main([*unwatched, "parcel", "--seed", "4", "--duration", "0.2"]) == 0

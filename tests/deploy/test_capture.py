@@ -1,7 +1,6 @@
 """Objects and grippers as texts, beside the states and commands of a robot."""
 
 import json
-import pathlib
 
 import numpy as np
 import pytest
@@ -146,9 +145,7 @@ def test_a_behaviour_sees_what_was_captured(standing: Standing) -> None:
     np.testing.assert_allclose(view.state.position[:2], POSE[:2], atol=0.01)
 
 
-def test_a_run_among_objects_is_replayed_bit_for_bit(
-    tmp_path: pathlib.Path, standing: Standing, jumping_pilot: None
-) -> None:
+def test_a_run_among_objects_is_replayed_bit_for_bit(tmp_path, standing, jumping_pilot):
     source, again = Looker(), Looker()
     run = RecordedSide(tmp_path / "run.bin", standing, source)
     run.robot_end.texts(GRIPS)

@@ -88,9 +88,7 @@ print("moved", states[-1].motor_state[elbow].q - start, "sum right", CRC().Crc(s
 
 
 @pytest.mark.parametrize("seals", [True, False])
-def test_the_makers_order_of_messages_works_and_a_client_without_check_sum_is_told(
-    processes, free_domain, seals
-) -> None:
+def test_the_makers_order_of_messages_works_and_a_client_without_check_sum_is_told(processes, free_domain, seals):
     robot = processes.hugwbc("simulate-robot", "--domain", free_domain, "--slower", "2", "--duration", "100")
     client = processes.start(["-c", MAKERS_CLIENT, "seals" if seals else "forgets", str(free_domain)])
     text = output(client)

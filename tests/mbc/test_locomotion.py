@@ -62,19 +62,13 @@ class Run:
         return (len(times) - 1) / (times[-1] - times[0])
 
 
-def test_it_stands_squats_pitches_and_turns_the_waist():
-    run = Run(Command(h=-0.2, p=0.3, w=0.8), 3.0, since=2.5)
+@pytest.mark.parametrize(
+    ("posture", "tolerance"), [((-0.2, 0.3, 0.8), (0.005, 0.005, 0.005)), ((-0.3, 0.0, 0.0), (0.01, 0.02, 0.02))]
+)
+def test_it_stands_squats_pitches_and_turns_the_waist(posture, tolerance):
+    run = Run(Command(**dict(zip("hpw", posture, strict=True))), 2.5, since=2.2)
     assert run.good
-    assert run.mean("h") == pytest.approx(-0.2, abs=0.005)
-    assert run.mean("p") == pytest.approx(0.3, abs=0.005)
-    assert run.mean("w") == pytest.approx(0.8, abs=0.005)
-
-
-def test_it_squats_to_the_lowest_height():
-    run = Run(Command(h=-0.3), 3.0, since=2.5)
-    assert run.good
-    assert run.mean("h") == pytest.approx(-0.3, abs=0.01)
-    assert run.mean("p") == pytest.approx(0.0, abs=0.02)
+    assert np.all(np.abs(np.subtract([run.mean(name) for name in "hpw"], posture)) < tolerance)
 
 
 def test_it_walks_forward_at_the_commanded_speed_frequency_and_swing_height():

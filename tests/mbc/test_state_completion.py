@@ -90,12 +90,9 @@ def _run_blind(gait, seconds):
     return speeds
 
 
-def test_it_walks_without_an_estimator():
-    assert np.mean(_run_blind(Gait.WALKING, 3.5)) == pytest.approx(0.4, abs=0.08)
-
-
-def test_it_jumps_without_an_estimator():
-    assert np.mean(_run_blind(Gait.JUMPING, 2.6)) == pytest.approx(0.4, abs=0.2)
+@pytest.mark.parametrize(("gait", "seconds", "tolerance"), [(Gait.WALKING, 3.5, 0.08), (Gait.JUMPING, 2.6, 0.2)])
+def test_it_walks_and_jumps_without_an_estimator(gait, seconds, tolerance):
+    assert np.mean(_run_blind(gait, seconds)) == pytest.approx(0.4, abs=tolerance)
 
 
 def _aged(predictor, state, age):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import Command, Controller, Gait, RobotState, UpperBody, load_robot, rotations
+from hugwbc import Command, Controller, Gait, UpperBody, load_robot, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
 from hugwbc.mbc.dynamics import Dynamics
@@ -14,6 +14,7 @@ from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
 from hugwbc.mirror import load_mirror, mirror_command
 from hugwbc.robot import robot_names
+from tests.conftest import make_state
 
 ROBOT = load_robot()
 NONE = UpperBody.none()
@@ -207,22 +208,13 @@ def test_absurd_states_in_a_jump_give_finite_torques_within_the_limits(standing_
             controller.act(standing_state, jump, NONE)
         assert controller.diagnostics.mode is Mode.LEAPING
         for _ in range(4):
-            orientation = rng.normal(size=4)
-            state = _state(rng, scale, orientation / np.linalg.norm(orientation))
+            orientation, sizes = rng.normal(size=4), {"dq": 19, "angular_velocity": 3, "position": 3, "velocity": 3}
+            fields = {name: scale * rng.normal(size=size) for name, size in sizes.items()}
+            turned = orientation / np.linalg.norm(orientation)
+            state = make_state(scale * rng.normal(size=19), orientation=turned, **fields)
             command = controller.act(state, jump, NONE)
             assert command.is_finite
             assert np.all(np.abs(command.tau) <= 0.95 * ROBOT.torque_limit + 1e-9)
-
-
-def _state(rng, scale, orientation):
-    return RobotState(
-        q=rng.normal(size=19) * scale,
-        dq=rng.normal(size=19) * scale,
-        orientation=orientation,
-        angular_velocity=rng.normal(size=3) * scale,
-        position=rng.normal(size=3) * scale,
-        velocity=rng.normal(size=3) * scale,
-    )
 
 
 def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, standing_state):

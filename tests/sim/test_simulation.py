@@ -238,9 +238,7 @@ def test_reset_forgets_forces_and_bad_states() -> None:
         (0.0, 0.0, 0.0, 0.4, True),
     ],
 )
-def test_fallen_by_inclination_and_height(
-    plane: Simulation, yaw: float, pitch: float, roll: float, height: float, fallen: bool
-) -> None:
+def test_fallen_by_inclination_and_height(plane, yaw, pitch, roll, height, fallen):
     plane.reset()
     plane.data.qpos[2] = height
     plane.data.qpos[3:7] = rotations.from_yaw_pitch_roll(yaw, pitch, roll)

@@ -47,6 +47,10 @@ def small(behaviour, limit=2.0) -> Task:
     )
 
 
+def told(behaviour, limit=2.0) -> Demonstration:
+    return demonstrate(small(behaviour, limit), HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
+
+
 def stand_and_reach(view):
     view = yield from stand(view, 0.1)
     return (yield from reach(view, left=(0.3, 0.25, 0.2), frame="pelvis", timeout=0.4))
@@ -94,35 +98,34 @@ def hugging_face(info: dict) -> datasets.Features:
 def test_recording_changes_nothing_of_an_episode():
     task = small(stand_and_reach)
     plain = run_task(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4))
-    told = demonstrate(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
-    assert told.verdict == plain.verdict and told.controller == plain.trace.name
-    count = len(told.state)
+    found = told(stand_and_reach)
+    assert found.verdict == plain.verdict and found.controller == plain.trace.name
+    count = len(found.state)
     assert 0 < count <= len(plain.trace.time)
-    joints = told.state[:, : len(ROBOT.joint_names)]
+    joints = found.state[:, : len(ROBOT.joint_names)]
     np.testing.assert_array_equal(joints, plain.trace.qpos[:count, 7:])
-    np.testing.assert_array_equal(told.objects, plain.trace.object_pose[:count])
-    np.testing.assert_allclose(told.action[:, :8], plain.trace.command[:count])
+    np.testing.assert_array_equal(found.objects, plain.trace.object_pose[:count])
+    np.testing.assert_allclose(found.action[:, :8], plain.trace.command[:count])
     given = ~np.isnan(plain.trace.hand_target_world[:count, 0, 0])
-    np.testing.assert_array_equal(told.action[:, NUMBER["left_hand.given"]], given)
+    np.testing.assert_array_equal(found.action[:, NUMBER["left_hand.given"]], given)
     assert given.any() and not given.all()
     for row in np.flatnonzero(given):
         pelvis = plain.trace.qpos[row, :7]
         away = plain.trace.hand_target_world[row, 0] - pelvis[:3]
         wanted = away @ rotations.rotation_z(float(rotations.yaw_of(pelvis[3:])))
-        np.testing.assert_allclose(told.action[row, PLACE], wanted, atol=1e-9)
+        np.testing.assert_allclose(found.action[row, PLACE], wanted, atol=1e-9)
 
 
 def test_a_frame_without_a_target_holds_the_place_of_the_hand_and_the_step():
-    task = small(stand_and_reach)
-    told = demonstrate(task, HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
-    assert set(told.steps) == {"stand", "reach"} and told.steps[0] == "stand"
-    assert told.steps == tuple(sorted(told.steps, reverse=True)), "one step after the other"
+    found = told(stand_and_reach)
+    assert set(found.steps) == {"stand", "reach"} and found.steps[0] == "stand"
+    assert found.steps == tuple(sorted(found.steps, reverse=True)), "one step after the other"
     here = [STATE[f"left_hand.{axis}"] for axis in "xyz"]
     base = [STATE[f"base.{axis}"] for axis in "xyz"]
-    first = told.action[0]
+    first = found.action[0]
     assert first[NUMBER["left_hand.given"]] == 0.0
-    np.testing.assert_allclose(first[PLACE], told.state[0, here] - told.state[0, base], atol=1e-6)
-    last = told.action[-1]
+    np.testing.assert_allclose(first[PLACE], found.state[0, here] - found.state[0, base], atol=1e-6)
+    last = found.action[-1]
     assert last[NUMBER["left_hand.given"]] == 1.0 and last[NUMBER["right_hand.given"]] == 0.0
 
 
@@ -136,18 +139,17 @@ def ask(view):
 
 
 def test_a_gripper_stays_asked_until_it_is_let_go():
-    told = demonstrate(small(ask), HoldController(ROBOT), EXACT.simulation(scene=SCENE, seed=4), seed=4)
-    assert told.action[:, NUMBER["right_hand.grip"]].tolist() == [1.0] * 5 + [0.0] * 5
-    assert set(told.action[:, NUMBER["left_hand.grip"]]) == {0.0}
-    assert set(told.state[:, STATE["right_hand.holds"]]) == {0.0}, "it is out of reach"
+    found = told(ask)
+    assert found.action[:, NUMBER["right_hand.grip"]].tolist() == [1.0] * 5 + [0.0] * 5
+    assert set(found.action[:, NUMBER["left_hand.grip"]]) == {0.0}
+    assert set(found.state[:, STATE["right_hand.holds"]]) == {0.0}, "it is out of reach"
 
 
 def test_the_time_limit_leaves_whole_frames():
-    told = demonstrate(
-        small(lambda view: stand(view, 10.0), limit=0.3), HoldController(ROBOT), EXACT.simulation(scene=SCENE), seed=0
-    )
-    assert len(told.state) == len(told.action) == len(told.objects) == len(told.steps) == round(0.3 / RECORD_PERIOD) - 1
-    assert not told.verdict.success
+    found = told(lambda view: stand(view, 10.0), limit=0.3)
+    parts = (found.state, found.action, found.objects, found.steps)
+    assert {len(part) for part in parts} == {round(0.3 / RECORD_PERIOD) - 1}
+    assert not found.verdict.success
 
 
 def test_the_layout_is_that_of_lerobot(tmp_path):

@@ -5,7 +5,6 @@ import sys
 import urllib.error
 import urllib.parse
 import urllib.request
-from collections.abc import Callable
 
 import meshcat
 import numpy as np
@@ -49,9 +48,7 @@ def test_viewer_answers_its_own_host_only(live: tuple[meshcat.Visualizer, str]) 
     assert urllib.parse.urlparse(url).hostname == "127.0.0.1"
 
 
-def test_live_scene_takes_poses(
-    make_run: Callable, live: tuple[meshcat.Visualizer, str], capsys: pytest.CaptureFixture
-) -> None:
+def test_live_scene_takes_poses(make_run, live, capsys):
     visualizer, _ = live
     scene = Scene(visualizer, ["qp", "learned"])
     run = make_run()

@@ -56,9 +56,7 @@ def test_an_unknown_layer_is_refused_before_anything_is_drawn(make_run: Callable
     assert not (tmp_path / "runs.mp4").exists()
 
 
-def test_video_without_opengl_gives_a_reason(
-    make_run: Callable, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_video_without_opengl_gives_a_reason(make_run, tmp_path, monkeypatch):
     monkeypatch.setattr(video, "renderer_environment", lambda: {"MUJOCO_GL": "nonsense"})
     reason = video.write_video(tmp_path / "runs.mp4", [make_run(seconds=0.1)])
     assert reason is not None
@@ -66,9 +64,7 @@ def test_video_without_opengl_gives_a_reason(
     assert not (tmp_path / "runs.mp4").exists()
 
 
-def test_a_renderer_that_dies_in_the_middle_leaves_the_old_video(
-    make_run: Callable, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_renderer_that_dies_in_the_middle_leaves_the_old_video(make_run, tmp_path, monkeypatch):
     path, renderer = tmp_path / "runs.mp4", tmp_path / "renderer"
     path.write_bytes(b"the video of an earlier run")
     renderer.write_text('#!/bin/sh\nfor last; do :; done\necho half > "$last"\necho out of memory >&2\nexit 1\n')

@@ -35,9 +35,7 @@ def test_nothing_moves_during_warm_up() -> None:
         ((0.9, 0.33), -0.01, "falling: angular velocity reward 0.33 < 0.50"),
     ],
 )
-def test_alpha_rises_holds_or_falls_by_both_rewards_and_says_why(
-    rewards: tuple[float, float], change: float, gate: str
-) -> None:
+def test_alpha_rises_holds_or_falls_by_both_rewards_and_says_why(rewards, change, gate):
     curriculum = started()
     curriculum.alpha = 0.5
     curriculum.update((0.0, 0.0), rewards)

@@ -7,9 +7,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.terminations import FeetRule, fallen, held_foot_down
 
 
-def test_inclinations_and_a_low_pelvis_are_falls_and_less_or_a_touch_of_the_trunk_is_not(
-    small_env: HumanoidEnv,
-) -> None:
+def test_inclinations_and_a_low_pelvis_are_falls_and_less_or_a_touch_of_the_trunk_is_not(small_env):
     zero = torch.zeros(8)
     pitch, roll, height = zero.clone(), zero.clone(), zero.clone()
     pitch[:2] = torch.tensor([1.01, -0.99])

@@ -61,21 +61,17 @@ def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.P
     assert np.abs(act(fed, 1.0) - act(plain, 1.0)).max() > 1e-4
 
 
+def knots(*points: object) -> dict[str, Any]:
+    return {"walking": {"v_x": list(points)}}
+
+
 @pytest.mark.parametrize(
     "curves",
     [
-        3,
-        {"strolling": {}},
-        {"walking": 3},
-        {"walking": {"f": [[1.0, 1.0], [2.0, 2.0]]}},
-        {"walking": {"v_x": [[0.0, 0.0]]}},
-        {"walking": {"v_x": [[0.0, 0.0]] * 101}},
-        {"walking": {"v_x": [[0.0, 0.0], [0.0, 0.0]]}},
-        {"walking": {"v_x": [[1.0, 1.0], [0.0, 0.0]]}},
-        {"walking": {"v_x": [[0.0, 0.0], [1.0, 1.4]]}},
-        {"walking": {"v_x": [[0.0, 0.0], [1.0, math.nan]]}},
-        {"walking": {"v_x": [[0.0, "a"], [1.0, 1.0]]}},
-        {"walking": {"v_x": [[0.0], [1.0, 1.0]]}},
+        *(3, {"strolling": {}}, {"walking": 3}, {"walking": {"f": [[1.0, 1.0], [2.0, 2.0]]}}),
+        *(knots([0.0, 0.0]), knots(*[[0.0, 0.0]] * 101), knots([0.0, 0.0], [0.0, 0.0]), knots([1.0, 1.0], [0.0, 0.0])),
+        *(knots([0.0, 0.0], [1.0, 1.4]), knots([0.0, 0.0], [1.0, math.nan]), knots([0.0, "a"], [1.0, 1.0])),
+        knots([0.0], [1.0, 1.0]),
     ],
 )
 def test_a_malformed_one_is_refused(curves: Any) -> None:

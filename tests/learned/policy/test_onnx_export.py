@@ -1,4 +1,3 @@
-import json
 import pathlib
 
 import numpy as np
@@ -8,7 +7,6 @@ import torch
 from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import LearnedController, load_policy
-from hugwbc.learned.policy.contract import Contract
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.onnx_export import export_onnx
 
@@ -26,12 +24,6 @@ def test_any_number_of_robots(session: onnxruntime.InferenceSession) -> None:
     for count in (1, 7):
         inputs = {"history": np.zeros((count, 315), np.float32), "command": np.zeros((count, 18), np.float32)}
         assert session.run(["action"], inputs)[0].shape == (count, 19)
-
-
-def test_the_contract_travels_along(session: onnxruntime.InferenceSession) -> None:
-    entries = session.get_modelmeta().custom_metadata_map
-    assert Contract(**json.loads(entries["contract"])) == load_policy("h1").contract
-    assert json.loads(entries["training"])["steps"] > 0
 
 
 def test_a_network_that_onnx_cannot_follow_is_refused(tmp_path: pathlib.Path) -> None:

@@ -47,33 +47,13 @@ def test_is_a_controller(policy_file: pathlib.Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("action_scale", "waist_rate", "substeps", "squat_gain", "swing_gain"),
-    [(0.25, 2.0, 4, 0.0, 0.0), (0.5, 1.0, 2, 0.7, 0.8)],
+    "changes",
+    [{}, {"action_scale": 0.5, "waist_rate": 1.0, "substeps": 2, "squat_gain": 0.7, "swing_gain": 0.8}],
     ids=["defaults", "other settings"],
 )
-def test_controller_does_what_the_training_environment_does(
-    action_scale: float, waist_rate: float, substeps: int, squat_gain: float, swing_gain: float, tmp_path: pathlib.Path
-) -> None:
+def test_controller_does_what_the_training_environment_does(changes: dict, tmp_path: pathlib.Path) -> None:
     """The same network in the environment and behind the controller gives the same targets along a trajectory."""
-    quiet = RandomizationConfig(
-        friction=(0.8, 0.8),
-        torso_mass=(0, 0),
-        torso_centre=0.0,
-        gains=(1, 1),
-        push_velocity=0.0,
-        sensing=(0, 0),
-        latency=(0, 0),
-    )
-    settings = EnvConfig(
-        count=1,
-        randomization=quiet,
-        action_scale=action_scale,
-        waist_rate=waist_rate,
-        substeps=substeps,
-        squat_gain=squat_gain,
-        swing_gain=swing_gain,
-        flip_probability=0.0,
-    )
+    settings = EnvConfig(count=1, randomization=RandomizationConfig.off(), flip_probability=0.0, **changes)
     env = HumanoidEnv(settings, seed=2, threads=1)
     env.age[:] = 0
     env.gait[:] = int(Gait.WALKING)
@@ -81,7 +61,7 @@ def test_controller_does_what_the_training_environment_does(
     actor = random_actor()
     save_policy(tmp_path / "policy.safetensors", actor, settings.contract(), {})
     controller = load_policy(tmp_path)
-    assert controller.period == 0.005 * substeps
+    assert controller.period == 0.005 * settings.substeps
     command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
 
     def state() -> RobotState:
@@ -97,12 +77,12 @@ def test_controller_does_what_the_training_environment_does(
         with torch.no_grad():
             action, _ = actor(observation.history, observation.command)
         expected = ROBOT.nominal + settings.action_scales(ROBOT) * action[0].double().numpy()
-        waist = min(waist + waist_rate * controller.period, 0.3)
+        waist = min(waist + settings.waist_rate * controller.period, 0.3)
         expected[ROBOT.waist] += waist
         reach = controller.period * np.array([HEIGHT_RATE, PITCH_RATE])
         posture = np.clip([-0.1, 0.1], posture - reach, posture + reach)
         lifted = swing_clearance(env.phase.numpy(), env.gait.numpy(), env.command.numpy(), controller.period)
-        expected += legs.offsets(*(squat_gain * posture[:, None]), swing_gain * lifted)[0]
+        expected += legs.offsets(*(settings.squat_gain * posture[:, None]), settings.swing_gain * lifted)[0]
         np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
         np.testing.assert_allclose(joint_command.kd, settings.damping(ROBOT))
         env.step(action)

@@ -203,9 +203,7 @@ def test_a_run_ends_when_its_time_is_over(tmp_path: pathlib.Path) -> None:
     assert (tmp_path / CHECKPOINT_NAME).exists()
 
 
-def test_the_progress_is_that_of_the_session_by_steps_or_by_hours(
-    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_progress_is_that_of_the_session_by_steps_or_by_hours(tmp_path, monkeypatch):
     seen: list[float] = []
     train(config(tmp_path, 2), lambda row, gates: seen.append(row["progress"]))
     train(config(tmp_path, 4, resume=True), lambda row, gates: seen.append(row["progress"]))
