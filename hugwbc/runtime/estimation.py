@@ -13,7 +13,7 @@ from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.contact import ContactObserver, ContactParams
-from hugwbc.runtime.reading_guard import ReadingGuard
+from hugwbc.runtime.reading_guard import GYRO_JUMP, ReadingGuard
 from hugwbc.sim.engine import Engine
 from hugwbc.state import GRAVITY, RobotState
 
@@ -277,7 +277,7 @@ class StateEstimator:
         self._gyro = gyro
         if newest_gyro is not None and not state.coasted:
             change = newest_gyro - gyro
-            if change.dot(change) < self.guard.params.gyro_jump**2:
+            if change.dot(change) < GYRO_JUMP**2:
                 self._gyro = newest_gyro
         self._kinematics.place(self._estimate(state))
         contact = self._observer.infer(torque, dt)
@@ -333,7 +333,7 @@ class StateEstimator:
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
         # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
         for foot in range(_FEET):
-            jacobians[foot, :, self._waist_column] = _cross(soles[foot] - pelvis, waist)
+            jacobians[foot, :, self._waist_column] = rotations.cross(soles[foot] - pelvis, waist)
         self._soles = (soles - places[self._imu].translation).dot(self._R)
         noise = self.params.encoder**2
         self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
@@ -426,11 +426,6 @@ class StateEstimator:
             coasted=state.coasted,
             lost=state.lost,
         )
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross product of two vectors, shape (3,); `np.cross` takes ten times as long."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 _EYE = np.eye(3)

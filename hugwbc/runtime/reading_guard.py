@@ -18,41 +18,20 @@ from hugwbc.state import RobotState
 IMU, ALL = "imu", "all readings"
 
 
-@dataclasses.dataclass(frozen=True)
-class GuardParams:
-    """Valid readings, and how long the robot can do without them.
-
-    Attributes:
-        gyro: largest angular velocity [rad/s]; the IMU's range is 2000 degrees per second.
-        accelerometer: largest specific force [m/s^2]; the IMU's range is 24 g, and averages of impacts lie within.
-        speed: largest velocity of a joint, as a multiple of the robot's table.
-        beyond: how far outside a joint's range its encoder may read [rad].
-        torque: largest torque, as a multiple of the robot's table.
-        position_jump: largest difference of an encoder's reading to where the last one leads [rad].
-        gyro_jump: largest change of the gyro between two readings [rad/s].
-        drift: growth of the first of these while the joint is not read [rad/s].
-        repeats: number of equal readings from which on a device hangs.
-        still: speed of a joint below which equal readings are not a fault if they show that it stands [rad/s].
-        longest_step: largest time between two readings; a longer one, or one back, is a wrong time stamp [s].
-        imu_loss, encoder_loss, all_loss: how long a device, or all of them, may be missing before it is lost [s].
-    """
-
-    gyro: float = 34.9
-    accelerometer: float = 235.0
-    speed: float = 4.0
-    beyond: float = 0.3
-    torque: float = 2.0
-    position_jump: float = 0.2
-    gyro_jump: float = 20.0
-    drift: float = 4.0
-    repeats: int = 3
-    still: float = 0.2
-    longest_step: float = 0.1
-    imu_loss: float = 0.3
-    encoder_loss: float = 0.3
-    all_loss: float = 0.2
-
-
+# Valid readings.
+GYRO = 34.9  # [rad/s], largest angular velocity; the IMU's range is 2000 degrees per second
+ACCELEROMETER = 235.0  # [m/s^2], largest specific force; the IMU's range is 24 g, and averages of impacts lie within
+_SPEED = 4.0  # largest velocity of a joint, as a multiple of the robot's table
+_BEYOND = 0.3  # [rad], how far outside a joint's range its encoder may read
+_TORQUE = 2.0  # largest torque, as a multiple of the robot's table
+_POSITION_JUMP = 0.2  # [rad], largest difference of an encoder's reading to where the last one leads
+_DRIFT = 4.0  # [rad/s], growth of that difference while the joint is not read
+GYRO_JUMP = 20.0  # [rad/s], largest change of the gyro between two readings
+_REPEATS = 3  # number of equal readings from which on a device hangs
+_STILL = 0.2  # [rad/s], speed of a joint below which equal readings are not a fault if they show that it stands
+_LONGEST_STEP = 0.1  # [s], largest time between two readings; a longer one, or one back, is a wrong time stamp
+# [s], how long a device, or all of them, may be missing before it is lost.
+_IMU_LOSS, _ENCODER_LOSS, _ALL_LOSS = 0.3, 0.3, 0.2
 _HISTORY = 1.5  # [s], a stride and a half
 _LEAST_LEAD = 0.3  # [s] between now and the past that is repeated
 _SPEED_WEIGHT = 0.05  # [s], of a velocity against a position where the past is compared with the present
@@ -68,23 +47,22 @@ class ReadingGuard:
         rejected: number of refused readings of each device so far.
     """
 
-    def __init__(self, robot: Robot, params: GuardParams | None = None) -> None:
+    def __init__(self, robot: Robot) -> None:
         """Take ranges and limits from a robot."""
-        self.params, self._robot = params or GuardParams(), robot
+        self._robot = robot
         joints = len(robot.joint_names)
         ends = np.cumsum((0, 3, 3, joints, joints, joints)).tolist()
         self._gyro, self._accelerometer, self._q, self._dq, self._torque = map(slice, ends[:-1], ends[1:])
-        p = self.params
-        self._low, self._high = robot.lower - p.beyond, robot.upper + p.beyond
-        self._fastest, self._strongest = p.speed * robot.velocity_limit, p.torque * robot.torque_limit
+        self._low, self._high = robot.lower - _BEYOND, robot.upper + _BEYOND
+        self._fastest, self._strongest = _SPEED * robot.velocity_limit, _TORQUE * robot.torque_limit
         # Of all numbers of a reading: the bounds, and how far each may be from where the last reading leads.
         self._highest = np.concatenate(
-            (np.full(3, p.gyro), np.full(3, p.accelerometer), self._high, self._fastest, self._strongest)
+            (np.full(3, GYRO), np.full(3, ACCELEROMETER), self._high, self._fastest, self._strongest)
         )
         self._lowest = -self._highest
         self._lowest[self._q] = self._low
         self._room = np.full(self._highest.size, np.inf)
-        self._room[self._gyro], self._room[self._q] = p.gyro_jump, p.position_jump
+        self._room[self._gyro], self._room[self._q] = GYRO_JUMP, _POSITION_JUMP
         self.reset(None)
 
     def reset(self, state: RobotState | None, period: float = 0.002) -> None:
@@ -161,7 +139,7 @@ class ReadingGuard:
             self._time = now
             return now, math.isfinite(time)
         step = time - self._time
-        if 0.0 <= step <= self.params.longest_step or self._refused >= _RESYNCHRONISE:
+        if 0.0 <= step <= _LONGEST_STEP or self._refused >= _RESYNCHRONISE:
             self._refused, self._time = 0, time
             return time, True
         self._refused += 1
@@ -170,7 +148,7 @@ class ReadingGuard:
 
     def _judge(self, raw: np.ndarray, timely: bool) -> np.ndarray:
         """Return whether to refuse each device: the IMU, then the joints' encoders; shape (20,), bool."""
-        p, last, before = self.params, self._last, self._raw
+        last, before = self._last, self._raw
         assert last is not None and before is not None
         bad = np.zeros(self._gone.size, dtype=bool)
         if not timely:
@@ -178,23 +156,23 @@ class ReadingGuard:
             return bad
         with np.errstate(invalid="ignore"):  # comparisons with NaN are false, so each says what is good
             gyro, q, dq = raw[self._gyro], raw[self._q], raw[self._dq]
-            good_imu = (np.abs(gyro) <= p.gyro).all() and (np.abs(raw[self._accelerometer]) <= p.accelerometer).all()
-            good_imu = good_imu and (np.abs(gyro - last[self._gyro]) <= p.gyro_jump).all()
-            room = p.position_jump + p.drift * self._gone[1:]
+            good_imu = (np.abs(gyro) <= GYRO).all() and (np.abs(raw[self._accelerometer]) <= ACCELEROMETER).all()
+            good_imu = good_imu and (np.abs(gyro - last[self._gyro]) <= GYRO_JUMP).all()
+            room = _POSITION_JUMP + _DRIFT * self._gone[1:]
             near = np.abs(q - last[self._q] - self._period * last[self._dq]) <= room
             good = near & (q >= self._low) & (q <= self._high) & (np.abs(dq) <= self._fastest)
             same = raw == before
         repeated = np.concatenate(([same[:6].all()], same[self._q] & same[self._dq]))
         self._equal = np.where(repeated, self._equal + 1, 0)
-        hanging = self._equal >= p.repeats
-        at_rest = (dq == 0.0) & (np.abs(last[self._dq]) < p.still) & (self._gone[1:] == 0.0)
+        hanging = self._equal >= _REPEATS
+        at_rest = (dq == 0.0) & (np.abs(last[self._dq]) < _STILL) & (self._gone[1:] == 0.0)
         hanging[1:] &= ~at_rest
         bad[0], bad[1:] = not good_imu or hanging[0], ~good | hanging[1:]
         return bad
 
     def _coast(self, state: RobotState, raw: np.ndarray, bad: np.ndarray, time: float) -> RobotState:
         """Return the reading with the refused devices replaced by what the past says."""
-        p, names = self.params, (IMU, *self._robot.joint_names)
+        names = (IMU, *self._robot.joint_names)
         given = self._patched(raw, bad)
         self._gone = np.where(bad, self._gone + self._period, 0.0)
         devices = (
@@ -204,13 +182,13 @@ class ReadingGuard:
             self.rejected[name] = self.rejected.get(name, 0) + 1
         if not self._lost:
             longest = self._gone[1:].max()
-            if self._gone.min() > p.all_loss:
-                self._lost = f"{ALL} failed for {1e3 * p.all_loss:.0f} ms"
-            elif self._gone[0] > p.imu_loss:
-                self._lost = f"the IMU failed for {1e3 * p.imu_loss:.0f} ms"
-            elif longest > p.encoder_loss:
+            if self._gone.min() > _ALL_LOSS:
+                self._lost = f"{ALL} failed for {1e3 * _ALL_LOSS:.0f} ms"
+            elif self._gone[0] > _IMU_LOSS:
+                self._lost = f"the IMU failed for {1e3 * _IMU_LOSS:.0f} ms"
+            elif longest > _ENCODER_LOSS:
                 joint = names[1 + int(np.argmax(self._gone[1:]))]
-                self._lost = f"the encoder of {joint} failed for {1e3 * p.encoder_loss:.0f} ms"
+                self._lost = f"the encoder of {joint} failed for {1e3 * _ENCODER_LOSS:.0f} ms"
         self._last, self._raw = given, raw
         orientation, rate = state.orientation, state.angular_velocity
         if bad[0] and self._attitude is not None:

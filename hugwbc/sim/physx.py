@@ -65,11 +65,6 @@ def _axis_frame(axis: np.ndarray) -> np.ndarray:
     return rotations.from_axis_angle(normal / np.linalg.norm(normal), float(np.arccos(x @ axis)))
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross product of two vectors, shape (3,); `np.cross` takes ten times as long."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
 class _Groups:
     """PhysX's collision groups: everything against the ground, and the pairs of the robot's table."""
 
@@ -300,7 +295,7 @@ class PhysxSimulation(Engine):
         orientation, turn = np.array(pose.q, dtype=float), pose.to_transformation_matrix()[:3, :3].astype(float)
         spin = np.array(link.angular_velocity, dtype=float)
         arm = turn @ (point - link.cmass_local_pose.p)
-        velocity = link.linear_velocity + _cross(spin, arm)
+        velocity = link.linear_velocity + rotations.cross(spin, arm)
         return np.array(pose.p, dtype=float), orientation / math.sqrt(orientation @ orientation), turn, velocity, spin
 
     def _joint_state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -348,7 +343,7 @@ class PhysxSimulation(Engine):
         change[: np.size(velocity)] = velocity
         spin = self._pelvis_turn @ (self._qvel[3:6] + change[3:])
         arm = self._pelvis_turn @ self._pelvis.cmass_local_pose.p
-        self._articulation.set_root_linear_velocity(self._qvel[:3] + change[:3] + _cross(spin, arm))
+        self._articulation.set_root_linear_velocity(self._qvel[:3] + change[:3] + rotations.cross(spin, arm))
         self._articulation.set_root_angular_velocity(spin)
         self._read_state()
 

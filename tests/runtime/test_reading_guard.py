@@ -9,7 +9,7 @@ import pytest
 from hugwbc import Command, RobotState, UpperBody, load_robot
 from hugwbc.runtime import SafetyFilter
 from hugwbc.runtime.controllers import HoldController
-from hugwbc.runtime.lowering import LoweringParams
+from hugwbc.runtime.lowering import LEANING
 from hugwbc.runtime.reading_guard import ALL, IMU, ReadingGuard
 
 H1 = load_robot()
@@ -135,8 +135,7 @@ def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
     commands = [safe.act(lost, Command(), UpperBody.none())]
     np.testing.assert_allclose(commands[0].q, state.q, atol=0.01)
     commands += [safe.act(state, Command(), UpperBody.none()) for _ in range(1500)]
-    knee = LoweringParams().leaning.knee
-    assert commands[600].q[KNEE] == pytest.approx(knee, abs=1e-3) and commands[600].kp[KNEE] > 0.0
+    assert commands[600].q[KNEE] == pytest.approx(LEANING[1], abs=1e-3) and commands[600].kp[KNEE] > 0.0
     assert (commands[-1].kp == 0.0).all() and (commands[-1].kd > 0.0).all(), "it stays down, and is damped in the end"
     report = safe.report()
     assert report.lowered == 1501 and report.readings_refused == {IMU: 1} and "kneeling" in " ".join(report.messages)
