@@ -14,9 +14,8 @@ from hugwbc.deploy.remote import ButtonWatch, Request
 from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
 from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
-from hugwbc.runtime.contact import ContactParams
 from hugwbc.runtime.control_period import ArmSource, ControlPeriod, Due
-from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
+from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import Grip
@@ -62,7 +61,7 @@ class Pilot:
         self.machine = StateMachine(robot, tell)  # the modes
         # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
         # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
-        self.estimator = StateEstimator(EstimatorParams(contact=ContactParams(base_weight=0.0)), robot=robot)
+        self.estimator = StateEstimator(robot, base_weight=0.0)
         self._world = CapturedWorld()
         self._control = ControlPeriod(
             controller,

@@ -6,7 +6,7 @@ The names below are what users need. Modules of hugwbc itself import the submodu
 from hugwbc.arm_servo import ArmServo
 from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
-from hugwbc.runtime.estimation import EstimatorParams, StateEstimator
+from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
@@ -26,7 +26,6 @@ __all__ = [
     "Constant",
     "ControlLoop",
     "ControllerSpec",
-    "EstimatorParams",
     "FollowingSource",
     "Force",
     "HoldController",

@@ -14,7 +14,6 @@ load, then bears it all. Each sole is a narrow line: it transmits a force and th
 vertical axis.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -30,28 +29,17 @@ _WRENCH = 5  # numbers of a wrench: force, moments about y and z
 _TRANSMITTED = [0, 1, 2, 4, 5, 6, 7, 8, 10, 11]  # of the twelve rows of both soles: all but the moment about x
 _RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits no force along itself
 
-
-@dataclasses.dataclass(frozen=True)
-class ContactParams:
-    """Settings of the observer."""
-
-    rate: float = 180.0
-    """Bandwidth of the residual [1/s]: an impact is seen after 1/rate, and noise of joint velocities grows with it."""
-    touch: float = 100.0
-    """Normal force above which a foot that was in the air stands [N]."""
-    lift: float = 60.0
-    """Normal force below which a foot that stood is in the air [N]; the gap to `touch` keeps noise from chattering."""
-    friction: float = 1.0
-    """Share of the friction of the robot's drives that counts; a robot with ideal drives has none. Motors measure their
-    own torque, of which friction takes a part before it reaches the link."""
-    base_weight: float = 0.3
-    """Weight of the floating base's six rows of the residual against the legs' rows. The pelvis feels what touches the
-    hands as well: the more it counts, the more of a hand's push goes to the feet (at 1.0 the QP fell when a hand
-    touched a post). The less it counts, the more errors of the legs' masses look like contacts."""
-    parting: float = 1.0
-    """Speed of one sole against the other above which they do not both stand [m/s]: the faster one is in the air if it
-    has less load, whatever the joints seem to feel of a leg whose mass is known wrongly. A foot that comes down is
-    slower: what it seems to feel just before it touches lets the QP's steps end in time."""
+RATE = 180.0  # [1/s], bandwidth of the residual: an impact is seen after 1/rate, and noise of joint velocities grows
+_TOUCH = 100.0  # [N], normal force above which a foot that was in the air stands
+_LIFT = 60.0  # [N], normal force below which a foot that stood is in the air; the gap keeps noise from chattering
+# Weight of the floating base's six rows of the residual against the legs' rows. The pelvis feels what touches the hands
+# as well: the more it counts, the more of a hand's push goes to the feet (at 1.0 the QP fell when a hand touched a
+# post). The less it counts, the more errors of the legs' masses look like contacts.
+BASE_WEIGHT = 0.3
+# Speed of one sole against the other above which they do not both stand [m/s]: the faster one is in the air if it has
+# less load, whatever the joints seem to feel of a leg whose mass is known wrongly. A foot that comes down is slower:
+# what it seems to feel just before it touches lets the QP's steps end in time.
+_PARTING = 1.0
 
 
 class ContactObserver:
@@ -67,16 +55,15 @@ class ContactObserver:
     """
 
     def __init__(
-        self, params: ContactParams | None = None, robot: Robot | None = None, kinematics: Kinematics | None = None
+        self, robot: Robot | None = None, kinematics: Kinematics | None = None, base_weight: float = BASE_WEIGHT
     ) -> None:
         """Set up for a robot; call `reset` before `update`.
 
         Args:
-            params: settings.
             robot: robot that the observer knows; None for the H1.
             kinematics: of that robot, shared with an owner that updates it and calls `infer`; None for one of its own.
+            base_weight: of the floating base, see `BASE_WEIGHT`.
         """
-        self.params = params or ContactParams()
         self._kinematics = kinematics or Kinematics(robot)
         model, robot = self._kinematics.model, self._kinematics.robot
         self._columns = in_place(self._kinematics.columns)
@@ -85,7 +72,7 @@ class ContactObserver:
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
         legs = self._kinematics.columns[robot.legs]
         self._rows = in_place(np.concatenate((np.arange(6), legs)))
-        self._weight = np.concatenate((np.full(6, self.params.base_weight), np.ones(legs.size)))
+        self._weight = np.concatenate((np.full(6, base_weight), np.ones(legs.size)))
         self._tau, self._still = np.zeros(model.nv), np.zeros(model.nv)
         self._ridge = _RIDGE * np.eye(_FEET * _WRENCH)
         self.sole_jacobians = np.zeros((_FEET, 6, model.nv))
@@ -123,14 +110,15 @@ class ContactObserver:
 
     def infer(self, torque: np.ndarray, dt: float) -> np.ndarray:
         """Do the same at the state where the kinematics has been placed, and leave its frames and Jacobians there."""
-        kinematics, params = self._kinematics, self.params
+        kinematics = self._kinematics
         v = kinematics.v
         motion = self._move((v - self._velocity) / dt if dt > 0.0 else self._still)
         self._velocity = v.copy()
         if dt > 0.0:
-            friction = params.friction * self._robot.friction_torque(v[self._columns])
+            # Motors measure their own torque, of which friction takes a part before it reaches the link.
+            friction = self._robot.friction_torque(v[self._columns])
             self._tau[self._columns] = torque - friction
-            share = 1.0 - math.exp(-params.rate * dt)
+            share = 1.0 - math.exp(-RATE * dt)
             self.residual = self.residual + share * (motion - self._tau - self.residual)
         self.hands.infer(self.residual, dt)
         jacobians = self._wrench_jacobians()
@@ -141,11 +129,11 @@ class ContactObserver:
         parting, loaded = left - right, int(self.force[1, 2] > self.force[0, 2])
         # The residual shows the load of a leg that lifts off for some milliseconds more: it is faster, yet has more.
         slower = int(right.dot(right) < left.dot(left))
-        if loaded == slower and parting.dot(parting) > params.parting**2:
+        if loaded == slower and parting.dot(parting) > _PARTING**2:
             rows = slice(_WRENCH * loaded, _WRENCH * (loaded + 1))
             self.force = np.zeros((_FEET, 3))
             self.force[loaded] = np.linalg.solve(normal[rows, rows], wrenches[rows].dot(felt))[:3]
-        self.contact = self.force[:, 2] > np.where(self.contact, params.lift, params.touch)
+        self.contact = self.force[:, 2] > np.where(self.contact, _LIFT, _TOUCH)
         return self.contact
 
     def _move(self, acceleration: np.ndarray) -> np.ndarray:

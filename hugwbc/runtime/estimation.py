@@ -12,7 +12,7 @@ import pinocchio as pin
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.runtime.contact import ContactObserver, ContactParams
+from hugwbc.runtime.contact import BASE_WEIGHT, ContactObserver
 from hugwbc.runtime.reading_guard import GYRO_JUMP, ReadingGuard
 from hugwbc.sim.engine import Engine
 from hugwbc.state import GRAVITY, RobotState
@@ -31,55 +31,30 @@ _READING = 0.002  # [s] between two readings, whose errors the standard deviatio
 _STEADY = 1e-9  # relative change of a covariance below which it has converged
 _DOWN = np.array([0.0, 0.0, -GRAVITY])
 
-
-@dataclasses.dataclass(frozen=True)
-class EstimatorParams:
-    """Standard deviations that the filters assume, and settings of the contact observer."""
-
-    gyro: float = 0.01
-    """Standard deviation of a gyro reading [rad/s]."""
-    accelerometer: float = 0.1
-    """Standard deviation of an accelerometer reading [m/s^2]."""
-    encoder: float = 0.002
-    """Standard deviation of a measured joint position [rad]."""
-    joint_velocity: float = 0.1
-    """Standard deviation of a measured joint velocity [rad/s]."""
-    foot_slip: float = 0.03
-    """Velocity of a foot that stands under load [m/s]: it slips, and rolls about its centre line."""
-    landing_slip: float = 5.0
-    """Further velocity of a foot that touches down [m/s]: it comes down on an edge and turns until the sole is flat."""
-    landing_time: float = 0.015
-    """Time constant with which that velocity fades [s]."""
-    rolling: float = 0.2
-    """Further velocity of a sole that turns, per angular velocity [m]: its centre is not where it touches."""
-    lifting_slip: float = 1.0
-    """Further velocity of a foot that carries nothing [m/s]; it falls to zero at `full_load`."""
-    full_load: float = 0.4
-    """Share of the robot's weight under which a sole lies still."""
-    foot_model: float = 0.002
-    """Of a foot's position relative to the IMU, in addition to the encoders' [m]: links bend and soles give way."""
-    initial_tilt: float = 0.02
-    """Of the IMU's own orientation, which the filter starts from [rad]."""
-    initial_velocity: float = 0.1
-    """Of the assumption that the robot starts at rest [m/s]."""
-    initial_gyro_bias: float = 0.006
-    """Of the gyro's bias at the start [rad/s]."""
-    initial_accelerometer_bias: float = 0.06
-    """Of the accelerometer's bias at the start [m/s^2]."""
-    gyro_bias_walk: float = 3e-4
-    """Growth of the gyro's bias [rad/s per square root of a second]."""
-    accelerometer_bias_walk: float = 3e-3
-    """Growth of the accelerometer's bias [m/s^2 per square root of a second]."""
-    contact: ContactParams = dataclasses.field(default_factory=ContactParams)
-    """Of the observer that tells which feet stand."""
-    leg_acceleration: float = 100.0
-    """Typical acceleration of a leg joint [rad/s^2]."""
-    waist_acceleration: float = 20.0
-    """Typical acceleration of the waist joint [rad/s^2]."""
-    arm_acceleration: float = 50.0
-    """Typical acceleration of an arm joint [rad/s^2]."""
-    unplanned: float = 0.6
-    """Share of these accelerations by which a joint departs from a controller's plan."""
+# Standard deviations that the filters assume.
+_GYRO_NOISE = 0.01  # [rad/s], of a gyro reading
+_ACCELEROMETER_NOISE = 0.1  # [m/s^2], of an accelerometer reading
+ENCODER_NOISE = 0.002  # [rad], of a measured joint position
+JOINT_VELOCITY_NOISE = 0.1  # [rad/s], of a measured joint velocity
+_FOOT_SLIP = 0.03  # [m/s], velocity of a foot that stands under load: it slips, and rolls about its centre line
+# [m/s], further velocity of a foot that touches down: it comes down on an edge and turns until the sole is flat.
+_LANDING_SLIP = 5.0
+_LANDING_TIME = 0.015  # [s], time constant with which that velocity fades
+_ROLLING = 0.2  # [m], further velocity of a sole that turns, per angular velocity: its centre is not where it touches
+_LIFTING_SLIP = 1.0  # [m/s], further velocity of a foot that carries nothing; it falls to zero at `_FULL_LOAD`
+_FULL_LOAD = 0.4  # share of the robot's weight under which a sole lies still
+# [m], of a foot's position relative to the IMU, in addition to the encoders': links bend and soles give way.
+_FOOT_MODEL = 0.002
+_INITIAL_TILT = 0.02  # [rad], of the IMU's own orientation, which the filter starts from
+_INITIAL_VELOCITY = 0.1  # [m/s], of the assumption that the robot starts at rest
+_INITIAL_GYRO_BIAS = 0.006  # [rad/s], of the gyro's bias at the start
+_INITIAL_ACCELEROMETER_BIAS = 0.06  # [m/s^2], of the accelerometer's bias at the start
+_GYRO_BIAS_WALK = 3e-4  # [rad/s per square root of a second], growth of the gyro's bias
+_ACCELEROMETER_BIAS_WALK = 3e-3  # [m/s^2 per square root of a second], growth of the accelerometer's bias
+LEG_ACCELERATION = 100.0  # [rad/s^2], typical acceleration of a leg joint
+WAIST_ACCELERATION = 20.0  # [rad/s^2], typical acceleration of the waist joint
+_ARM_ACCELERATION = 50.0  # [rad/s^2], typical acceleration of an arm joint
+UNPLANNED = 0.6  # share of these accelerations by which a joint departs from a controller's plan
 
 
 class JointFilter:
@@ -89,12 +64,12 @@ class JointFilter:
         q, dq: estimates [rad], [rad/s], shape (19,).
     """
 
-    def __init__(self, params: EstimatorParams, robot: Robot) -> None:
-        self._noise = params.encoder**2, params.joint_velocity**2
-        self._acceleration = np.full(len(robot.joint_names), params.leg_acceleration**2)
-        self._acceleration[robot.waist] = params.waist_acceleration**2
-        self._acceleration[robot.arms] = params.arm_acceleration**2
-        self._unplanned = params.unplanned**2
+    def __init__(self, robot: Robot) -> None:
+        self._noise = ENCODER_NOISE**2, JOINT_VELOCITY_NOISE**2
+        self._acceleration = np.full(len(robot.joint_names), LEG_ACCELERATION**2)
+        self._acceleration[robot.waist] = WAIST_ACCELERATION**2
+        self._acceleration[robot.arms] = _ARM_ACCELERATION**2
+        self._unplanned = UNPLANNED**2
         self.reset(robot.nominal, np.zeros_like(robot.nominal))
 
     def reset(self, q: np.ndarray, dq: np.ndarray) -> None:
@@ -171,9 +146,8 @@ class StateEstimator:
         guard: refuses readings that cannot be true, and fills the gaps.
     """
 
-    def __init__(self, params: EstimatorParams | None = None, robot: Robot | None = None) -> None:
-        """Set up for a robot, by default the H1; call `reset` before `update`."""
-        self.params = params or EstimatorParams()
+    def __init__(self, robot: Robot | None = None, base_weight: float = BASE_WEIGHT) -> None:
+        """Set up for a robot, by default the H1; call `reset` before `update`. The weight is `ContactObserver`'s."""
         self._robot = robot or load_robot()
         self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
         self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
@@ -183,16 +157,16 @@ class StateEstimator:
         self._lever = pin.skew(self._imu_in_torso)
         # Filled in place by every prediction; the entries that never change stay.
         self._transition, self._lever_arms = np.eye(_SIZE), np.vstack([np.eye(3)] * (2 + _FEET + 1))
-        self._model_noise = self.params.foot_model**2 * np.eye(3)
+        self._model_noise = _FOOT_MODEL**2 * np.eye(3)
         # Variances per second of what drives velocity, feet and biases at random; orientation and position only follow.
         self._drive = np.zeros(_SIZE)
         for rows, density in (
-            (_GYRO_BIAS, self.params.gyro_bias_walk),
-            (_ACCELEROMETER_BIAS, self.params.accelerometer_bias_walk),
+            (_GYRO_BIAS, _GYRO_BIAS_WALK),
+            (_ACCELEROMETER_BIAS, _ACCELEROMETER_BIAS_WALK),
         ):
             self._drive[rows] = density**2
-        self._observer = ContactObserver(self.params.contact, self._robot, kinematics)
-        self._joints = JointFilter(self.params, self._robot)
+        self._observer = ContactObserver(self._robot, kinematics, base_weight)
+        self._joints = JointFilter(self._robot)
         self.guard = ReadingGuard(self._robot)
         self._weight = GRAVITY * self._robot.mass
         self.contact = np.ones(_FEET, dtype=bool)
@@ -219,7 +193,6 @@ class StateEstimator:
         Returns:
             The first estimate.
         """
-        params = self.params
         self.guard.reset(state, period)
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
@@ -235,8 +208,8 @@ class StateEstimator:
         self._p[:] = pelvis + self._placement(self._imu)
         self._d[:] = pelvis + soles
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
-        spreads = [params.initial_tilt, params.initial_velocity, *[1e-3] * (1 + _FEET)]
-        spreads += [params.initial_gyro_bias, params.initial_accelerometer_bias]
+        spreads = [_INITIAL_TILT, _INITIAL_VELOCITY, *[1e-3] * (1 + _FEET)]
+        spreads += [_INITIAL_GYRO_BIAS, _INITIAL_ACCELEROMETER_BIAS]
         self._P = np.diag(np.repeat(spreads, 3) ** 2)
         self.contact = np.ones(_FEET, dtype=bool)
         self._time, self._gyro = state.time, np.zeros(3) if state.imu_gyro is None else state.imu_gyro
@@ -310,7 +283,7 @@ class StateEstimator:
         arm = self._R.dot(self._lever)
         to_pelvis[3:, _GYRO_BIAS] = -arm
         covariance = to_pelvis.dot(self._P).dot(to_pelvis.T)
-        covariance[3:, 3:] += self.params.gyro**2 * arm.dot(arm.T)
+        covariance[3:, 3:] += _GYRO_NOISE**2 * arm.dot(arm.T)
         return covariance
 
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
@@ -335,7 +308,7 @@ class StateEstimator:
         for foot in range(_FEET):
             jacobians[foot, :, self._waist_column] = rotations.cross(soles[foot] - pelvis, waist)
         self._soles = (soles - places[self._imu].translation).dot(self._R)
-        noise = self.params.encoder**2
+        noise = ENCODER_NOISE**2
         self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
         turning = self._observer.sole_velocity[:, 3:]
         self._turning = np.sqrt((turning * turning).sum(axis=1))
@@ -358,19 +331,18 @@ class StateEstimator:
         self._R = self._R.dot(pin.exp3(gyro * dt))
         self._P = transition.dot(self._P).dot(transition.T)
         # Errors are independent from reading to reading, of which an update averages several.
-        self._P[:_MOTION, :_MOTION] += self.params.gyro**2 * _READING * dt * lever.dot(lever.T)
+        self._P[:_MOTION, :_MOTION] += _GYRO_NOISE**2 * _READING * dt * lever.dot(lever.T)
         drive = self._drive * dt
-        drive[_VELOCITY] = self.params.accelerometer**2 * _READING * dt
+        drive[_VELOCITY] = _ACCELEROMETER_NOISE**2 * _READING * dt
         drive[9:_MOTION].reshape(_FEET, 3)[:] = (self._foot_velocities() ** 2 * _READING * dt)[:, None]
         self._P.ravel()[:: _SIZE + 1] += drive  # its diagonal
 
     def _foot_velocities(self) -> np.ndarray:
         """Return the standard deviations of the feet's velocities at present [m/s], shape (2,)."""
-        params = self.params
-        share = self._observer.force[:, 2] / (params.full_load * self._weight)
+        share = self._observer.force[:, 2] / (_FULL_LOAD * self._weight)
         load = np.minimum(np.maximum(share, 0.0), 1.0)
-        landing = params.landing_slip * np.exp(-(self._time - self._touch_down) / params.landing_time)
-        return params.foot_slip + landing + params.lifting_slip * (1.0 - load) + params.rolling * self._turning
+        landing = _LANDING_SLIP * np.exp(-(self._time - self._touch_down) / _LANDING_TIME)
+        return _FOOT_SLIP + landing + _LIFTING_SLIP * (1.0 - load) + _ROLLING * self._turning
 
     def _enter(self, foot: int) -> None:
         """Let a foot that comes down stand where the legs say."""

@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime.contact import ContactObserver
+from hugwbc.runtime.contact import RATE, ContactObserver
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.command_source import Constant
@@ -37,7 +37,7 @@ def test_a_fall_shows_from_the_first_reading():
     for k in range(1, 6):
         falling = dataclasses.replace(state, velocity=state.velocity - [0.0, 0.0, 9.81 * k * DT])
         observer.update(falling, np.zeros(19), DT)
-        decayed = weight * np.exp(-observer.params.rate * DT * k)
+        decayed = weight * np.exp(-RATE * DT * k)
         assert observer.force[:, 2].sum() == pytest.approx(decayed, rel=0.02), k
 
 

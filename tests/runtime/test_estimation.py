@@ -10,8 +10,8 @@ from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import SIDES
-from hugwbc.runtime import Constant, reading_guard, rollout
-from hugwbc.runtime.estimation import EstimatorParams, JointFilter, StateEstimator
+from hugwbc.runtime import Constant, estimation, reading_guard, rollout
+from hugwbc.runtime.estimation import JointFilter, StateEstimator
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.sim import Actuators, Ground, Simulation
 
@@ -227,13 +227,12 @@ def test_the_loop_tells_the_estimator_what_the_controller_plans():
 @pytest.mark.parametrize("joint", [0, ROBOT.waist])
 def test_the_joint_filter_is_a_kalman_filter_of_each_joint(joint, plans):
     """Against the textbook's matrices, over steps of unequal length."""
-    params, rng = EstimatorParams(), np.random.default_rng(0)
-    joints = JointFilter(params, ROBOT)
+    rng, joints = np.random.default_rng(0), JointFilter(ROBOT)
     joints.reset(ROBOT.nominal, np.zeros(19))
-    x, covariance = np.array([ROBOT.nominal[joint], 0.0]), np.diag([params.encoder**2, params.joint_velocity**2])
-    noise = covariance.copy()
-    acceleration = params.waist_acceleration if joint == ROBOT.waist else params.leg_acceleration
-    spread = acceleration * (params.unplanned if plans else 1.0)
+    noise = np.diag([estimation.ENCODER_NOISE**2, estimation.JOINT_VELOCITY_NOISE**2])
+    x, covariance = np.array([ROBOT.nominal[joint], 0.0]), noise
+    acceleration = estimation.WAIST_ACCELERATION if joint == ROBOT.waist else estimation.LEG_ACCELERATION
+    spread = acceleration * (estimation.UNPLANNED if plans else 1.0)
     for _ in range(50):
         dt, planned = rng.uniform(0.001, 0.01), 50.0 * rng.normal(size=19) if plans else None
         q, dq = ROBOT.nominal + 0.01 * rng.normal(size=19), rng.normal(size=19)
