@@ -22,7 +22,7 @@ import dataclasses
 import functools
 import pathlib
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Annotated, Any, TypeVar, dataclass_transform, overload
 
 import pydantic.dataclasses
@@ -77,6 +77,12 @@ def one_of(kind: str, names: Callable[[], Collection[str]]) -> AfterValidator:
         return name
 
     return AfterValidator(refusing(check))
+
+
+def check_each_once(kind: str, names: Sequence[str]) -> None:
+    """Refuse no name at all, and the same name twice; the kind is for the message, such as "tasks"."""
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f"{kind} are {', '.join(names) or 'none'}; give at least one, each once")
 
 
 def _beside(path: pathlib.Path, info: ValidationInfo) -> pathlib.Path:

@@ -6,10 +6,11 @@ import pathlib
 import socket
 import webbrowser
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
+from pydantic import Field
 
 from hugwbc.behaviours import BehaviourSource, load_plan
 from hugwbc.behaviours.source import LONGEST
@@ -25,14 +26,14 @@ from hugwbc.scripts.motion import load_motion
 from hugwbc.scripts.script import DEFAULT_RAMP, Script, Segment
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.scripts.whole_body_motion import MotionScore, WholeBodyMotion, load_whole_body_motion
+from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Scene, load_scene
 from hugwbc.targets import HandTargets
-from hugwbc.tasks import TASK_NAMES, Verdict, load_task, run_task
+from hugwbc.tasks import TASK_NAMES, load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
 from hugwbc.viz.show import RealTime, at_real_time, open_view, run_live
 
 UNWATCHED_DURATION = 10.0  # [s]
-LAST_PORT = 65535  # of TCP
 WHOLE_BODY = ".bvh"  # ending of the motion files that command more than the arms
 NO_BROWSER = "this machine has no browser; open the address in one that reaches this machine's own network"
 
@@ -62,16 +63,16 @@ class CommandOptions:
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class PageOptions:
     """The live page."""
 
     host: str = "127.0.0.1"  # Host on which to serve it
-    port: int = 0  # Its port; 0 for any free port
+    port: Annotated[int, Field(ge=0, le=65535)] = 0  # Its port; 0 for any free port
     expose: bool = False  # Allow a host that other machines can reach. They can then drive the robot.
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class PlayOptions:
     """Drive a robot from a page in the browser, or watch a command, script, task or motion; Ctrl-C stops."""
 
@@ -83,7 +84,7 @@ class PlayOptions:
     listen: int | None = None  # Follow another program's messages on this UDP port of this machine; 0 for any
     scene: str | None = None  # Objects around the robot: name of a shipped scene, or a file (.yaml)
     seed: int = 0  # Seed of the sensors' errors, and of what varies in the scene
-    duration: float | None = None  # Stop after this time [s]; by default at the end of the script, or on Ctrl-C
+    duration: Positive | None = None  # Stop after this time [s]; by default at the end of the script, or on Ctrl-C
     # live: drive from the live page (extra [live]); meshcat: watch; none: run as fast as possible. auto: live if
     # nothing else commands the robot, otherwise meshcat.
     viewer: Literal["auto", "live", "meshcat", "none"] = "auto"
@@ -101,8 +102,6 @@ class PlayOptions:
 def run(words: Sequence[str]) -> int:
     """Parse the options, open the viewer and run the loop; return the exit code."""
     options = parse_settings(PlayOptions, words, "play", PlayOptions.__doc__)
-    if options.duration is not None and not options.duration > 0.0:
-        raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
     viewer = _viewer(options)
     say_arena(options.arena)
     if viewer == "live":
@@ -162,16 +161,9 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     if viewer != "none":
         draw = at_real_time(open_view(controller.name, scene=simulation.scene, tell=say), simulation)
     verdict = run_task(task, controller, simulation, on_moment=draw).verdict
-    words = _words(verdict)
-    say(f"{task.name} with {controller.name}, seed {options.seed}: {words} after {simulation.time:.1f} s")
+    say(f"{task.name} with {controller.name}, seed {options.seed}: {verdict.words} after {simulation.time:.1f} s")
     say(f"score: {verdict.score:.2f}")
     return 0
-
-
-def _words(verdict: Verdict) -> str:
-    if verdict.success:
-        return "done"
-    return f"not done: {verdict.reason}" + (f" ({verdict.detail})" if verdict.detail else "")
 
 
 def _refuse_beside(option: str, why: str, others: Sequence[str]) -> None:
@@ -187,8 +179,6 @@ def _scene(options: PlayOptions) -> Scene | None:
 def _drive(options: PlayOptions) -> int:
     """Serve the live page until the time is over or Ctrl-C."""
     serve = options.page
-    if not 0 <= serve.port <= LAST_PORT:
-        raise ConfigError(f"port is {serve.port}; give 1 to {LAST_PORT}, or 0 for any that is free")
     _check_address(serve.host, serve.port)
     try:
         from hugwbc.viz.drive import drive
@@ -214,7 +204,7 @@ def _drive(options: PlayOptions) -> int:
         clock = RealTime()
         draw = at_real_time(lambda _: page.show(its_own, name, clock.speed), its_own, clock)
         run = run_task(task, controller, its_own, on_moment=draw, stop=lambda: bool(page.interruption) or stop())
-        words = f"stopped ({page.interruption})" if page.interruption else _words(run.verdict)
+        words = f"stopped ({page.interruption})" if page.interruption else run.verdict.words
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 
     try:

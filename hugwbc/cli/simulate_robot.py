@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import tyro
 
@@ -12,9 +13,11 @@ from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.hoist import LIFTED
 from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.radio import Radio
+from hugwbc.deploy.robot_side import Slower
 from hugwbc.deploy.schedule import HOIST_WORDS, Happening, Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.errors import ConfigError
+from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Simulation, load_scene
 from hugwbc.tasks import Ending, Task, load_task
 from hugwbc.tasks.record import TaskWatch
@@ -22,7 +25,7 @@ from hugwbc.tasks.record import TaskWatch
 STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class SimulateRobotOptions:
     """Simulate an H1 that is read and driven by messages alone, on this machine; Ctrl-C stops."""
 
@@ -30,7 +33,7 @@ class SimulateRobotOptions:
     domain: int = 1  # DDS domain
     # How it starts: hoist (lifted off the ground), ground (on its feet, held by the hoist), or free (without a hoist,
     # so that it collapses)
-    start: str = "hoist"
+    start: Literal["hoist", "ground", "free"] = "hoist"
     # What its remote control and its hoist do, and when, from the first sound command on [s]: "1 Start, 4 lower, 7 A, 8
     # release, 9 ly=0.5, 30 Select"
     schedule: str = ""
@@ -39,9 +42,9 @@ class SimulateRobotOptions:
     task: str | None = None
     scene: str | None = None  # Stand among the objects of this scene file (docs/scenes.md)
     mode: str = ""  # Motion mode that is active at first, such as normal; commands are refused until it is released
-    slower: float = 1.0  # How many times slower than the wall clock it runs
+    slower: Slower = 1.0  # How many times slower than the wall clock it runs
     lockstep: bool = False  # Wait for the answer to each state, from `hugwbc deploy --lockstep`
-    duration: float | None = None  # End after this time [s]; by default on Ctrl-C
+    duration: Positive | None = None  # End after this time [s]; by default on Ctrl-C
     seed: int = 0  # Seed of the sensors' errors, of the packets' fates and of the objects
     radio: tyro.conf.OmitArgPrefixes[Radio] = dataclasses.field(default_factory=Radio)
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
@@ -51,14 +54,8 @@ def run(words: Sequence[str]) -> int:
     """Parse the options and simulate; return the exit code."""
     options = parse_settings(SimulateRobotOptions, words, "simulate-robot", SimulateRobotOptions.__doc__)
     say_arena(options.arena)
-    if options.start not in STARTS:
-        raise ConfigError(f"start is '{options.start}'; give one of {', '.join(STARTS)}")
     if options.net != LOOPBACK:
         raise ConfigError(f"a simulated robot on '{options.net}' could be taken for a real one; use --net {LOOPBACK}")
-    if options.duration is not None and not options.duration > 0.0:
-        raise ConfigError(f"duration is {options.duration} s; give a time above 0 s")
-    if not 1.0 <= options.slower <= 1000.0:
-        raise ConfigError(f"the robot is {options.slower} times slower; give 1 to 1000")
     schedule = Schedule.parse(options.schedule)
     if options.task is not None and options.scene is not None:
         raise ConfigError("--task has a scene of its own; leave --scene out")
@@ -112,8 +109,7 @@ class Judge:
         """Return the verdict, for people."""
         if self._start is None:
             return f"{self._task.name}: the joints were never driven"
-        verdict = self._task.judge(self._watch.record(Ending(True)))
-        return f"{self._task.name}: " + ("done" if verdict.success else f"not done: {verdict.reason}")
+        return f"{self._task.name}: {self._task.judge(self._watch.record(Ending(True))).words}"
 
 
 def summary(robot: SimulatedRobot) -> str:

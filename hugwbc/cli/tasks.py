@@ -12,11 +12,12 @@ from hugwbc.cli.output import output_folder, parse_settings, progress, say, say_
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.settings import Count, check_each_once, settings
 from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, load_task
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class TasksOptions:
     """List the tasks of loco-manipulation; with `--record`, do them and write all episodes as demonstrations.
 
@@ -31,7 +32,7 @@ class TasksOptions:
     controller: str = "learned"
     # Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy
     policy: str | None = None
-    episodes: int = 10  # With `--record`: number of episodes of each task
+    episodes: Count = 10  # With `--record`: number of episodes of each task
     # With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on
     seed: int = 0
     # With `--record`: films of 224 x 224 pixels that are recorded too: head, front
@@ -42,14 +43,11 @@ class TasksOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, then list or record."""
     options = parse_settings(TasksOptions, words, "tasks", TasksOptions.__doc__)
-    if not options.task or len(set(options.task)) < len(options.task):
-        raise ConfigError(f"tasks are {', '.join(options.task) or 'none'}; give at least one, each once")
+    check_each_once("tasks", options.task)
     if options.record is None:
         _refuse_options_of_recordings(options)
         _list(options.task)
         return 0
-    if options.episodes < 1:
-        raise ConfigError(f"episodes is {options.episodes}; give at least 1")
     say_arena(options.arena)
     _record(options, options.record)
     return 0
@@ -117,6 +115,4 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
                     images = {name: (pathlib.Path(films) / f"{name}.mp4", of_it) for name, of_it in found.items()}
                 writer.add(episode, images)
                 done += 1
-                verdict = episode.verdict
-                words = "done" if verdict.success else f"not done: {verdict.reason}"
-                say(f"{task.name}, seed {seed}: {words}, {len(episode.state) / FPS:.1f} s")
+                say(f"{task.name}, seed {seed}: {episode.verdict.words}, {len(episode.state) / FPS:.1f} s")

@@ -35,6 +35,7 @@ PERIOD = 0.002  # [s] between two commands
 FADE = 2.0  # [s] of damping at the end of a deployment
 _PATIENCE = 10.0  # [s] for a robot that sends nothing: beyond the duration, and in lockstep between two states
 _POLL = 0.05  # [s], longest wait of a thread before it looks whether to end
+Slower = Annotated[float, Field(ge=1.0, le=1000.0)]
 
 
 class Outlet:
@@ -95,7 +96,7 @@ class Settings:
 
     lockstep: bool = False  # answer each state of a simulated robot, which waits; never with a real robot
     # how many times slower than the wall clock the (simulated) robot runs
-    slower: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
+    slower: Slower = 1.0
     dry_run: bool = False  # do everything but publish and release the motion modes
     age: Share = 0.0  # assumed age of a reading when it arrives [s]
     # end after this time since the first state, on the robot's clock [s]; without it, the operator ends it

@@ -8,13 +8,13 @@ from hugwbc.behaviours import Behaviour, BehaviourSource
 from hugwbc.behaviours.source import LONGEST
 from hugwbc.commands import COMMAND_UNITS
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import Script
+from hugwbc.settings import check_each_once
 from hugwbc.sim import Arena, Scene
 from hugwbc.tasks import Task, TaskRun, run_task
 from hugwbc.upper_ik import UpperBodySource
@@ -63,9 +63,7 @@ def summarise_task(run: TaskRun) -> dict[str, Any]:
 
 def check_names(controllers: Sequence[Controller]) -> None:
     """Check that the controllers can be told apart by their names."""
-    names = [controller.name for controller in controllers]
-    if not names or len(set(names)) < len(names):
-        raise ConfigError(f"controllers are {names}; give at least one, each once")
+    check_each_once("controllers", [controller.name for controller in controllers])
 
 
 def compare(

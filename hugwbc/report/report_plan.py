@@ -21,6 +21,7 @@ from hugwbc.learned.policy.records import versions
 from hugwbc.report.report_page import Report
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.seeds import REPORT_SEED
+from hugwbc.settings import check_each_once
 from hugwbc.source import source_commit
 from hugwbc.viz.framing import check_count
 
@@ -53,9 +54,7 @@ class ReportPlan:
 
     def __post_init__(self) -> None:
         check_count(len(self.controllers), "controllers")
-        labels = [spec.label for spec in (*self.specs, *self.further)]
-        if len(set(labels)) < len(labels):
-            raise ConfigError(f"controllers are {labels}; give at least one, each once")
+        check_each_once("controllers", [spec.label for spec in (*self.specs, *self.further)])
         known = {name: experiment.section for name, experiment in EXPERIMENTS.items() if experiment.section}
         for name in self.experiments:
             if name not in known:

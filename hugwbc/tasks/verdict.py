@@ -41,6 +41,12 @@ class Verdict:
     detail: str
     score: float
 
+    @property
+    def words(self) -> str:
+        """The verdict for people, such as "not done: the cup fell (put: timeout of 5 s)"."""
+        why = f"not done: {self.reason}" + (f" ({self.detail})" if self.detail else "")
+        return "done" if self.success else why
+
 
 def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     """Return the verdict on an episode from its milestones, in the order in which they are due.

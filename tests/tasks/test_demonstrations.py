@@ -337,7 +337,7 @@ def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch
         (["--episodes", "3"], "--record"),
         (["--cameras", "head"], "--record"),
         (["--record", "new", "--cameras", "heed"], "Did you mean 'head'"),
-        (["--record", "new", "--episodes", "0"], "at least 1"),
+        (["--record", "new", "--episodes", "0"], "episodes is 0"),
         (["--task", "fetch_bx"], "fetch_box"),
         (["--task", "fetch_box", "fetch_box"], "each once"),
         (["--record", "new", "--controller", "nobody"], "nobody"),

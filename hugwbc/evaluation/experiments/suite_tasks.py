@@ -14,7 +14,7 @@ from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, single, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.runtime.trace import RECORD_PERIOD
-from hugwbc.settings import Count, Positive, settings
+from hugwbc.settings import Count, Positive, check_each_once, settings
 from hugwbc.sim import Simulation
 from hugwbc.tasks.run_task import run_task
 from hugwbc.tasks.suite import TASK_NAMES, load_task
@@ -34,8 +34,7 @@ class TasksSettings(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.task or len(set(self.task)) < len(self.task):
-            raise ConfigError(f"tasks are {', '.join(self.task) or 'none'}; give at least one, each once")
+        check_each_once("tasks", self.task)
         for name in self.task:
             if load_task(name).limit > LONGEST:
                 raise ConfigError(f"the time limit of task '{name}' is above {LONGEST:g} s; give a shorter one")
