@@ -47,6 +47,7 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     "stiffness and damping less by 20 %": {"gain": 0.8},
     "stiffness and damping more by 20 %": {"gain": 1.2},
     "friction of 0.2": {"friction": 0.2},
+    "friction of 0.3": {"friction": 0.3},
     "friction of 1.5": {"friction": 1.5},
     "5 kg on the torso": {"payload": 5.0},
     "10 kg on the torso": {"payload": 10.0},
