@@ -58,12 +58,14 @@ class GaitState(NamedTuple):
             frequency and within its own limits.
         waiting: whether the robot is not ready to travel yet.
         stray: by how much the robot is faster along the heading than commanded, as after a push [m/s].
+        fastest: largest speed that the ground allows [m/s].
     """
 
     stepping: bool = False
     running: Gait = Gait.STANDING
     waiting: bool = False
     stray: float = 0.0
+    fastest: float = math.inf
 
 
 _STILL = GaitState()
@@ -132,6 +134,11 @@ class CommandFilter:
             if aside != wanted[1]:
                 report += (f"v_y = {wanted[1]:g} m/s is too fast for a leg that crosses over: using {aside:g} m/s",)
                 wanted = (wanted[0], aside, wanted[2])
+        speed = math.hypot(wanted[0], wanted[1])
+        if speed > legs.fastest:
+            share = legs.fastest / speed
+            report += (f"the ground is slippery: using {legs.fastest:.2f} m/s instead of {speed:.2f} m/s",)
+            wanted = (share * wanted[0], share * wanted[1], share * wanted[2])
         # On three numbers, floats are several times faster than arrays.
         rates, (speed, aside, turn) = params.velocity_rate, self._velocity
         speed = _towards(speed, wanted[0], rates[0] * dt)

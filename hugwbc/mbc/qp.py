@@ -123,9 +123,7 @@ class WholeBodyQp:
         self._high = np.zeros(len(self._C))
         self._box_low = np.full(size, -_INFINITY)
         self._box_high = np.full(size, _INFINITY)
-        for point in range(len(CONTACT_POINTS)):
-            row, column = nv + 4 * point, nv + 3 * point
-            self._rows[row : row + 4, column : column + 3] = friction_pyramid(params.friction)
+        self.friction = params.friction
         self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in range(len(CONTACT_POINTS))]
         self._contact = [True] * len(CONTACT_POINTS)
         self._box_low[nv + 2 :: 3], self._box_high[nv + 2 :: 3] = 0.0, params.max_normal_force
@@ -137,6 +135,18 @@ class WholeBodyQp:
         self._H_v, self._diagonal_v, self._diagonal_f = self._H[:nv, :nv], self._diagonal[:nv], self._diagonal[nv:]
         self._g_v, self._g_f = self._g[:nv], self._g[nv:]
         self.reset()
+
+    @property
+    def friction(self) -> float:
+        """Friction coefficient that the contact forces respect."""
+        return self._friction
+
+    @friction.setter
+    def friction(self, coefficient: float) -> None:
+        self._friction = coefficient
+        for point in range(len(CONTACT_POINTS)):
+            row, column = self._nv + 4 * point, self._nv + 3 * point
+            self._rows[row : row + 4, column : column + 3] = friction_pyramid(coefficient)
 
     def reset(self) -> None:
         """Forget the previous solution, so that the next solve starts cold."""

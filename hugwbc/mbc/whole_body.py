@@ -18,6 +18,7 @@ from hugwbc.mbc.hand_load import HandLoad
 from hugwbc.mbc.locomotion import Locomotion
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
+from hugwbc.mbc.slip import SlipWatch
 from hugwbc.mbc.state_completion import LegOdometry, Predictor
 from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
@@ -72,6 +73,7 @@ class Diagnostics:
         relaxed: number of ticks since the reset in which the joint limits had to be dropped.
         out_of_reach: number of ticks since the reset in which the foothold of a walk was further away than a step.
         failed_plans: number of force plans since the reset that were not solved; the feet pushed evenly instead.
+        friction: coefficient that the contact forces may use; less than usual after a slip.
         report: what was clamped, replaced or not followed in the command.
     """
 
@@ -89,6 +91,7 @@ class Diagnostics:
     relaxed: int = 0
     out_of_reach: int = 0
     failed_plans: int = 0
+    friction: float = math.nan
     report: tuple[str, ...] = ()
 
 
@@ -151,6 +154,7 @@ class WholeBodyController:
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
         self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
+        self._slip = SlipWatch(self.params.friction)
         self._clear()
 
     def _clear(self) -> None:
@@ -201,6 +205,7 @@ class WholeBodyController:
         """
         self._clear()
         self._qp.reset()
+        self._slip.reset()
         self._locomotion.plan.reset()
         if _usable(state):
             self._start(state)
@@ -245,7 +250,9 @@ class WholeBodyController:
         self._hand_load.update(state, upper_body, self.period, stepping=stepping)
         self.dynamics.hand_force = self._hand_load.force
         self.dynamics.update(state)
-        smooth, report = self._filter.update(command, self.period, self._locomotion.state)
+        self._watch_slips(state)
+        legs = self._locomotion.state._replace(fastest=self._slip.fastest)
+        smooth, report = self._filter.update(command, self.period, legs)
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
@@ -263,6 +270,14 @@ class WholeBodyController:
         self._last = self._joint_command(state, solution)
         self._outcome = _Outcome(Output.SOLUTION, solution, report, tasks, terms)
         return self._last
+
+    def _watch_slips(self, state: RobotState) -> None:
+        """Let the contact forces use as much friction as the standing soles have."""
+        if state.foot_force is None:
+            return
+        velocities = np.array([self.dynamics.frame(f"{side}_sole").velocity[:2] for side in SIDES])
+        self._slip.update(velocities, state.foot_force[:, 2] * self._locomotion.contact, self.period)
+        self._qp.friction = self._slip.friction
 
     def _implausible(self, state: RobotState) -> str:
         """Return why a state cannot belong to a balanced robot; empty if it is plausible."""
@@ -402,6 +417,7 @@ class WholeBodyController:
             relaxed=self._relaxed,
             out_of_reach=self._locomotion.out_of_reach if self._started else 0,
             failed_plans=self._locomotion.failed_plans if self._started else 0,
+            friction=self._slip.friction,
             report=report,
         )
 

@@ -1,0 +1,51 @@
+"""Slipping soles: how much friction the ground still has, and how fast a robot may walk on it."""
+
+import math
+
+import numpy as np
+
+_FILTER = 0.02  # [s], time constant of the soles' speeds: a sole that touches down slides for less than that
+_SLIPS = 0.45  # [m/s], filtered speed of a sole under load that does not occur on good ground
+_SLIDES = 0.5  # [m/s], filtered speed that it does not reach once enough less friction is assumed
+_LOADED = 100.0  # [N], least force on a foot that tells of the ground
+_BETWEEN = 0.3  # [s] between two reductions, about a step: a slip goes on until the other foot stands
+_AT_ONCE = 0.05  # [s], the same for a sole that slides
+_REDUCTION = 0.3  # factor on the friction that is assumed, for each slip
+_LEAST = 0.1  # friction that is always assumed
+_RECOVERY = 0.01  # [1/s], rise of the friction that is assumed while nothing slips
+_SPEED = 2.5  # [m/s] allowed for each unit of friction on slippery ground
+
+
+class SlipWatch:
+    """Assumes less friction as soon as a loaded sole moves, and slowly more again.
+
+    A walk on good ground uses the friction of the soles to turn and to brake, so less is assumed only where it is less.
+
+    Attributes:
+        friction: coefficient that the contact forces may use.
+        fastest: largest speed that suits it [m/s]; infinite where nothing has slipped.
+    """
+
+    def __init__(self, friction: float) -> None:
+        """Begin with the coefficient of good ground."""
+        self._good = friction
+        self.reset()
+
+    def reset(self) -> None:
+        """Assume good ground."""
+        self.friction, self.fastest = self._good, math.inf
+        self._speed = [0.0, 0.0]
+        self._since = _BETWEEN  # the last reduction [s]
+
+    def update(self, velocities: np.ndarray, load: np.ndarray, dt: float) -> None:
+        """Take the horizontal velocities of both soles [m/s], shape (2, 2), and what they carry [N], shape (2,)."""
+        for foot, (velocity, carried) in enumerate(zip(velocities, load.tolist(), strict=True)):
+            speed = math.hypot(*velocity) if carried > _LOADED else 0.0
+            self._speed[foot] += min(dt / _FILTER, 1.0) * (speed - self._speed[foot])
+        fastest = max(self._speed)
+        self._since += dt
+        if fastest > _SLIPS and self._since > (_AT_ONCE if fastest > _SLIDES else _BETWEEN):
+            self.friction, self._since = max(_REDUCTION * self.friction, _LEAST), 0.0
+        elif fastest <= _SLIPS:
+            self.friction = min(self.friction + _RECOVERY * dt, self._good)
+        self.fastest = math.inf if self.friction == self._good else _SPEED * self.friction
