@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from hugwbc.controller import Controller
-from hugwbc.evaluation.episode import Row, Settings
+from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.plans import Plan
@@ -122,6 +122,11 @@ def run_experiment(
         for figure in experiment.figures(settings, *frames)
     ]
     return Result(experiment.name, spec.label, settings, rows, figures)
+
+
+def numbered(settings: CountedSettings) -> list[Plan]:
+    """Return a plan for each episode; they differ in what is drawn by their number, such as the errors of sensors."""
+    return [Plan(draw) for draw in range(settings.episodes)]
 
 
 def frame_of(rows: Iterable[Row]) -> pl.DataFrame:

@@ -73,6 +73,13 @@ def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
     return Estimate(float(known.mean()), low, high, int(known.size))
 
 
+def bootstrap_rms(samples: Iterable[float | None]) -> Estimate:
+    """Return the root mean square with the interval of `bootstrap_mean` of the squares; None is left out."""
+    squares = bootstrap_mean(None if sample is None else sample**2 for sample in samples)
+    value, low, high = (None if v is None else math.sqrt(v) for v in (squares.value, squares.low, squares.high))
+    return Estimate(value, low, high, squares.samples)
+
+
 def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float | None]) -> Estimate:
     """Return the ratio of two means with its percentile bootstrap interval; both means are resampled.
 

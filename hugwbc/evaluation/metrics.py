@@ -7,6 +7,7 @@ going, are left out.
 """
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -141,27 +142,32 @@ def foot_travel(trace: Trace, settle: float = SETTLE_S) -> tuple[float, float]:
     is viscous up to its limit: a foot that stands still creeps under any horizontal load, under an H1 at about 0.2 mm/s
     for each newton. On a real floor it would not move. Both are NaN if the run ended before.
     """
-    steps = _sole_steps(trace, settle)
-    if steps is None:
+    kept = trace.time >= settle
+    if not kept.any():
         return float("nan"), float("nan")
-    planted = trace.foot_contact[trace.time >= settle][1:]
+    soles = places(trace, [f"{side}_sole" for side in SIDES], kept)[..., :2]
+    steps = np.linalg.norm(np.diff(soles, axis=0), axis=2)
+    planted = trace.foot_contact[kept][1:]
     return float(steps.sum()), float(steps[planted & (steps < CREEP_SPEED * RECORD_PERIOD)].sum())
 
 
-def _sole_steps(trace: Trace, settle: float) -> np.ndarray | None:
-    """Return the horizontal distance of each sole between samples after `settle` [m], shape (samples - 1, 2)."""
-    kept = trace.qpos[trace.time >= settle]
-    if not kept.size:
-        return None
+def places(trace: Trace, frames: Sequence[str], kept: np.ndarray) -> np.ndarray:
+    """Return where frames of the robot were at the samples that are kept, in the world [m], shape (samples, frames, 3).
+
+    Args:
+        trace: record of the run.
+        frames: names of the frames, as of `Kinematics.position`.
+        kept: which samples, shape (T,), bool.
+    """
     kinematics = Kinematics(load_robot(trace.robot))
-    paths = np.empty((len(kept), len(SIDES), 2))
-    for row, qpos in zip(paths, kept, strict=True):
+    found = np.empty((np.count_nonzero(kept), len(frames), 3))
+    for row, qpos in zip(found, trace.qpos[kept], strict=True):
         state = RobotState(
             q=qpos[7:], dq=np.zeros(19), orientation=qpos[3:7], angular_velocity=np.zeros(3), position=qpos[:3]
         )
         kinematics.update(state)
-        row[:] = [kinematics.position(f"{side}_sole")[:2] for side in SIDES]
-    return np.linalg.norm(np.diff(paths, axis=0), axis=2)
+        row[:] = [kinematics.position(frame) for frame in frames]
+    return found
 
 
 # Impacts
@@ -247,6 +253,17 @@ def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> dict[str, float
         "arrived_p95": _p95(error[near]),
         "travel_time": float(away.sum()) / 2.0 * period,
     }
+
+
+def hand_acceleration(hands: np.ndarray) -> float:
+    """Return the root mean square of the hands' acceleration [m/s^2]; NaN for fewer than three samples.
+
+    Positions (T, 2, 3) are in the world [m], one sample every `RECORD_PERIOD`.
+    """
+    if len(hands) < 3:
+        return float("nan")
+    acceleration = np.diff(hands, n=2, axis=0) / RECORD_PERIOD**2
+    return float(np.sqrt((acceleration**2).sum(axis=2).mean()))
 
 
 def arrived(trace: Trace) -> np.ndarray:

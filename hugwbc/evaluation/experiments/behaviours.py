@@ -7,7 +7,7 @@ from hugwbc.behaviours import Behaviour, BehaviourSource, Status, load_behaviour
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending
-from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
@@ -41,11 +41,6 @@ def scene_of(words: str) -> Scene:
     if not isinstance(found, Scene):
         raise ConfigError(f"{words} is a {type(found).__name__}; give a Scene")
     return found
-
-
-def plan(settings: BehavioursSettings) -> list[Plan]:
-    """Return the episodes."""
-    return [Plan(draw) for draw in range(settings.episodes)]
 
 
 def play(
@@ -95,7 +90,7 @@ EXPERIMENT = Experiment(
     "behaviours",
     "a behaviour of your own, again and again: how often it is done, and why not",
     BehavioursSettings,
-    plan,
+    numbered,
     episode,
     figures,
 )

@@ -8,6 +8,7 @@ import polars as pl
 from pydantic import Field
 
 from hugwbc.controller import Controller
+from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import Row
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments.hand_forces import (
@@ -15,17 +16,15 @@ from hugwbc.evaluation.experiments.hand_forces import (
     ForceWatch,
     HandForceSettings,
     play,
-    root_mean_square,
     source_of,
 )
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean, known, scaled
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, known, scaled
 from hugwbc.evaluation.plans import Plan
-from hugwbc.kinematics import Kinematics
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import settings
-from hugwbc.state import GRAVITY, RobotState
+from hugwbc.state import GRAVITY
 
 CARRIED = BEGIN + 3.0  # [s], length of an episode
 
@@ -58,14 +57,8 @@ def sag(trace: Trace) -> float | None:
     kept = trace.time >= BEGIN
     if trace.fell or not kept.any():
         return None
-    kinematics, drops = Kinematics(load_robot(trace.robot)), []
-    for qpos, targets in zip(trace.qpos[kept], trace.hand_target_world[kept], strict=True):
-        state = RobotState(
-            q=qpos[7:], dq=np.zeros(19), orientation=qpos[3:7], angular_velocity=np.zeros(3), position=qpos[:3]
-        )
-        kinematics.update(state)
-        drops.append([targets[hand, 2] - kinematics.position(f"{side}_hand")[2] for hand, side in enumerate(SIDES)])
-    return known(float(np.nanmean(drops)))
+    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], kept)
+    return known(float(np.nanmean(trace.hand_target_world[kept, :, 2] - hands[..., 2])))
 
 
 def figures(settings: CarrySettings, rows: pl.DataFrame) -> list[Figure]:
@@ -73,7 +66,7 @@ def figures(settings: CarrySettings, rows: pl.DataFrame) -> list[Figure]:
     table = f"Carry {settings.load:g} kg in each hand, {settings.gait}"
     return [
         Figure(table, "sag of the hands", "cm", scaled(bootstrap_mean(rows["sag"]), 100.0)),
-        Figure(table, "error of the estimated force on a hand, RMS", "N", root_mean_square(rows["estimate_error"])),
+        Figure(table, "error of the estimated force on a hand, RMS", "N", bootstrap_rms(rows["estimate_error"])),
         falls_figure(table, rows["fell"]),
     ]
 

@@ -20,6 +20,7 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import Row, Settings, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
+from hugwbc.evaluation.experiments.hand_forces import DIRECTIONS, heading
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.plans import Plan
@@ -29,7 +30,6 @@ from hugwbc.sim import Force
 from hugwbc.viz import charts
 from hugwbc.viz.plots import Panel
 
-DIRECTIONS = tuple(range(0, 360, 45))  # [deg] of the force, counted from the robot's front to its left
 KINDS = {"constant": None, "second": 1.0}  # how long the force acts [s]
 SURVIVAL = 0.98
 _START_SPREAD = 0.5  # [s]
@@ -97,8 +97,7 @@ def rollout_plan(settings: DisturbanceSettings, kind: str, direction: int, force
     # The draws depend on the rollout's number alone, so that every force is tried on the same robots.
     rng = np.random.default_rng((settings.seed, draw))
     conditions = settings.conditions.of_a_drawn_robot(rng)
-    angle = math.radians(direction)
-    vector = (force * math.cos(angle), force * math.sin(angle), 0.0)
+    vector = tuple((force * heading(direction)).tolist())
     start = settings.settle + float(rng.uniform(0.0, _START_SPREAD))
     push = Force(vector, start, KINDS[kind], frame="heading")
     command = default_command(settings.gaits[draw % 2])

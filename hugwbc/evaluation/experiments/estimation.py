@@ -10,7 +10,7 @@ Navigation*, 2001, section 5.4).
 import dataclasses
 import math
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import CONFIDENCE, Estimate, bootstrap_mean, scaled
+from hugwbc.evaluation.intervals import CONFIDENCE, bootstrap_mean, bootstrap_rms, scaled
 from hugwbc.evaluation.plans import Plan
 from hugwbc.runtime.estimate_watch import DEGREES, EstimateRecord
 from hugwbc.runtime.trace import SHORTEST_SWING
@@ -188,21 +188,13 @@ def _way(record: EstimateRecord) -> float:
 def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return errors, contacts, drifts and consistency: RMS errors or means over the walks."""
     table, found = f"State estimation, {settings.gait}, {settings.duration:g} s", []
-    for name, (label, unit, factor, _) in COLUMNS.items():
-        found.append(Figure(table, label, unit, scaled(figure_of(name, rows[name]), factor)))
+    for name, (label, unit, factor, squared) in COLUMNS.items():
+        estimate = bootstrap_rms(rows[name]) if squared else bootstrap_mean(rows[name])
+        found.append(Figure(table, label, unit, scaled(estimate, factor)))
     nees = bootstrap_mean(rows["nees"])
     low, high = chi_square_bounds(DEGREES * max(nees.samples, 1))
     found.append(Figure(table, f"NEES; {low:.2f} to {high:.2f} if it is consistent", "", nees))
     return [*found, falls_figure(table, rows["fell"])]
-
-
-def figure_of(name: str, values: Iterable[float | None]) -> Estimate:
-    """Return one of the figures over all episodes: a mean, or the RMS of RMS errors, with its interval."""
-    if not COLUMNS[name][3]:
-        return bootstrap_mean(values)
-    squares = bootstrap_mean(None if value is None else value**2 for value in values)
-    value, low, high = (None if v is None else math.sqrt(v) for v in (squares.value, squares.low, squares.high))
-    return Estimate(value, low, high, squares.samples)
 
 
 EXPERIMENT = Experiment(

@@ -5,7 +5,7 @@ With the sensors of a robot, the estimate of the forces on the hands is compared
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -14,7 +14,6 @@ from pydantic import Field
 from hugwbc.commands import Command, default_command
 from hugwbc.controller import Controller
 from hugwbc.evaluation.episode import CountedSettings, Row, ending
-from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, single
 from hugwbc.gait import Gait
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
@@ -116,7 +115,7 @@ def play(
     source: Source,
     simulation: Engine,
     duration: float,
-    watch: Watch,
+    watch: Watch | None = None,
     forces: tuple[Force, ...] = (),
 ) -> tuple[Trace, Row]:
     """Run one episode, and return its record and what every row has."""
@@ -136,9 +135,3 @@ def play(
 def heading(direction: float) -> np.ndarray:
     """Return the unit vector of a direction [deg], shape (3,)."""
     return np.array([math.cos(math.radians(direction)), math.sin(math.radians(direction)), 0.0])
-
-
-def root_mean_square(values: Iterable[float | None]) -> Estimate:
-    """Return the root mean square of the known values."""
-    square = bootstrap_mean(None if value is None else value**2 for value in values).value
-    return single(None if square is None else math.sqrt(square))

@@ -10,13 +10,12 @@ from hugwbc.controller import Controller, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending
-from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, scaled, single
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
-from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.hand_paths import Line
@@ -24,7 +23,7 @@ from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
 from hugwbc.settings import Count, NotNegative, settings
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import ArmIK, IKSolution, UpperBodySource
+from hugwbc.upper_ik import ArmIK, UpperBodySource
 
 # Targets of the left hand in the pelvis frame [m]; the right hand's are drawn from the mirror image.
 LOW, HIGH = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55])
@@ -55,22 +54,13 @@ class HandsSettings(CountedSettings):
                 )
 
 
-class _Recording:
-    """An upper-body source that records the solutions of another one's inverse kinematics, and its commands."""
+class _Recording(UpperBodySource):
+    """An upper-body source that records the solutions of its inverse kinematics, and its commands."""
 
-    def __init__(self, source: ArmSource) -> None:
-        self._source = source
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot=robot)
         self.wanted: list[np.ndarray] = []
         self.commanded: list[np.ndarray] = []
-
-    @property
-    def solution(self) -> IKSolution | None:
-        """The last solution of the source."""
-        return self._source.solution
-
-    def reset(self) -> None:
-        """Reset the source."""
-        self._source.reset()
 
     def update(
         self,
@@ -80,8 +70,8 @@ class _Recording:
         dt: float,
         commanded: np.ndarray | None = None,
     ) -> tuple[UpperBody, Command]:
-        """Update the source and record its solution and its command."""
-        body, command = self._source.update(state, hands, command, dt, commanded)
+        """Update, and record the solution and the command."""
+        body, command = super().update(state, hands, command, dt, commanded)
         nothing = np.full(8, np.nan)
         self.wanted.append(nothing if self.solution is None else self.solution.q)
         self.commanded.append(body.q if body.indicator else nothing)
@@ -123,11 +113,6 @@ def hands_script(settings: HandsSettings, rng: np.random.Generator, index: int =
     return Script("hands", (Segment("stand", STANDING_START, hands=hands), walk))
 
 
-def plan(settings: HandsSettings) -> list[Plan]:
-    """Return the episodes; each draws its targets."""
-    return [Plan(draw) for draw in range(settings.episodes)]
-
-
 def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     """Return the errors of the hands and arms after the settling time.
 
@@ -138,7 +123,7 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     - `saturated_ticks`: number of samples with an arm joint at its torque limit.
     """
     seed, robot = (settings.seed, plan.draw), load_robot(settings.conditions.chosen.robot)
-    source = _Recording(UpperBodySource(robot=settings.conditions.told_arena.known_robot))
+    source = _Recording(settings.conditions.told_arena.known_robot)
     trace = rollout(
         controller,
         hands_script(settings, np.random.default_rng(seed), plan.draw),
@@ -202,7 +187,7 @@ EXPERIMENT = Experiment(
     "hands",
     "accuracy of the hands, moving from one reachable target to the next",
     HandsSettings,
-    plan,
+    numbered,
     episode,
     figures,
 )

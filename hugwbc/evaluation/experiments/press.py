@@ -8,7 +8,7 @@ import polars as pl
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import Row
-from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.experiments.hand_forces import (
     BEGIN,
     HANDS,
@@ -18,10 +18,9 @@ from hugwbc.evaluation.experiments.hand_forces import (
     Newtons,
     Source,
     play,
-    root_mean_square,
 )
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import settings
 from hugwbc.sim.scenes.furniture import Wall
@@ -62,11 +61,6 @@ class PressSource(Source):
         return HandTargets.of(target, None, "world", left_force=(self.force, 0.0, 0.0) if pressing else None)
 
 
-def plan(settings: PressSettings) -> list[Plan]:
-    """Return the episodes, which differ in the errors of the sensors."""
-    return [Plan(draw) for draw in range(settings.episodes)]
-
-
 def episode(controller: Controller, settings: PressSettings, plan: Plan) -> Row:
     """Return the mean distance of the force along the wanted one to it from `STEADY` on [N]; None in a fall."""
     rising = settings.force / 100.0
@@ -91,7 +85,7 @@ def figures(settings: PressSettings, rows: pl.DataFrame) -> list[Figure]:
     table = f"Press a wall with {settings.force:g} N"
     return [
         Figure(table, "error of the force", "N", bootstrap_mean(rows["error"])),
-        Figure(table, "error of the estimated force on a hand, RMS", "N", root_mean_square(rows["estimate_error"])),
+        Figure(table, "error of the estimated force on a hand, RMS", "N", bootstrap_rms(rows["estimate_error"])),
         falls_figure(table, rows["fell"]),
     ]
 
@@ -100,7 +94,7 @@ EXPERIMENT = Experiment(
     "press",
     "press a wall with a wanted force: how far the contact force is off",
     PressSettings,
-    plan,
+    numbered,
     episode,
     figures,
 )

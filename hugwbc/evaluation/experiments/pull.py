@@ -15,11 +15,10 @@ from hugwbc.evaluation.experiments.hand_forces import (
     Newtons,
     heading,
     play,
-    root_mean_square,
     source_of,
 )
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import wilson_percentage
+from hugwbc.evaluation.intervals import bootstrap_rms, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import settings
 from hugwbc.sim.hand_pull import HandPull
@@ -62,7 +61,7 @@ def figures(settings: PullSettings, rows: pl.DataFrame) -> list[Figure]:
     for direction in DIRECTIONS:
         up = wilson_percentage((~rows.filter(pl.col("direction") == direction)["fell"]).to_list())
         found.append(Figure(table, f"stays up, {direction}°", "% of episodes", up, higher_is_better=True))
-    error = root_mean_square(rows["estimate_error"])
+    error = bootstrap_rms(rows["estimate_error"])
     return [
         *found,
         Figure(table, "error of the estimated force on a hand, RMS", "N", error),

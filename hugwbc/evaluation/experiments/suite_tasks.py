@@ -1,8 +1,5 @@
 """The suite of loco-manipulation tasks: how often a controller succeeds at each, and why it fails."""
 
-import math
-
-import numpy as np
 import polars as pl
 
 from hugwbc.controller import Controller
@@ -70,23 +67,12 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
         "detail": verdict.detail,
         "score": verdict.score,
         "seconds": None if record.ending.time is None else float(record.ending.time),
-        "hand_acceleration": known(hand_acceleration(record.hands)),
+        "hand_acceleration": known(metrics.hand_acceleration(record.hands)),
         "energy": known(metrics.mechanical_power(trace, settle=0.0) * seconds),
         "gripped": list(record.gripped),
         "hand_depth": max(record.depth.values(), default=0.0),
         "fell": record.fell,
     }
-
-
-def hand_acceleration(hands: np.ndarray) -> float:
-    """Return the root mean square of the hands' acceleration [m/s^2]; NaN for fewer than three samples.
-
-    Positions (T, 2, 3) are in the world [m], one sample every `RECORD_PERIOD`.
-    """
-    if len(hands) < 3:
-        return math.nan
-    acceleration = np.diff(hands, n=2, axis=0) / RECORD_PERIOD**2
-    return float(np.sqrt((acceleration**2).sum(axis=2).mean()))
 
 
 def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:

@@ -2,47 +2,21 @@
 
 import dataclasses
 
-import numpy as np
 import polars as pl
 
 from hugwbc.controller import Controller
+from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import Row
 from hugwbc.evaluation.experiment import Experiment
-from hugwbc.evaluation.experiments.hand_forces import HANDS, HandForceSettings, Source, play, root_mean_square
+from hugwbc.evaluation.experiments.hand_forces import HANDS, HandForceSettings, Source, play
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import single
+from hugwbc.evaluation.intervals import bootstrap_rms, known, single
 from hugwbc.evaluation.plans import Plan
-from hugwbc.kinematics import Kinematics
-from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.state import RobotState
+from hugwbc.robot import SIDES, load_robot
 from hugwbc.targets import HandTargets
 
 SWAYED_FROM = 9.0  # [s], when the acceleration of the hands counts: they have learned the stride by then
 SWAYED = 6.0  # [s], for which it counts
-SAMPLE = 0.02  # [s], between the positions whose differences are the acceleration
-
-
-class HandWatch:
-    """Collects where the hands truly are in the world, every `SAMPLE` from `SWAYED_FROM` on."""
-
-    def __init__(self, robot: Robot) -> None:
-        """Watch a robot."""
-        self._kinematics = Kinematics(robot)
-        self.points: list[list[np.ndarray]] = []
-
-    def __call__(self, truth: RobotState, estimate: RobotState) -> None:
-        """Take the state after a physics step."""
-        if truth.time < SWAYED_FROM + len(self.points) * SAMPLE - 1e-6:
-            return
-        self._kinematics.update(truth)
-        self.points.append([self._kinematics.position(f"{side}_hand") for side in SIDES])
-
-    def acceleration(self) -> float | None:
-        """Return the root mean square of both hands' acceleration [m/s^2]; None if nothing was seen."""
-        if len(self.points) < 3:
-            return None
-        accelerations = np.diff(np.array(self.points), n=2, axis=0) / SAMPLE**2
-        return float(np.sqrt(np.mean(np.sum(accelerations**2, axis=2))))
 
 
 def plan(settings: HandForceSettings) -> list[Plan]:
@@ -57,17 +31,15 @@ def episode(controller: Controller, settings: HandForceSettings, plan: Plan) -> 
     steady = HandTargets.of(*HANDS, "steady")
     stiff = HandTargets(None, None, joints=robot.nominal[robot.arms])
     source = Source(settings.v_x, steady if plan.tags["arms"] == "steady" else stiff)
-    watch = HandWatch(simulation.robot)
-    trace, end = play(controller, settings, source, simulation, duration, watch)
-    return {"acceleration": None if trace.fell else watch.acceleration(), **end}
+    trace, end = play(controller, settings, source, simulation, duration)
+    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], trace.time >= SWAYED_FROM)
+    return {"acceleration": None if trace.fell else known(metrics.hand_acceleration(hands)), **end}
 
 
 def figures(settings: HandForceSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return the accelerations of the hands with both arms, their ratio, and the falls."""
     table = f"Sway of the hands at {settings.v_x:g} m/s"
-    steady, stiff = (
-        root_mean_square(rows.filter(pl.col("arms") == arms)["acceleration"]) for arms in ("steady", "stiff")
-    )
+    steady, stiff = (bootstrap_rms(rows.filter(pl.col("arms") == arms)["acceleration"]) for arms in ("steady", "stiff"))
     ratio = None if steady.value is None or stiff.value is None else steady.value / stiff.value
     return [
         Figure(table, "acceleration of the hands, steady frame, RMS", "m/s²", steady),
