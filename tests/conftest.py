@@ -70,17 +70,7 @@ def _synthetic_trace(
         "clearance": clearance,
         "foot_contact": clearance <= 0.0,
         "phase": phases[1],
-        "foot_force": np.zeros((n, 2, 3)),
-        "pressure_centre": np.full((n, 2, 3), np.nan),
-        "foothold": np.full((n, 2, 2), np.nan),
-        "qpos": np.zeros((n, 26)),
-        "qvel": np.zeros((n, 25)),
-        "target": np.zeros((n, 19)),
-        "hand_target_world": np.full((n, 2, 3), np.nan),
-        "arm_target": np.full((n, 8), np.nan),
-        "hand_error": np.full((n, 2), np.nan),
         "reachable": np.zeros((n, 2), dtype=bool),
-        "torque": np.zeros((n, 19)),
         "tick_ms": np.full(n, 0.1),
         "ik_ms": np.zeros(n),
         "touch_downs": downs,
@@ -92,6 +82,10 @@ def _synthetic_trace(
         "steps": n,
         "safety": SafetyReport(ticks=n),
     }
+    zeros = {"foot_force": (2, 3), "qpos": (26,), "qvel": (25,), "target": (19,), "torque": (19,)}
+    values |= {name: np.zeros((n, *shape)) for name, shape in zeros.items()}
+    unknown = {"pressure_centre": (2, 3), "foothold": (2, 2), "hand_target_world": (2, 3), "arm_target": (8,)}
+    values |= {name: np.full((n, *shape), np.nan) for name, shape in (unknown | {"hand_error": (2,)}).items()}
     return Trace(**{**values, **fields})
 
 

@@ -183,7 +183,7 @@ def test_every_example_is_tested_and_short():
 
 BAD_VALUES = {
     "01_hold_and_reach.py": ("--duration", "0"),
-    "02_walk_with_qp.py": ("--v-x", "nan"),
+    "02_walk_with_qp.py": ("--v-x", "9"),
     "03_reach_while_walking.py": ("--duration", "1"),
     "04_walk_with_a_cup.py": ("--duration", "nan"),
     "05_pick_from_the_floor.py": ("--height", "nan"),
@@ -209,10 +209,3 @@ def test_a_bad_value_ends_every_example_with_a_message(name, tmp_path, monkeypat
     lines = capsys.readouterr().err.splitlines()
     assert any(line.startswith(f"{name}: ") for line in lines), lines
     assert not any(tmp_path.iterdir())
-
-
-def test_a_bad_command_ends_with_a_message_before_the_robot_moves(tmp_path):
-    result = _run("02_walk_with_qp.py", "--v-x", "9", folder=tmp_path)
-    assert result.returncode == 2
-    assert result.stderr.startswith("02_walk_with_qp.py: command v_x = 9 m/s is out of range")
-    assert "Traceback" not in result.stderr and not (tmp_path / "out").exists()

@@ -13,7 +13,7 @@ ROBOT = load_robot()
 MODEL = mujoco.MjModel.from_xml_path(str(ROBOT.xml_path))
 KINEMATICS = Kinematics()
 SITES = ("left_sole", "right_sole", "left_hand", "right_hand", "imu")
-STATES = 1000
+STATES = 200
 
 
 def _random_state(data: mujoco.MjData, rng: np.random.Generator) -> RobotState:

@@ -44,26 +44,6 @@ def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, 
     assert (out / "report.html").read_text() == page
 
 
-def test_a_report_that_was_stopped_goes_on_and_has_the_same_numbers(tmp_path, short, monkeypatch):
-    words = short("ramp", gait="standing", episodes=2, duration=3.4, settle=3.0)
-    whole, calls = episode.rollout, []
-
-    def stopping(*args, **settings):
-        calls.append(args)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return whole(*args, **settings)
-
-    words += ["--controllers", "hold", "--out", str(tmp_path / "out")]
-    assert main([*words, "--results", str(tmp_path / "other")]) == 0
-    figures = (tmp_path / "out" / "figures.csv").read_text()
-    monkeypatch.setattr(episode, "rollout", stopping)
-    assert main([*words, "--results", str(tmp_path / "results")]) == 130
-    assert main([*words, "--results", str(tmp_path / "results")]) == 0
-    assert len(calls) == 3 + 2, "four episodes, of which two were finished before"
-    assert (tmp_path / "out" / "figures.csv").read_text() == figures
-
-
 @pytest.mark.slow
 def test_the_quick_profile_from_end_to_end(tmp_path):
     """Every experiment with the controller that falls at once: the real results fit the report."""

@@ -5,22 +5,19 @@ import os
 
 import numpy as np
 import pytest
-from deploy_bench import H1, Standing, make_pilot
+from deploy_bench import EXACT, H1, Standing, make_pilot
 
 from hugwbc import JointCommand
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.runtime import Simulation
-from hugwbc.sim.sensors import ROBOT
 from hugwbc.state import RobotState
-
-_NOISE = [name for name, value in vars(ROBOT).items() if isinstance(value, float)]
 
 
 @pytest.fixture(scope="session")
 def still() -> RobotState:
     """A reading of a robot that stands still by its joints' stiffness."""
-    simulation = Simulation(sensing=dataclasses.replace(ROBOT, **dict.fromkeys(_NOISE, 0.0)))
+    simulation = Simulation(sensing=EXACT)
     simulation.step(JointCommand.position(H1, H1.nominal), 0.4)
     return dataclasses.replace(simulation.sense(), dq=np.zeros(19))
 

@@ -11,14 +11,12 @@ from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
 from hugwbc.controller import Controller
 from hugwbc.deploy.messages import Messages, StateMessage
 from hugwbc.deploy.pilot import Pilot
-from hugwbc.deploy.radio import Radio
 from hugwbc.deploy.recording import Recorder
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.robot_side import RobotSide, Settings
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import START_TIME, Mode
-from hugwbc.deploy.watchdogs import Limits
 from hugwbc.runtime import Constant, HoldController
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Simulation
@@ -26,6 +24,7 @@ from hugwbc.sim.sensors import ROBOT
 from hugwbc.state import RobotState
 
 H1 = load_robot()
+EXACT = dataclasses.replace(ROBOT, **{name: 0.0 for name, value in vars(ROBOT).items() if isinstance(value, float)})
 PERIOD_MS = 2
 
 
@@ -68,10 +67,8 @@ class Standing:
         return self.messages.unpack_state(self.raw(remote, **changes))
 
 
-def make_pilot(
-    controller: Controller | None = None, source: CommandSource | None = None, limits: Limits | None = None
-) -> Pilot:
-    return Pilot(controller or Counting(), source or Constant(Command(gait=Gait.STANDING)), H1, limits=limits)
+def make_pilot(controller: Controller | None = None, source: CommandSource | None = None) -> Pilot:
+    return Pilot(controller or Counting(), source or Constant(Command(gait=Gait.STANDING)), H1)
 
 
 def bring_to(mode: Mode, pilot: Pilot, standing: Standing) -> None:
@@ -122,36 +119,14 @@ class RecordedSide:
 class Pair:
     """A simulated robot and its robot side in lockstep, in one process."""
 
-    def __init__(
-        self,
-        controller: Controller,
-        schedule: str,
-        *,
-        source: CommandSource | None = None,
-        radio: Radio | None = None,
-        seed: int = 5,
-        recorder: Recorder | None = None,
-        limits: Limits | None = None,
-        mode: str = "",
-        hoist: float | None = 0.1,
-    ) -> None:
-        simulation = Simulation(latency=0.0, seed=seed)
-        robot_end, self.endpoint = local_pair()
-        self.told: list[str] = []
-        self.robot = SimulatedRobot(
-            simulation,
-            robot_end,
-            radio=radio,
-            schedule=Schedule.parse(schedule),
-            latency=ROBOT.latency,
-            seed=seed,
-            mode=mode,
-            hoist=hoist,
-            tell=self.told.append,
-        )
-        self.pilot = make_pilot(controller, source, limits)
+    def __init__(self, controller: Controller, schedule: str, source: CommandSource | None = None) -> None:
+        simulation = Simulation(latency=0.0, seed=5)
+        robot_end, endpoint = local_pair()
+        options = {"schedule": Schedule.parse(schedule), "latency": ROBOT.latency, "seed": 5, "hoist": 0.0}
+        self.robot = SimulatedRobot(simulation, robot_end, tell=lambda line: None, **options)
+        self.pilot = make_pilot(controller, source)
         settings = Settings(lockstep=True, age=ROBOT.latency)
-        self.side = RobotSide(self.pilot, simulation.robot, self.endpoint, settings, recorder)
+        self.side = RobotSide(self.pilot, simulation.robot, endpoint, settings)
 
     def run(self, until: float, *, alive: Callable[[], bool] = lambda: True) -> None:
         """Run until a time of the robot's clock [s]; the robot side answers as long as it is alive."""

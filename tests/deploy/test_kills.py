@@ -41,7 +41,7 @@ class Snapshot:
             setattr(simulation, name, value)
         assert isinstance(simulation._pending, collections.deque)
         self._pair.robot._states._waiting[:] = self._waiting
-        self._pair.endpoint.receive(0.0)
+        self._pair.side._endpoint.receive(0.0)
 
 
 @pytest.mark.slow
@@ -52,9 +52,7 @@ def test_a_killed_robot_side_leads_to_no_torque_beyond_a_limit(monkeypatch) -> N
     soft in MuJoCo; docs/deploy.md has the figures.
     """
     monkeypatch.setattr(state_machine, "START_TIME", 0.4)
-    pair = Pair(
-        WholeBodyController(), "0.02 Start, 0.1 lower, 1.3 A, 1.6 release, 1.8 ly=0.5", source=Sticks(), hoist=0.0
-    )
+    pair = Pair(WholeBodyController(), "0.02 Start, 0.1 lower, 1.3 A, 1.6 release, 1.8 ly=0.5", source=Sticks())
     pair.run(3.0)
     rng, fallen = np.random.default_rng(7), 0
     worst = Extremes()

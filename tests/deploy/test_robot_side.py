@@ -210,11 +210,7 @@ def wait_for(condition, seconds: float = 20.0) -> None:
 
 def test_three_threads_answer_states_and_publish(standing) -> None:
     controller = Counting()
-
-    def meanwhile(side: RobotSide, feeder: Feeder) -> None:
-        wait_for(lambda: len(feeder.messages) > 40)
-
-    side, feeder = run_threads(standing, controller, meanwhile)
+    side, feeder = run_threads(standing, controller, lambda _, feeder: wait_for(lambda: len(feeder.messages) > 40))
     assert controller.calls > 10 and side.sent > 40
     assert all(map(wire.is_sealed, feeder.messages))
     assert side.timing.latency.count > 10 and side.timing.jitter.count > 40

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from deploy_bench import Counting, Pair
+from deploy_bench import EXACT, Counting, Pair
 from local_endpoint import LocalEndpoint, local_pair
 
 from hugwbc import JointCommand, load_robot
@@ -19,11 +19,9 @@ from hugwbc.deploy.state_machine import Mode
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import Simulation
-from hugwbc.sim.sensors import ROBOT
 
 H1 = load_robot()
 HOLD = JointCommand.position(H1, H1.nominal)
-EXACT = dataclasses.replace(ROBOT, **{name: 0.0 for name, value in vars(ROBOT).items() if isinstance(value, float)})
 
 
 def make(**options) -> tuple[SimulatedRobot, LocalEndpoint, list[str]]:
@@ -199,7 +197,7 @@ def test_from_the_hoist_to_a_stand(monkeypatch) -> None:
     """The robot side brings a simulated robot to its start pose, refuses too early a run, runs the QP and damps."""
     monkeypatch.setattr(state_machine, "START_TIME", 0.4)
     schedule = "0.02 Start, 0.1 lower, 0.3 A, 1.3 A, 1.6 release, 2.3 Select"
-    pair = Pair(WholeBodyController(), schedule, hoist=0.0)
+    pair = Pair(WholeBodyController(), schedule)
     pair.run(2.3)
     assert pair.pilot.mode is Mode.RUN and not pair.robot.simulation.fallen
     height = float(pair.robot.simulation.qpos[2])
@@ -213,7 +211,7 @@ def test_from_the_hoist_to_a_stand(monkeypatch) -> None:
 
 
 def test_a_robot_side_that_dies_leaves_the_last_command() -> None:
-    pair = Pair(Counting(), "", hoist=0.0)
+    pair = Pair(Counting(), "")
     pair.run(0.1)
     sent = pair.side.sent
     pair.run(0.3, alive=lambda: False)

@@ -63,17 +63,6 @@ def test_each_thread_has_its_own_controller_as_long_as_its_files_stay_the_same()
     assert _controller(ControllerSpec("hold"), "a") is here and _controller(spec, "b") is not here
 
 
-def test_a_cluster_that_is_not_there_is_an_error_with_a_remedy(monkeypatch):
-    distributed = pytest.importorskip("distributed")
-
-    def refuse(*args, **kwargs):
-        raise OSError("connection refused")
-
-    monkeypatch.setattr(distributed, "Client", refuse)
-    with pytest.raises(WorkerError, match="no Dask scheduler answers at tcp"):
-        list(Execution(cluster="tcp://127.0.0.1:9").run(abs, [-1]))
-
-
 @pytest.mark.slow
 def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
     distributed = pytest.importorskip("distributed")

@@ -8,10 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
+from hugwbc import Command, Gait, UpperBody, load_robot, rotations
 from hugwbc.mbc import Output, QpStatus, WholeBodyController
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.sim import HeightField, Simulation, rough_terrain
+from tests.conftest import make_state
 
 ROBOT = load_robot()
 WALK = Command(v_x=0.6, gait=Gait.WALKING)
@@ -139,16 +140,16 @@ def test_a_position_that_jumps_changes_nothing_of_what_it_does(gait):
 def _random_state(rng, absurd):
     scale = 10.0 ** rng.uniform(0.0, 7.0) if absurd else 1.0
     orientation = rng.normal(size=4) if absurd else rotations.from_yaw_pitch_roll(*rng.uniform(-0.3, 0.3, 3))
-    return RobotState(
-        q=scale * rng.normal(size=19) if absurd else np.clip(ROBOT.nominal + rng.uniform(-0.2, 0.2, 19), ROBOT.lower,
-                                                             ROBOT.upper),
+    usual = np.clip(ROBOT.nominal + rng.uniform(-0.2, 0.2, 19), ROBOT.lower, ROBOT.upper)
+    return make_state(
+        scale * rng.normal(size=19) if absurd else usual,
         dq=scale * rng.normal(size=19),
         orientation=orientation / np.linalg.norm(orientation),
         angular_velocity=scale * rng.normal(size=3),
         position=np.array([0.0, 0.0, 0.95]) + (scale * rng.normal(size=3) if absurd else 0.0),
         velocity=scale * rng.normal(size=3),
         hand_force=30.0 * scale * rng.normal(size=(2, 3)),
-    )  # fmt: skip
+    )
 
 
 def _random_loads(rng, absurd):

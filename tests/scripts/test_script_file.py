@@ -95,10 +95,8 @@ def test_paths_by_kind(tmp_path):
         ("duration: 2", "duration: -2", "4:5", "greater than 0"),
         ("    duration: 2\n", "", "3:5", "duration is missing"),
         ("duration: 2", "durration: 2", "4:5", "unknown Segment field 'durration'. Did you mean 'duration'?"),
-        ("label: go", "label: go\n    label: stay", "4:5", "twice"),
         ("gait: walking", "gait: wolking", "5:5", "unknown gait 'wolking'. Did you mean 'walking'?"),
         ("v_x: 0.3", "v_x: 9", "6:16", "command v_x = 9 m/s is out of range for the walking gait"),
-        ("v_x: 0.3", "v_x: .nan", "6:16", "number"),
         ("v_x: 0.3", "vx: 0.3", "6:16", "unknown command 'vx'. Did you mean 'v_x'?"),
         ("ramp: 0.5", "ramp: 5", "7:5", "segment 'go' ramps for 5.0 s"),
         ("frame: heading", "frame: body", "9:7", "'body'. Valid: pelvis"),
@@ -114,7 +112,6 @@ def test_paths_by_kind(tmp_path):
         ("0.5, gait: walking}", "0.5}", "12:5", "segment 'stop' (standing) starts from v_x = 0.3"),
         ("segments:", "segment:", "2:1", "unknown Script field 'segment'. Did you mean 'segments'?"),
         ("commands: {v_x: 0.3, w: -0.2}", "commands: fast", "6:5", "mapping"),
-        ("ramp: 0.5", "ramp: [", "9:12", "not valid YAML"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named_with_its_line(old, new, place, message):
@@ -123,14 +120,6 @@ def test_what_is_wrong_is_named_with_its_line(old, new, place, message):
         parse(GOOD.replace(old, new, 1))
     assert str(caught.value).startswith(f"scene.yaml:{place}: ")
     assert message in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "text", ["", "3", "[]", "segments: []", "segments: 3", "segments: [3]", "a: !!python/object:x {}"]
-)
-def test_what_is_no_script_at_all_is_refused(text):
-    with pytest.raises(ConfigError, match=r"scene\.yaml:1"):
-        parse(text)
 
 
 def test_files_that_cannot_be_read(tmp_path):

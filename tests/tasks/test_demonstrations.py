@@ -25,12 +25,8 @@ from hugwbc.tasks.lerobot_dataset import DatasetWriter, features_of
 
 ROBOT = load_robot("h1")
 EXACT = Arena(sensing="exact")
-SCENE = Scene(
-    (
-        Table(name="desk", position=(0.6, 0.0), size=(0.4, 1.2), height=0.8),
-        Box(name="box", on="desk", size=(0.1, 0.1, 0.1), mass=0.5),
-    )
-)
+DESK = Table(name="desk", position=(0.6, 0.0), size=(0.4, 1.2), height=0.8)
+SCENE = Scene((DESK, Box(name="box", on="desk", size=(0.1, 0.1, 0.1), mass=0.5)))
 NUMBER = {name: place for place, name in enumerate(ACTION_NAMES)}
 STATE = {name: place for place, name in enumerate(state_names(ROBOT))}
 PLACE = [NUMBER[f"left_hand.{axis}"] for axis in "xyz"]
@@ -56,9 +52,7 @@ def stand_and_reach(view):
     return (yield from reach(view, left=(0.3, 0.25, 0.2), frame="pelvis", timeout=0.4))
 
 
-def made_up(
-    name: str, frames: int, *, success: bool = True, steps: tuple[str, ...] = ("walk", "press")
-) -> Demonstration:
+def made_up(name: str, frames: int, *, success: bool = True, steps=("walk", "press")) -> Demonstration:
     task, rng = load_task(name), np.random.default_rng(frames)
     return Demonstration(
         task=task,
@@ -179,9 +173,8 @@ def test_the_layout_is_that_of_lerobot(tmp_path):
         part = rows[begin : begin + len(episode.state)]
         np.testing.assert_allclose(part["observation.state"], episode.state, rtol=1e-6)
         np.testing.assert_allclose(part["action"], episode.action, rtol=1e-6)
-        np.testing.assert_allclose(
-            part["observation.environment_state"], episode.objects.reshape(len(episode.state), -1), rtol=1e-6
-        )
+        objects = episode.objects.reshape(len(episode.state), -1)
+        np.testing.assert_allclose(part["observation.environment_state"], objects, rtol=1e-6)
         np.testing.assert_array_equal(part["frame_index"], range(len(episode.state)))
         np.testing.assert_allclose(part["timestamp"], np.arange(len(episode.state)) / FPS, rtol=1e-6)
         assert set(part["episode_index"]) == {index} and set(part["task_index"]) == {0}

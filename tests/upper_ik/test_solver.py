@@ -235,13 +235,13 @@ def test_a_stretched_arm_does_not_jitter(nominal_state):
     assert np.sqrt(np.mean(jerk**2)) < 50.0
 
 
-def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(ik, robot):
+def test_limits_hold_over_2000_random_targets_half_of_them_out_of_reach(ik, robot):
     rng = np.random.default_rng(2)
     margin = ik.config.limit_margin
     lower, upper = robot.lower[robot.arms] + margin, robot.upper[robot.arms] - margin
     speed, dt = 0.5 * robot.velocity_limit[robot.arms], 0.02
     q, dq, far = ik.q, np.zeros(8), 0
-    for _ in range(5000):
+    for _ in range(2000):
         state = make_state(rng.uniform(robot.lower - 0.1, robot.upper + 0.1))
         targets = rng.uniform([-1.0, -1.2, -0.6], [1.0, 1.2, 1.4], (2, 3))
         far += np.sum(np.linalg.norm(shoulder_to_targets(targets), axis=1) > 0.65)
@@ -255,7 +255,7 @@ def test_limits_hold_over_5000_random_targets_half_of_them_out_of_reach(ik, robo
         q, dq = solution.q, solution.dq
     assert ik.failures == 0
     assert ik.rejected == 0
-    assert far > 5000
+    assert far > 2000
 
 
 def test_unusable_numbers_are_counted_and_hold(ik, robot, nominal_state):

@@ -11,7 +11,7 @@ import weakref
 import pytest
 import torch
 
-from hugwbc.errors import PolicyFileError
+from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned.config import (
     CurriculumConfig,
     EnvConfig,
@@ -240,6 +240,12 @@ def test_curricula_ground_latency_and_hops_are_resumed_bit_for_bit(tmp_path: pat
     resumed = go("b", 4, resume=True).env.state_dict()
     for name, value in straight.env.state_dict().items():
         assert torch.equal(value, resumed[name]), name
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_training_without_a_gpu_says_what_is_missing(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(ConfigError, match="--device cpu"):
+        Trainer(config(tmp_path, 1, device="cuda"))
 
 
 @pytest.fixture(scope="module")

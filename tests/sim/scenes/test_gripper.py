@@ -132,9 +132,8 @@ def test_a_turned_object_keeps_its_turn() -> None:
     hand = simulation.model.body("left_elbow_link").id
 
     def relative() -> np.ndarray:
-        return rotations.multiply(
-            rotations.conjugate(simulation.data.xquat[hand]), simulation.objects["parcel"].orientation
-        )
+        turn = rotations.conjugate(simulation.data.xquat[hand])
+        return rotations.multiply(turn, simulation.objects["parcel"].orientation)
 
     before = relative()
     for _ in range(50):

@@ -24,12 +24,7 @@ def among(*things: Thing, **options) -> Simulation:
     return Simulation(sensing="exact", scene=Scene(things), **options)
 
 
-def run(
-    simulation: Simulation,
-    seconds: float,
-    force: dict[str, tuple[float, float, float]] | None = None,
-    command: JointCommand = HOLD,
-) -> None:
+def run(simulation: Simulation, seconds: float, force: dict | None = None, command: JointCommand = HOLD) -> None:
     """Let time pass, and pull at bodies meanwhile; the robot hangs by a spring and a damper at its pelvis."""
     for link, pull in (force or {}).items():
         simulation.apply_force(np.array(pull), seconds, link)
@@ -163,9 +158,8 @@ def test_a_cylinder_stands_on_a_shelf_and_a_robot_stands_on_a_step() -> None:
     simulation = among(shelf, can)
     assert simulation.objects["can"].position[2] == pytest.approx(0.46)
     run(simulation, 1.0)
-    assert simulation.objects["can"].tilt < 0.01 and simulation.objects["can"].position[2] == pytest.approx(
-        0.46, abs=1e-3
-    )
+    can = simulation.objects["can"]
+    assert can.tilt < 0.01 and can.position[2] == pytest.approx(0.46, abs=1e-3)
     on_step = among(Step(name="platform", position=FAR, size=(1.0, 1.0, 0.05)))
     on_step.data.qpos[:3] += [3.0, 0.0, 0.05]
     for _ in range(100):
@@ -176,15 +170,9 @@ def test_a_cylinder_stands_on_a_shelf_and_a_robot_stands_on_a_step() -> None:
         among(step)
 
 
-def hand_in_front_of(gap: float) -> Simulation:
-    """A robot whose forearms point forward, towards a wall that is a gap ahead of them."""
-    simulation = Simulation(sensing="exact")
-    tip = float(simulation.data.geom("left_elbow_link").xpos[0]) + 0.14
-    return among(Wall(name="wall", position=(tip + gap + 0.05, 0.0)))
-
-
 def test_a_hand_does_not_enter_what_it_presses_and_feels_its_force() -> None:
-    simulation = hand_in_front_of(0.005)
+    tip = float(Simulation().data.geom("left_elbow_link").xpos[0]) + 0.14  # the forearms point forward
+    simulation = among(Wall(name="wall", position=(tip + 0.005 + 0.05, 0.0)))
     assert not simulation.state().hand_force.any()
     run(simulation, 0.5, {"left_elbow_link": (30.0, 0.0, 0.0)})
     force, on_wall = simulation.state().hand_force, simulation.objects["wall"].hand_force
@@ -287,13 +275,8 @@ def test_objects_lie_on_rough_ground() -> None:
     from hugwbc.sim import rough_terrain
 
     terrain = rough_terrain(0.03, np.random.default_rng(0))
-    scene = Scene(
-        (
-            Step(name="stool", position=(1.0, 0.5), size=(0.4, 0.4, 0.2)),
-            Box(name="parcel", on="stool", size=(0.2, 0.2, 0.2)),
-        )
-    )
-    simulation = Simulation(sensing="exact", scene=scene, terrain=terrain)
+    stool = Step(name="stool", position=(1.0, 0.5), size=(0.4, 0.4, 0.2))
+    simulation = among(stool, Box(name="parcel", on="stool", size=(0.2, 0.2, 0.2)), terrain=terrain)
     base = simulation.objects["stool"].position
     assert base[2] == pytest.approx(float(terrain.height_at(np.array([1.0, 0.5]))))
     run(simulation, 0.5)
