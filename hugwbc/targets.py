@@ -1,11 +1,13 @@
 """Hand targets: the input of hand IK, produced by a script, a teleoperator or a planner."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
 
 from hugwbc.errors import TargetError, UnknownNameError
+from hugwbc.robot import SIDES
 
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
@@ -83,26 +85,17 @@ class HandTargets:
             raise UnknownNameError("hand frame", frame, HAND_FRAMES)
         if left is None and right is None:
             raise TargetError("neither hand has a target; give at least one position x, y, z")
-        points = [
-            None if value is None else position(f"{side} hand target", value)
-            for side, value in (("left", left), ("right", right))
-        ]
-        for side, point in zip(("left", "right"), points, strict=True):
+        points = _both(position, "hand target", left, right)
+        for side, point in zip(SIDES, points, strict=True):
             if frame != "world" and point is not None and (away := float(np.linalg.norm(point))) > FARTHEST_HAND:
                 raise TargetError(
                     f"the {side} hand target is {away:.1f} m from the pelvis; give metres, up to {FARTHEST_HAND:g} m"
                 )
         if together and (left is None or right is None):
             raise TargetError("hands that hold one object both need a target; give left and right, or together=False")
-        directions = [
-            None if value is None else direction(f"{side} direction", value)
-            for side, value in (("left", left_direction), ("right", right_direction))
-        ]
-        forces = [
-            None if value is None else hand_force(f"{side} hand force", value)
-            for side, value in (("left", left_force), ("right", right_force))
-        ]
-        for side, point, force in zip(("left", "right"), points, forces, strict=True):
+        directions = _both(direction, "direction", left_direction, right_direction)
+        forces = _both(hand_force, "hand force", left_force, right_force)
+        for side, point, force in zip(SIDES, points, forces, strict=True):
             if force is not None and point is None:
                 raise TargetError(f"the {side} hand has a force but no target; give the position at which it presses")
         return cls(
@@ -147,6 +140,12 @@ class HandTargets:
         return np.stack([np.zeros(3) if f is None else f for f in (self.left_force, self.right_force)])
 
 
+def _both(check: Callable[[str, object], np.ndarray], what: str, *values: object) -> list[np.ndarray | None]:
+    """Return what is given for the left and the right hand after a check, which gets its name for the message."""
+    pairs = zip(SIDES, values, strict=True)
+    return [None if value is None else check(f"{side} {what}", value) for side, value in pairs]
+
+
 def _is_finite(vector: np.ndarray, size: int) -> bool:
     try:
         return np.shape(vector) == (size,) and bool(np.isfinite(vector).all())
@@ -161,10 +160,7 @@ def position(name: str, value: object) -> np.ndarray:
         name: what the point is, for the message.
         value: any sequence of three numbers [m].
     """
-    try:
-        point = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        point = np.empty(0)
+    point = _numbers(value)
     # A NaN fails the comparison.
     if point.shape != (3,) or not np.all(np.abs(point) <= FARTHEST):
         raise TargetError(

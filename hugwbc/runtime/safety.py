@@ -222,8 +222,10 @@ class SafetyFilter:
         return joints
 
     def _filtered(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        feasible_command, upper_body = self.admit(command, upper_body)
-        feasible_command = self._braking(feasible_command, state, self.period)
+        self._count("ticks")
+        self.command = self._valid_command(command)
+        feasible_command = self._braking(self._feasible_command(self.command), state, self.period)
+        upper_body = self._valid_upper_body(upper_body)
         if self._braking.active:
             self._count("braked", "told to stand while moving: braking first")
         for sensor in state.coasted:
@@ -254,15 +256,6 @@ class SafetyFilter:
         if not state.is_usable:
             return upper_body
         return self._servo(self.payload.complete(upper_body, state, self.period), state, self.period)
-
-    def admit(self, command: Command, upper_body: UpperBody) -> tuple[Command, UpperBody]:
-        """Return the command and the external arm targets that may reach the controller, and count what was changed.
-
-        This is the first half of `act`, for callers that run the controller themselves, such as for many robots.
-        """
-        self._count("ticks")
-        self.command = self._valid_command(command)
-        return self._feasible_command(self.command), self._valid_upper_body(upper_body)
 
     def report(self) -> SafetyReport:
         """Return the counters since `reset`."""
