@@ -2,9 +2,11 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from hugwbc.errors import ConfigError
+from pydantic import Field
+
+from hugwbc.settings import Count, Positive, settings
 
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
@@ -12,40 +14,22 @@ if TYPE_CHECKING:
     from hugwbc.upper_ik.workspace import Workspace
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class BenchSettings:
     """Sizes of the benchmarks."""
 
-    count: int = 1024
-    """Robots in training."""
-    control_steps: int = 50
-    """Steps of the training environment to measure."""
-    iterations: int = 2
-    """Training iterations to measure, of 24 control steps and one update each."""
-    threads: int = 1
-    """Threads of training, its environment and bare physics; controllers and IK use one."""
-    seconds: float = 4.0
-    """Simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]."""
-    calls: int = 500
-    """Calls of the policy and of the IK to measure."""
-    ik_targets: int = 20
-    """Targets for our IK, mink and pink, 3 s each; mink and pink take part where they are installed."""
-    spacing: float = 0.25
-    """Spacing of the grid in a 2 m cube on which the reachable workspace is measured [m]."""
-
-    def check(self) -> None:
-        """Check the values before any work."""
-        counts = ("count", "control_steps", "iterations", "threads", "calls", "ik_targets")
-        for name in (*counts, "seconds", "spacing"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name} is {getattr(self, name)}; give a value above 0")
-        if self.ik_targets < 2:
-            raise ConfigError(
-                f"ik_targets is {self.ik_targets}; give 2 or more: targets within and out of reach alternate"
-            )
-        from hugwbc.upper_ik.workspace import check_spacing
-
-        check_spacing(self.spacing)
+    count: Count = 1024  # robots in training
+    control_steps: Count = 50  # steps of the training environment to measure
+    iterations: Count = 2  # training iterations to measure, of 24 control steps and one update each
+    threads: Count = 1  # threads of training, its environment and bare physics; controllers and IK use one
+    # simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]
+    seconds: Positive = 4.0
+    calls: Count = 500  # calls of the policy and of the IK to measure
+    # targets for our IK, mink and pink, 3 s each, within and out of reach in turn; mink and pink take part where they
+    # are installed
+    ik_targets: Annotated[int, Field(ge=2)] = 20
+    # spacing of the grid in a 2 m cube on which the reachable workspace is measured [m]
+    spacing: Annotated[float, Field(gt=0, le=2)] = 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,14 +58,8 @@ class BenchFigures:
     threads: int
 
 
-def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None] | None = None) -> BenchFigures:
-    """Run all benchmarks.
-
-    Args:
-        settings: sizes of the benchmarks.
-        on_progress: called with the fraction done.
-    """
-    settings.check()
+def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) -> BenchFigures:
+    """Run all benchmarks, and call `advance` with the fraction done."""
     # Loads torch and the controllers.
     from hugwbc.benchmarks import speed
     from hugwbc.benchmarks.hand_ik import compare_solvers
@@ -89,7 +67,6 @@ def run_benchmarks(settings: BenchSettings, on_progress: Callable[[float], None]
     from hugwbc.runtime import load_controller
     from hugwbc.upper_ik.workspace import measure_workspace
 
-    advance = on_progress or (lambda fraction: None)
     environment = speed.environment_speed(settings.count, settings.control_steps, settings.threads)
     advance(0.05)
     bare = environment.bare_steps_per_s

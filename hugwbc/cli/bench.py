@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 from hugwbc.benchmarks.suite import BenchFigures, BenchSettings, run_benchmarks
 from hugwbc.cli.output import check_writable, parse, progress, say, write_json
 from hugwbc.evaluation.tables import format_table
+from hugwbc.settings import settings
 
 if TYPE_CHECKING:
     from hugwbc.benchmarks.hand_ik import IKFigures
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class BenchOptions(BenchSettings):
     """Measure training, controllers, hand IK (with mink and pink for comparison) and the hands' reachable workspace."""
 
@@ -24,7 +25,6 @@ class BenchOptions(BenchSettings):
 def run(words: Sequence[str]) -> int:
     """Parse, measure, print, write."""
     options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
-    options.check()
     check_writable(options.json)
     if options.profile:
         write_json(options.json, _profile(options))

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc.commands import command_ranges
-from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
 from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach
@@ -39,12 +38,6 @@ class Workspace:
     tolerance: float = TOLERANCE
 
 
-def check_spacing(spacing: float) -> None:
-    """Refuse a grid spacing [m] that leaves only the middle point."""
-    if not 0.0 < spacing <= SIDE:
-        raise ConfigError(f"spacing is {spacing} m; give a distance above 0, up to {SIDE:g} m")
-
-
 def arm_length(robot: Robot) -> float:
     """Return the distance from the centre of the shoulder to the hand of a stretched arm [m]."""
     return robot.upper_arm + robot.forearm
@@ -68,10 +61,9 @@ def measure_workspace(spacing: float, on_progress: Callable[[float], None] | Non
     """Try every grid point of a 2 m cube on the ground with the left hand; the right hand reaches the mirror image.
 
     Args:
-        spacing: distance between grid points [m].
+        spacing: distance between grid points [m], at most `SIDE`.
         on_progress: called with the fraction done.
     """
-    check_spacing(spacing)
     half = int(SIDE / 2.0 / spacing + 1e-9)
     ticks = spacing * np.arange(-half, half + 1)
     grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1)

@@ -1,15 +1,13 @@
 """The bounds beyond which no grid point is tried, against the robot's own kinematics."""
 
 import numpy as np
-import pytest
 
 from hugwbc import rotations
 from hugwbc.commands import command_ranges
-from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik import ArmIK
-from hugwbc.upper_ik.workspace import arm_length, arm_reach, measure_workspace, shoulder_shift
+from hugwbc.upper_ik.workspace import arm_length, arm_reach, shoulder_shift
 
 
 def test_no_posture_brings_a_hand_beyond_the_arms_reach():
@@ -28,9 +26,3 @@ def test_no_pitch_and_waist_bring_a_shoulder_further():
         for turned in (rotations.rotation_z(w) @ shoulder for w in ranges["w"])
     ]
     assert 0.3 < np.max(shifts) < shoulder_shift(load_robot())
-
-
-@pytest.mark.parametrize("spacing", [0.0, -0.1, 2.1, float("nan")])
-def test_a_grid_without_points_is_refused(spacing):
-    with pytest.raises(ConfigError, match="above 0, up to 2 m"):
-        measure_workspace(spacing)
