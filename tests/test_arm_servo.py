@@ -95,9 +95,8 @@ def test_soft_arms_rest_where_they_should(robot, pitch):
         rig = Hanging(pitch)
         state = rig.step(driven(servo, robot, REACHING, rig.state), 6.0)
         sag[servo is not None] = np.abs(state.q[robot.arms] - REACHING).max()
-    print(
-        f"pitch {pitch} rad: sag {sag[False]:.3f} rad without, {sag[True]:.4f} rad with the servo"
-    )  # docs/upper_ik.md
+    # docs/upper_ik.md has it
+    print(f"pitch {pitch} rad: sag {sag[False]:.3f} rad without, {sag[True]:.4f} rad with the servo")
     assert sag[False] > 0.1
     assert sag[True] < 0.005
 

@@ -6,6 +6,7 @@ import pytest
 
 from hugwbc import Command, Gait, RobotState, load_robot, rotations
 from hugwbc.mirror import AXIAL_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirror, mirror_command
+from tests.conftest import make_state
 
 ROBOT = load_robot()
 MIRROR = load_mirror()
@@ -47,17 +48,9 @@ def test_nominal_pose_and_limits_are_their_own_mirror_images() -> None:
 
 
 def _random_state(rng: np.random.Generator) -> RobotState:
-    orientation = rng.normal(size=4)
-    return RobotState(
-        q=rng.normal(size=19),
-        dq=rng.normal(size=19),
-        orientation=orientation / np.linalg.norm(orientation),
-        angular_velocity=rng.normal(size=3),
-        position=rng.normal(size=3),
-        velocity=rng.normal(size=3),
-        foot_force=rng.normal(size=(2, 3)),
-        time=1.5,
-    )
+    sizes = {"dq": 19, "angular_velocity": 3, "position": 3, "velocity": 3, "foot_force": (2, 3)}
+    orientation, fields = rng.normal(size=4), {name: rng.normal(size=size) for name, size in sizes.items()}
+    return make_state(rng.normal(size=19), orientation=orientation / np.linalg.norm(orientation), time=1.5, **fields)
 
 
 def test_mirrored_state_is_the_reflection_in_the_xz_plane() -> None:
@@ -85,11 +78,8 @@ def test_mirroring_a_state_without_an_estimator_keeps_it_without() -> None:
 
 def test_mirrored_command() -> None:
     command = Command(v_x=0.5, v_y=0.1, omega=0.2, f=2.5, l=0.2, h=-0.1, p=0.3, w=-0.4, gait=Gait.HOPPING_LEFT)
-    mirrored = mirror_command(command)
-    assert mirrored == Command(
-        v_x=0.5, v_y=-0.1, omega=-0.2, f=2.5, l=0.2, h=-0.1, p=0.3, w=0.4, gait=Gait.HOPPING_RIGHT
-    )
-    assert mirror_command(mirrored) == command
+    image = Command(v_x=0.5, v_y=-0.1, omega=-0.2, f=2.5, l=0.2, h=-0.1, p=0.3, w=0.4, gait=Gait.HOPPING_RIGHT)
+    assert mirror_command(command) == image and mirror_command(image) == command
 
 
 def _model(symmetrised: bool) -> mujoco.MjModel:
@@ -133,8 +123,7 @@ def _start_on_the_ground(model: mujoco.MjModel, rng: np.random.Generator) -> muj
     data.qpos[7:] += rng.uniform(-0.15, 0.15, 19)
     data.qvel[:] = rng.uniform(-0.3, 0.3, 25)
     mujoco.mj_kinematics(model, data)
-    spheres = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
-    spheres &= model.geom_group == 3
+    spheres = (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE) & (model.geom_group == 3)
     data.qpos[2] -= (data.geom_xpos[spheres, 2] - model.geom_size[spheres, 0]).min() + 0.002
     return data
 

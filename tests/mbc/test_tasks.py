@@ -36,14 +36,12 @@ def _tasks_on_target(dynamics, state):
     return [height, orientation, com, travel, swing, posture, contact, momentum, tasks.CentreOfMassMotionTask(PARAMS)]
 
 
-def _upright(state, foot_frame="right_sole"):
+def _upright(state):
     """The state with the pelvis turned so that neither pelvis nor right foot rolls: their targets have no roll."""
-    straight = dataclasses.replace(
-        state, orientation=rotations.from_yaw_pitch_roll(state.yaw, float(rotations.pitch_of(state.orientation)), 0.0)
-    )
-    q = straight.q.copy()
+    turn = rotations.from_yaw_pitch_roll(state.yaw, float(rotations.pitch_of(state.orientation)), 0.0)
+    q = state.q.copy()
     q[ROBOT.indices(["right_hip_yaw_joint", "right_hip_roll_joint"])] = 0.0
-    return dataclasses.replace(straight, q=q)
+    return dataclasses.replace(state, orientation=turn, q=q)
 
 
 def test_errors_fall_at_the_rate_of_the_jacobian(random_state, moved):

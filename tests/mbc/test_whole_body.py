@@ -233,15 +233,8 @@ def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, stand
             velocity=rng.uniform(-0.1, 0.1, 3),
         )
         arms = UpperBody.targets(rng.uniform(-0.3, 0.3, 8), rng.uniform(-0.5, 0.5, 8))
-        torques = []
-        for s, c, u in (
-            (state, command, arms),
-            (
-                mirror.state(state),
-                mirror_command(command),
-                UpperBody.targets(mirror.arms(arms.q, ROBOT), mirror.arms(arms.dq, ROBOT)),
-            ),
-        ):
+        torques, other_arms = [], UpperBody.targets(mirror.arms(arms.q, ROBOT), mirror.arms(arms.dq, ROBOT))
+        for s, c, u in ((state, command, arms), (mirror.state(state), mirror_command(command), other_arms)):
             controller = WholeBodyController(params, dynamics=Dynamics(symmetric_model))
             controller.reset(s)
             torques.append(controller.act(s, c, u).tau)

@@ -182,14 +182,8 @@ def test_it_follows_the_walking_robot(sensing):
 
 
 def test_qp_walks_on_the_estimate():
-    command = Command(v_x=0.5, gait=Gait.WALKING)
-    trace = rollout(
-        WholeBodyController(),
-        Constant(command),
-        Simulation(sensing="robot", seed=1),
-        duration=4.0,
-        estimator=StateEstimator(),
-    )
+    simulation, walk = Simulation(sensing="robot", seed=1), Constant(Command(v_x=0.5, gait=Gait.WALKING))
+    trace = rollout(WholeBodyController(), walk, simulation, duration=4.0, estimator=StateEstimator())
     assert not trace.fell
     assert trace.measured[75:, 0].mean() == pytest.approx(0.5, abs=0.05)
     assert trace.safety.failures == 0

@@ -219,9 +219,8 @@ def test_a_bad_command_passes_for_the_filter_to_see():
 def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
     """The servo has other gains and another torque than the controller, and fades in and out."""
     own = JointCommand.position(ROBOT, ROBOT.nominal)
-    targets = dataclasses.replace(
-        UpperBody.targets(ROBOT.nominal[ROBOT.arms]), tau=np.full(8, 5.0), kp=np.full(8, 140.0), kd=np.full(8, 8.0)
-    )
+    nominal, tau, kp, kd = ROBOT.nominal[ROBOT.arms], np.full(8, 5.0), np.full(8, 140.0), np.full(8, 8.0)
+    targets = dataclasses.replace(UpperBody.targets(nominal), tau=tau, kp=kp, kd=kd)
     handover, measured, speed = Handover(ROBOT.arms), ROBOT.nominal - 0.1, np.full(19, 0.5)
     torques = []
     for tick in range(120):
@@ -233,24 +232,16 @@ def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
     assert np.abs(np.diff(torques)).max() < 1.5
 
 
-class _WithoutHandover(SafetyFilter):
-    """The filter, with a handover that does nothing."""
-
-    def __init__(self, controller):
-        super().__init__(controller, clock=lambda: 0.0)
-        self._handover.__class__ = _NoHandover
-
-
-class _NoHandover(Handover):
-    def __call__(self, command, upper_body, dt):
-        return command
+def unchanged(handover, command, upper_body, dt):
+    return command
 
 
 def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again():
     """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
     rng = np.random.default_rng(0)
     recorders = Recorder(), Recorder()
-    safe, plain = SafetyFilter(recorders[0], clock=lambda: 0.0), _WithoutHandover(recorders[1])
+    safe, plain = (SafetyFilter(recorder, clock=lambda: 0.0) for recorder in recorders)
+    plain._handover.__class__ = type("NoHandover", (Handover,), {"__call__": unchanged})
     behind = Handover(ROBOT.arms)
     arms, faded = UpperBody.none(), 0
     for tick in range(2000):

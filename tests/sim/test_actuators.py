@@ -34,28 +34,27 @@ def floating(actuators: Actuators) -> Simulation:
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("kind", "settings", "message"),
     [
-        ({"friction": -1.0}, "friction is -1"),
-        ({"armature": math.nan}, "armature is nan"),
-        ({"delay": 0.2}, "delay is 0.2"),
+        (Actuators, {"friction": -1.0}, "friction is -1"),
+        (Actuators, {"armature": math.nan}, "armature is nan"),
+        (Actuators, {"delay": 0.2}, "delay is 0.2"),
+        (Ground, {"time_constant": 0.0}, "time_constant"),
+        (Ground, {"cone": "round"}, "cone 'round'"),
+        (Ground, {"impratio": -1.0}, "impratio"),
+        (Ground, {"iterations": 0}, "iterations"),
     ],
 )
-def test_settings_out_of_range_are_refused(settings: dict, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        Actuators(**settings)
+def test_settings_out_of_range_are_refused(kind: type, settings: dict, message: str) -> None:
+    with pytest.raises((ConfigError, UnknownNameError), match=message):
+        kind(**settings)
 
 
 def test_the_torque_falls_from_the_corner_speed_to_zero_at_the_highest_speed() -> None:
     limit, force_range = TorqueSpeedLimit(ROBOT, ROBOT.torque_limit), np.zeros((19, 2))
     top, corner, full = ROBOT.velocity_limit, ROBOT.corner_speed, ROBOT.torque_limit
-    for speed, driving in (
-        (ZERO, full),
-        (corner, full),
-        (0.5 * (corner + top), 0.5 * full),
-        (top, ZERO),
-        (3 * top, ZERO),
-    ):
+    between = 0.5 * (corner + top)
+    for speed, driving in ((ZERO, full), (corner, full), (between, 0.5 * full), (top, ZERO), (3 * top, ZERO)):
         limit.write(speed, force_range)
         np.testing.assert_allclose(force_range[:, 1], driving, atol=1e-9)
         np.testing.assert_allclose(force_range[:, 0], -full, atol=1e-9, err_msg="braking has the full torque")
@@ -220,20 +219,6 @@ def test_every_robot_of_a_batch_can_have_drives_of_its_own() -> None:
         assert not batch.step(4).any()
     np.testing.assert_array_equal(batch.qpos[0], batch.qpos[2])
     assert np.abs(batch.qpos[1] - batch.qpos[0]).max() > 1e-3
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"time_constant": 0.0}, "time_constant"),
-        ({"cone": "round"}, "cone 'round'"),
-        ({"impratio": -1.0}, "impratio"),
-        ({"iterations": 0}, "iterations"),
-    ],
-)
-def test_grounds_out_of_range_are_refused(settings: dict, message: str) -> None:
-    with pytest.raises((ConfigError, UnknownNameError), match=message):
-        Ground(**settings)
 
 
 def test_the_solver_converges_on_a_standing_robot_with_real_drives() -> None:

@@ -41,13 +41,8 @@ def test_reset_places_and_turns_the_robot(plane: Simulation) -> None:
     assert state.yaw == pytest.approx(0.7)
     np.testing.assert_array_equal(state.q, ROBOT.nominal)
     assert not state.dq.any() and not state.velocity.any()
-    assert state.time == 0.0
-    assert not plane.fallen
-
-
-def test_reset_to_given_joints(plane: Simulation) -> None:
-    q = ROBOT.nominal + 0.05
-    np.testing.assert_array_equal(plane.reset(q=q).q, q)
+    assert state.time == 0.0 and not plane.fallen
+    np.testing.assert_array_equal(plane.reset(q=ROBOT.nominal + 0.05).q, ROBOT.nominal + 0.05)
 
 
 @pytest.mark.parametrize("xy", [(0.0, 0.0), (2.3, -1.1)])
@@ -179,6 +174,8 @@ def test_force_acts_for_its_duration_only() -> None:
     # Still set after 0.09 s; cleared by the step that starts at 0.1 s.
     assert acting[8] == 100.0
     assert acting[10:] == [0.0] * 10
+    with pytest.raises(UnknownNameError, match=r"unknown link 'torso'. Did you mean 'torso_link'"):
+        simulation.apply_force(np.zeros(3), 0.1, link="torso")
 
 
 def test_force_gives_its_impulse_to_the_centre_of_mass() -> None:
@@ -207,21 +204,14 @@ def test_a_step_is_that_of_mujoco(moved: bool) -> None:
     np.testing.assert_array_equal(simulation.data.qvel, expected.qvel)
 
 
-def test_force_on_an_unknown_link_is_refused(plane: Simulation) -> None:
-    with pytest.raises(UnknownNameError, match=r"unknown link 'torso'. Did you mean 'torso_link'"):
-        plane.apply_force(np.zeros(3), 0.1, link="torso")
-
-
 def test_reset_forgets_forces_and_bad_states() -> None:
     simulation = Simulation(sensing="exact")
     simulation.apply_force(np.array([500.0, 0, 0]), 10.0)
     simulation.data.qpos[2] = np.nan
     simulation.step(HOLD, 0.002)
-    assert simulation.diverged
-    assert simulation.fallen
+    assert simulation.diverged and simulation.fallen
     simulation.reset()
-    assert not simulation.diverged
-    assert not simulation.fallen
+    assert not simulation.diverged and not simulation.fallen
     simulation.step(HOLD, 0.02)
     assert not simulation.data.xfrc_applied.any()
 
@@ -248,15 +238,13 @@ def test_fallen_by_inclination_and_height(plane, yaw, pitch, roll, height, falle
 
 def test_limp_robot_falls_and_its_trunk_is_noticed_on_the_ground() -> None:
     simulation = Simulation(sensing="exact")
-    zero = np.zeros(19)
-    limp = JointCommand(zero, zero, zero, zero, zero)
+    limp = JointCommand(*np.zeros((5, 19)))
     simulation.push(np.array([1.0, 0.0, 0.0]))
     fell_after = next(step for step in range(200) if (simulation.step(limp, 0.02), simulation.fallen)[1])
     assert 0.2 < fell_after * 0.02 < 2.5
     for _ in range(100):
         simulation.step(limp, 0.02)
-    assert simulation.fallen
-    assert not simulation.diverged
+    assert simulation.fallen and not simulation.diverged
 
 
 def test_hand_position_of_the_nominal_pose(plane: Simulation) -> None:

@@ -158,18 +158,14 @@ def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(sou
     assert np.abs(np.diff(speed, axis=0)).max() <= ACCELERATION * DT + 1e-9
 
 
-def test_joint_targets_that_are_not_finite_are_held_off(source, robot, nominal_state):
+def test_targets_that_are_not_finite_are_held_off(source, robot, nominal_state):
     bad = HandTargets(None, None, joints=np.full(8, np.nan))
-    assert not arms_of(source, nominal_state, bad).indicator
+    for first in (bad, HandTargets(np.full(3, math.nan), np.zeros(3))):
+        assert not arms_of(source, nominal_state, first, ARMS).indicator
     good = HandTargets(None, None, joints=robot.nominal[robot.arms])
     arms_of(source, nominal_state, good)
     assert np.isfinite(arms_of(source, nominal_state, bad).q).all()
-    assert source.watch.counts.bad == 2
-
-
-def test_a_first_target_of_nan_leaves_the_arms_alone(source, nominal_state):
-    assert not arms_of(source, nominal_state, HandTargets(np.full(3, math.nan), np.zeros(3)), ARMS).indicator
-    assert source.watch.counts.bad == 1
+    assert source.watch.counts.bad == 3
 
 
 def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(robot, nominal_state):

@@ -22,11 +22,6 @@ def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:
         env.step(0.3 * torch.randn((env.count, 19), generator=generator))
 
 
-def run_still(env: HumanoidEnv, steps: int) -> None:
-    for _ in range(steps):
-        env.step(torch.zeros(env.count, 19))
-
-
 def state_of(env: HumanoidEnv, i: int) -> RobotState:
     qpos, qvel = env.simulation.qpos[i], env.simulation.qvel[i]
     return RobotState(
@@ -218,9 +213,8 @@ def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> No
 
 
 def test_yaw_joints_have_their_own_action_scale_and_damping() -> None:
-    env = HumanoidEnv(
-        EnvConfig(count=2, action_scale=0.2, yaw_action_factor=0.5, yaw_damping_factor=2.0), seed=0, threads=1
-    )
+    config = EnvConfig(count=2, action_scale=0.2, yaw_action_factor=0.5, yaw_damping_factor=2.0)
+    env = HumanoidEnv(config, seed=0, threads=1)
     yaw = env.robot.yaw_joints
     assert {env.robot.joint_names[i] for i in yaw} == {"left_hip_yaw_joint", "right_hip_yaw_joint", "torso_joint"}
     env.command[:] = 0.0
@@ -236,7 +230,7 @@ def test_yaw_joints_have_their_own_action_scale_and_damping() -> None:
 def test_without_robots_to_intervene_on_the_noise_level_stays() -> None:
     curriculum = CurriculumConfig(agile_fraction=1.0, warm_up_iterations=0, alpha_interval=1)
     env = HumanoidEnv(EnvConfig(count=2, curriculum=curriculum), seed=0, threads=1)
-    run_still(env, 1)
+    env.step(torch.zeros(2, 19))
     env.update_curriculum()
     assert env.curriculum.alpha == 0.0 and env.curriculum.gates["alpha"] == "off: no intervention"
 
@@ -278,9 +272,8 @@ def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward() -> No
         torch.testing.assert_close(image.history, obs.history_mirror()(seen.history), atol=0.02, rtol=0.0)
         torch.testing.assert_close(image.command, obs.command_mirror()(seen.command), atol=1e-5, rtol=0.0)
         core = slice(0, obs.CRITIC_CORE_SIZE)
-        torch.testing.assert_close(
-            image.critic[:, core], obs.critic_mirror()(seen.critic[:, core]), atol=0.05, rtol=0.0
-        )
+        critic = obs.critic_mirror()(seen.critic[:, core])
+        torch.testing.assert_close(image.critic[:, core], critic, atol=0.05, rtol=0.0)
         torch.testing.assert_close(image.estimate, obs.estimate_mirror()(seen.estimate), atol=0.01, rtol=0.0)
 
 

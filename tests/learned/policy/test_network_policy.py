@@ -177,8 +177,7 @@ def test_terms_that_unitrees_policy_does_not_have(state):
 def test_history_in_every_order(state, order, layout, start, expected):
     knee, constants = Term("absolute_joint_position", joints=("left_knee_joint",)), (2.0, 3.0)
     terms = (knee, *(Term("constant", value=(value,)) for value in constants))
-    contract = dataclasses.replace(
-        load_contract("unitree-h1"), observation=terms, history=History(3, order, layout, start)
-    )
+    history = History(3, order, layout, start)
+    contract = dataclasses.replace(load_contract("unitree-h1"), observation=terms, history=history)
     bent = [dataclasses.replace(state, q=np.full(19, angle)) for angle in (1.0, 4.0)]
     np.testing.assert_array_equal(seen(contract, bent)[-1], expected)

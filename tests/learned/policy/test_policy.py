@@ -31,9 +31,8 @@ def random_actor() -> Actor:
 @pytest.fixture
 def policy_file(tmp_path: pathlib.Path) -> pathlib.Path:
     path = tmp_path / "policy.safetensors"
-    save_policy(
-        path, random_actor(), EnvConfig().contract(), {"steps": 7, "config": {"env": {"intervention": "motion"}}}
-    )
+    training = {"steps": 7, "config": {"env": {"intervention": "motion"}}}
+    save_policy(path, random_actor(), EnvConfig().contract(), training)
     return path
 
 
@@ -124,10 +123,9 @@ def test_reset_makes_runs_repeatable() -> None:
 
 
 def test_unknown_policy_lists_the_shipped_ones() -> None:
-    with pytest.raises(UnknownNameError, match="h1"):
-        load_policy("n" * 5000)
-    with pytest.raises(UnknownNameError, match="h1"):
-        load_policy("no_such_policy")
+    for name in ("n" * 5000, "no_such_policy"):
+        with pytest.raises(UnknownNameError, match="h1"):
+            load_policy(name)
 
 
 def test_truncated_policy_is_refused(policy_file: pathlib.Path) -> None:
