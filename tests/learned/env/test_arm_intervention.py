@@ -16,11 +16,17 @@ from hugwbc.learned.env.arm_intervention import (
 from hugwbc.robot import load_robot
 from hugwbc.scripts.motion import MOTION_FPS, ArmMotion, generate_motions
 
+FIRST = torch.tensor([0])
+NOMINAL = torch.tensor(load_robot().nominal[load_robot().arms], dtype=torch.float32)
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(0)
+
 
 def make(count: int, flip: float = 0.005, interval: int = 90) -> Intervention:
-    generator = torch.Generator().manual_seed(0)
-    source = NoiseTargets(count, interval, generator)
-    return Intervention(torch.ones(count, dtype=torch.bool), flip, source, generator)
+    own = generator()
+    return Intervention(torch.ones(count, dtype=torch.bool), flip, NoiseTargets(count, interval, own), own)
 
 
 def test_indicator_flips_at_the_paper_s_rate() -> None:
@@ -36,8 +42,8 @@ def test_indicator_flips_at_the_paper_s_rate() -> None:
 
 def test_only_eligible_robots_are_intervened() -> None:
     eligible = torch.tensor([True, False] * 50)
-    generator = torch.Generator().manual_seed(0)
-    source = Intervention(eligible, 0.5, NoiseTargets(100, 90, generator), generator)
+    own = generator()
+    source = Intervention(eligible, 0.5, NoiseTargets(100, 90, own), own)
     for _ in range(10):
         source.step()
     assert source.active[eligible].any()
@@ -63,18 +69,6 @@ def test_state_survives_a_round_trip() -> None:
     assert torch.equal(other.active, source.active)
 
 
-FIRST = torch.tensor([0])
-
-
-def nominal() -> torch.Tensor:
-    robot = load_robot()
-    return torch.tensor(robot.nominal[robot.arms], dtype=torch.float32)
-
-
-def generator() -> torch.Generator:
-    return torch.Generator().manual_seed(0)
-
-
 def play(source: NoiseTargets | MotionTargets, steps: int) -> list[torch.Tensor]:
     history = []
     for _ in range(steps):
@@ -88,7 +82,7 @@ def test_noise_ramps_for_two_thirds_then_holds() -> None:
     source.reset(FIRST)
     history = play(source, 90)
     end = history[-2]
-    torch.testing.assert_close(history[29], 0.5 * (nominal() + end))  # half of 60 steps
+    torch.testing.assert_close(history[29], 0.5 * (NOMINAL + end))  # half of 60 steps
     for late in history[59:]:
         torch.testing.assert_close(late, end)  # the last is a new draw, which starts from the old target
     assert not torch.equal(play(source, 1)[0], end)
@@ -111,7 +105,7 @@ def test_motions_are_played_at_the_control_rate_to_their_end() -> None:
     torch.testing.assert_close(history[FADE_STEPS - 1 :, 0], after)
     half = FADE_STEPS // 2
     ratio = (half + 1) / FADE_STEPS
-    expected = (1.0 - ratio) * nominal()[0] + ratio * (base + (half + 1) * 0.005)
+    expected = (1.0 - ratio) * NOMINAL[0] + ratio * (base + (half + 1) * 0.005)
     assert history[half, 0].item() == pytest.approx(expected.item(), abs=1e-5)
     # The next motion starts from where this one ended.
     torch.testing.assert_close(play(source, 1)[0], history[-1], atol=0.01, rtol=0.0)
@@ -144,9 +138,7 @@ def test_state_survives_a_round_trip_and_foreign_state_is_ignored(kind: str) -> 
 
 def test_a_source_by_name(tmp_path: pathlib.Path) -> None:
     def make(kind: str, motions: pathlib.Path | None = None) -> ArmTargets:
-        return make_arm_targets(
-            kind, 2, interval=7, motions=motions, motions_seed=3, generator=torch.Generator().manual_seed(0)
-        )
+        return make_arm_targets(kind, 2, interval=7, motions=motions, motions_seed=3, generator=generator())
 
     noise = make("noise")
     assert isinstance(noise, NoiseTargets) and noise.interval == 7

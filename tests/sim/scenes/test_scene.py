@@ -195,12 +195,8 @@ KITCHEN = """<mujoco>
 def test_an_mjcf_file_comes_with_a_prefix(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "kitchen.xml"
     path.write_text(KITCHEN)
-    scene = Scene(
-        (
-            Mjcf(name="kitchen", mjcf=path, position=(2.0, 1.0), yaw=np.pi / 2),
-            Box(name="parcel", **BOX, position=(4.0, 0.0)),
-        )
-    )
+    kitchen = Mjcf(name="kitchen", mjcf=path, position=(2.0, 1.0), yaw=np.pi / 2)
+    scene = Scene((kitchen, Box(name="parcel", **BOX, position=(4.0, 0.0))))
     simulation = Simulation(sensing="exact", scene=scene)
     assert scene.body_names == ("kitchen/counter", "kitchen/body_2", "kitchen/lid", "parcel")
     assert simulation.objects["kitchen/counter"].position == pytest.approx([2.0, 1.0, 0.4])
