@@ -124,7 +124,7 @@ def summary(side: RobotSide, wall: float) -> str:
         f"{intake.torn} of a wrong size, longest gap {1e3 * intake.gap:.0f} ms",
         f"{side.sent} commands sent",
         f"latency from state to command: {timing.latency}",
-        f"commands later than the controller's period: {timing.missed} of {timing.latency.count}, "
+        f"commands later than the controller's period, or left out: {timing.missed} of {timing.latency.count}, "
         f"at most {timing.longest_miss} in a row",
         f"jitter of the publishing thread: {timing.jitter}",
         *([f"{side.unseen} texts of the motion capture were refused"] if side.unseen else []),

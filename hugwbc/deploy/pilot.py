@@ -31,6 +31,7 @@ class Decision:
     time: float  # of the state, on the robot's clock [s]
     command: JointCommand | None  # for the joints; None while nothing is to be sent
     new: bool  # whether it was computed from this state, and is not that of an earlier one
+    skipped: int = 0  # periods before it without a call of the controller
 
 
 class Pilot:
@@ -80,7 +81,7 @@ class Pilot:
         self._estimating = False
         self._last: JointCommand | None = None
         self._last_time: float | None = None
-        self._due, self._run_start = Due(self.safe.period), 0.0
+        self._due, self._run_start, self._decided = Due(self.safe.period), 0.0, 0.0
 
     @property
     def mode(self) -> Mode:
@@ -101,11 +102,21 @@ class Pilot:
         """Take a motion capture of robot and objects, for a source that uses it."""
         self._world.take(capture)
 
-    def observe(self, message: StateMessage, asked: Sequence[Request] = (), fault: str | None = None) -> Decision:
+    def observe(
+        self,
+        message: StateMessage,
+        asked: Sequence[Request] = (),
+        fault: str | None = None,
+        *,
+        behind: bool = False,
+    ) -> Decision:
         """Take a state that is newer than all before, and return the joint command that holds from now on.
 
-        Since the last state, the operator has asked for something by other means than the remote control, and a fault
-        outside has been found; both may be nothing.
+        Args:
+            message: the state.
+            asked: what the operator has asked for since the last state, by other means than the remote control.
+            fault: a fault outside, found since the last state.
+            behind: whether a newer state waits, for which the controller is called instead.
         """
         state = message.state
         self._estimate(state)
@@ -118,7 +129,7 @@ class Pilot:
             self._take(request, state)
         self._last_time = state.time
         if self.mode is Mode.RUN:
-            return self._run(message)
+            return self._run(message, behind)
         self._last = self.machine.command(state.time)
         return Decision(state.time, self._last, new=True)
 
@@ -167,19 +178,20 @@ class Pilot:
         self.machine.enter(Mode.RUN, f"asked to run, with {100 * self.carried:.0f} % of the weight on the feet", state)
         self._control.start(state, state.time)
         self.estimate = self._control.estimate
-        self._run_start = state.time
+        self._run_start = self._decided = state.time
         self._due.restart(state.time)
 
-    def _run(self, message: StateMessage) -> Decision:
-        """Call the controller if its period is over; else repeat its last command."""
+    def _run(self, message: StateMessage, behind: bool) -> Decision:
+        """Call the controller if its period is over and this state is the newest; else repeat its last command."""
         time = message.state.time
-        if not self._due(time) and self._last is not None:
+        if self._last is not None and (behind or not self._due(time)):
             return Decision(time, self._last, new=False)
         if self._steer is not None:
             self._steer(message.remote, time)
         self._world.advance(time)
         self._last = self._control.decide(time - self._run_start)
-        return Decision(time, self._last, new=True)
+        periods, self._decided = round((time - self._decided) / self.safe.period), time
+        return Decision(time, self._last, new=True, skipped=max(periods - 1, 0))
 
     def damped(self) -> JointCommand:
         """Return the command that only damps the joints."""

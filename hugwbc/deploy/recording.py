@@ -23,9 +23,10 @@ from hugwbc.errors import ResultFileError
 
 FORMAT = "hugwbc deployment 1"
 # Kinds of entries: a state that the pilot took; one that was refused; a request; a fault; the pilot's command (empty
-# while nothing is to be sent); a published command (empty if it is the pilot's last one); what a motion capture saw.
-STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN = b"S", b"X", b"R", b"F", b"D", b"P", b"O"
-_KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN)
+# while nothing is to be sent); a published command (empty if it is the pilot's last one); what a motion capture saw;
+# that the next state was not the newest one.
+STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND = b"S", b"X", b"R", b"F", b"D", b"P", b"O", b"B"
+_KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND)
 _ENTRY = struct.Struct("<cdI")
 _LONGEST_HEADER, _LONGEST_ENTRY = 1 << 20, 1 << 16  # bytes
 _FLUSH_EVERY = 500  # entries
@@ -157,6 +158,7 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
     intake = Intake(messages, pilot.limits, age)
     asked: list[Request] = []
     fault: str | None = None
+    behind = False
     command = b""
     states = decisions = different = 0
     first = None
@@ -165,15 +167,17 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
             asked.append(Request(entry.content.decode()))
         elif entry.kind == FAULT:
             fault = entry.content.decode()
+        elif entry.kind == BEHIND:
+            behind = True
         elif entry.kind == SEEN:
             pilot.see(Capture.of(entry.content.decode()))
         elif entry.kind == STATE:
             state = intake.accept(entry.content, entry.time)
             if state is not None:
                 states += 1
-                decided = pilot.observe(state, asked, fault).command
+                decided = pilot.observe(state, asked, fault, behind=behind).command
                 command = b"" if decided is None else messages.pack_command(decided)
-                asked, fault = [], None
+                asked, fault, behind = [], None, False
         elif entry.kind == DECISION:
             decisions += 1
             if entry.content != command:

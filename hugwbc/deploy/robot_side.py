@@ -20,7 +20,7 @@ from pydantic import Field
 from hugwbc.deploy import recording
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
 from hugwbc.deploy.messages import Messages, StateMessage
-from hugwbc.deploy.pilot import Pilot
+from hugwbc.deploy.pilot import Decision, Pilot
 from hugwbc.deploy.recording import Recorder
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.state_machine import Mode
@@ -53,6 +53,7 @@ class Outlet:
         self._message: bytes | None = None
         self._active = False
         self._arrival: float | None = None  # of the state that a message not yet sent answers
+        self._skipped = 0  # periods left out before it
         self.fault: str | None = None  # what has failed, for the pilot to note
 
     def arrived(self, time: float, now: float) -> None:
@@ -60,15 +61,13 @@ class Outlet:
         with self._lock:
             self._unanswered.append((time, now))
 
-    def put(self, message: bytes | None, time: float, *, new: bool, active: bool) -> None:
-        """Take the pilot's message for the state of a time [s]; None sends nothing.
-
-        A new message was computed from this state; an active one drives the joints, so that a fault must end it.
-        """
+    def put(self, message: bytes | None, decision: Decision, *, active: bool) -> None:
+        """Take the pilot's decision and its message, None to send nothing; an active one ends at a fault."""
         with self._lock:
-            while self._unanswered and self._unanswered[0][0] <= time:
+            while self._unanswered and self._unanswered[0][0] <= decision.time:
                 arrival = self._unanswered.popleft()[1]
-                self._arrival = arrival if new else self._arrival
+                self._arrival = arrival if decision.new else self._arrival
+            self._skipped += decision.skipped
             self._message, self._active = message, active
 
     def take(self, now: float, timing: Timing) -> bytes | None:
@@ -82,11 +81,13 @@ class Outlet:
                 self.fault = self._intake.fault(now)
                 if self.fault is None and waiting > self._late:
                     self.fault = f"the controller is {waiting * 1e3:.0f} ms late"
-            self._arrival = None
+            self._arrival, skipped = None, self._skipped
+            if arrival is not None:
+                self._skipped = 0
         if self.fault is not None:
             return self._damping
         if arrival is not None:
-            timing.answered(now - arrival, self._period)
+            timing.answered(now - arrival, self._period, skipped)
         return message
 
 
@@ -131,6 +132,7 @@ class RobotSide:
         self._start: float | None = None
         self._fade: float | None = None
         self._sent_decision = b""
+        self._message: bytes | None = None  # the last decision's
         self.sent = self.unseen = 0  # commands sent, and texts of a motion capture refused
         endpoint.texts(OBJECTS)  # from now on they are heard
 
@@ -162,7 +164,7 @@ class RobotSide:
         if self._failure is not None:
             raise self._failure
 
-    def _record(self, kind: bytes, content: bytes, when: float | None = None) -> None:
+    def _record(self, kind: bytes, content: bytes = b"", when: float | None = None) -> None:
         if self._recorder is not None:
             self._recorder.add(kind, self.now() if when is None else when, content)
 
@@ -175,8 +177,8 @@ class RobotSide:
             self._outlet.arrived(state.state.time, now)
         return state
 
-    def handle(self, raw: bytes, state: StateMessage, arrival: float) -> bytes | None:
-        """Let the pilot decide on a state, and return the message that answers it."""
+    def handle(self, raw: bytes, state: StateMessage, arrival: float, *, behind: bool = False) -> bytes | None:
+        """Let the pilot decide on a state, and return the message that answers it; `behind` if a newer one waits."""
         asked = []
         while not self._asked.empty():
             asked.append(self._asked.get())
@@ -186,13 +188,16 @@ class RobotSide:
         if fault is not None:
             self._record(recording.FAULT, fault.encode())
         self._look()
+        if behind:
+            self._record(recording.BEHIND)
         self._record(recording.STATE, raw, arrival)
-        decision = self.pilot.observe(state, asked, fault)
-        message = None if decision.command is None else self._messages.pack_command(decision.command)
-        self._record(recording.DECISION, message or b"")
+        decision = self.pilot.observe(state, asked, fault, behind=behind)
         if decision.new:
+            self._message = None if decision.command is None else self._messages.pack_command(decision.command)
             self._grip()
-        self._outlet.put(message, state.state.time, new=decision.new, active=self.pilot.machine.active)
+        message = self._message
+        self._record(recording.DECISION, message or b"")
+        self._outlet.put(message, decision, active=self.pilot.machine.active)
         self._time_over(state.state.time)
         return message
 
@@ -277,7 +282,7 @@ class RobotSide:
 
     def _control(self) -> None:
         while (item := self._states.get()) is not None:
-            self.handle(*item)
+            self.handle(*item, behind=not self._states.empty())
 
     def _publish(self) -> None:
         slot, period = time.perf_counter(), PERIOD * self.settings.slower

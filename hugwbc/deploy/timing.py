@@ -63,15 +63,21 @@ class Timing:
         self._latency, self._deviation = array.array("d"), array.array("d")
         self._last: float | None = None
         self._missed_in_a_row = 0
-        self.missed = 0  # commands that took longer than the controller's period
+        self.missed = 0  # commands that took longer than the controller's period, or were left out to catch up
         self.longest_miss = 0  # of these in a row
 
-    def answered(self, seconds: float, limit: float) -> None:
-        """Note the time from the arrival of a state to the publication of its command [s], and whether it was late."""
+    def answered(self, seconds: float, limit: float, skipped: int = 0) -> None:
+        """Note a command.
+
+        Args:
+            seconds: time from the arrival of its state to its publication [s].
+            limit: the controller's period [s], beyond which it is late.
+            skipped: periods before it without a command of their own.
+        """
         self._latency.append(seconds)
-        late = seconds > limit
-        self.missed += late
-        self._missed_in_a_row = self._missed_in_a_row + 1 if late else 0
+        missed = skipped + (seconds > limit)
+        self.missed += missed
+        self._missed_in_a_row = self._missed_in_a_row + missed if missed else 0
         self.longest_miss = max(self.longest_miss, self._missed_in_a_row)
 
     def published(self, now: float) -> None:

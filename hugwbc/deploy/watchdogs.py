@@ -116,11 +116,11 @@ class BodyWatch:
         lean = tilt(state)
         if self._lasts("tilt", lean > limits.tilt, state.time):
             return f"the robot leans {lean:.2f} rad, above {limits.tilt:.2f}"
-        speed = np.abs(state.dq) / self._speed
-        fast = np.flatnonzero(speed > 1.0)
-        for joint in range(len(names)):
-            if self._lasts(names[joint], joint in fast, state.time):
-                return f"{names[joint]} turns at {state.dq[joint]:.1f} rad/s, above {self._speed[joint]:.1f}"
+        fast = np.abs(state.dq) > self._speed
+        if self._since or fast.any():
+            for joint, exceeded in enumerate(fast.tolist()):
+                if self._lasts(names[joint], exceeded, state.time):
+                    return f"{names[joint]} turns at {state.dq[joint]:.1f} rad/s, above {self._speed[joint]:.1f}"
         return None
 
     def _lasts(self, name: str, exceeded: bool, time: float) -> bool:

@@ -181,3 +181,17 @@ def test_sticks_reach_the_controller(standing) -> None:
         pilot.observe(standing.next(Remote(ly=0.5)))
     assert controller.commands[-1].gait is Gait.WALKING
     assert controller.commands[-1].v_x == pytest.approx(0.5)
+
+
+def test_a_pilot_that_is_behind_calls_the_controller_for_the_newest_state_only(standing) -> None:
+    controller = Counting()
+    controller.period = 0.004
+    pilot = make_pilot(controller)
+    bring_to(Mode.RUN, pilot, standing)
+    calls = controller.calls
+    late = [pilot.observe(standing.next(), behind=True) for _ in range(7)]
+    assert controller.calls == calls and not any(each.new for each in late)
+    newest = pilot.observe(standing.next())
+    assert controller.calls == calls + 1 and newest.new and newest.skipped == 3
+    assert not pilot.observe(standing.next()).new
+    assert pilot.observe(standing.next()).skipped == 0

@@ -238,7 +238,7 @@ def test_a_controller_that_hangs_is_damped_by_the_publisher(standing) -> None:
 def test_a_defect_ends_the_deployment_with_its_error(standing) -> None:
     robot_end, end = local_pair()
     side = RobotSide(make_pilot(), H1, end, Settings(slower=1.0))
-    side.pilot.observe = lambda *_: 1 / 0  # type: ignore[method-assign,assignment]
+    side.pilot.observe = lambda *_, **__: 1 / 0  # type: ignore[method-assign,assignment]
     robot_end.send(standing.raw())
     begin = time.perf_counter()
     with pytest.raises(ZeroDivisionError):
