@@ -97,6 +97,20 @@ def ancestry_in(metadata: Mapping[str, Any], path: pathlib.Path) -> Ancestry | N
         raise PolicyFileError(f"the ancestry in {path} is damaged at {first['loc']}: {first['msg']}") from error
 
 
+def origin(path: pathlib.Path, kind: str) -> tuple[Parent, Sequence[StageRecord]]:
+    """Return a file from outside a recipe as an input, and the stages that led to it, as its own metadata say."""
+    tensors, metadata = checkpoint.load_file(path, kind)
+    digest = checkpoint.tensor_digest(tensors, kind)[:32]
+    ancestry = ancestry_in(metadata, path)
+    records = () if ancestry is None else ancestry.stages
+    return Parent(stage=_writers(records).get(digest), digest=digest), records
+
+
+def _writers(records: Sequence[StageRecord]) -> dict[str, str]:
+    """Return the names of the stages by the digests of what they wrote."""
+    return {output: record.stage for record in records for output in record.outputs.values()}
+
+
 def read_record(path: pathlib.Path) -> StageRecord | None:
     """Return the record of a finished stage; None without such a file."""
     if not path.exists():

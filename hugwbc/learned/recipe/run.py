@@ -31,6 +31,7 @@ from hugwbc.learned.recipe.ancestry import (
     Parent,
     StageRecord,
     content_digest,
+    origin,
     read_record,
     seal,
 )
@@ -234,12 +235,14 @@ class _Work:
         self, seed: int, steps: float, discarded: float, figures: Mapping[str, float | None], spent: "_Spent"
     ) -> None:
         """Write how the files were made, into them and beside them; the stage is finished with the latter."""
+        given = {setting: str(source) for setting, source in self.stage.inputs().items()}
         parents = {}
         for setting, path in self.inputs.items():
             kind = KINDS[_TAKEN[setting]]
-            source = str(self.stage.inputs()[setting])
-            stage = source if source in self.recipe.stages else None
-            parents[setting] = Parent(stage=stage, digest=content_digest(path, kind))
+            if given[setting] in self.recipe.stages:
+                parents[setting] = Parent(stage=given[setting], digest=content_digest(path, kind))
+            else:
+                parents[setting], _ = origin(path, kind)
         files = [self.folder / name for name in KINDS if (self.folder / name).exists()]
         record = StageRecord(
             stage=self.name,
@@ -257,23 +260,25 @@ class _Work:
             outputs={path.name: content_digest(path, KINDS[path.name]) for path in files},
             ended=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         )
-        ancestry = Ancestry(recipe=self.recipe.source, stages=(*self._ancestors(record.parents), record))
+        ancestry = Ancestry(recipe=self.recipe.source, stages=(*self._ancestors(), record))
         for path in files:
             seal(path, ancestry)
         content = TypeAdapter(StageRecord).dump_python(record, mode="json")
         write_whole(self.folder / RECORD, json.dumps(content, indent=1) + "\n")
 
-    def _ancestors(self, parents: Mapping[str, Parent]) -> Sequence[StageRecord]:
-        """Return the records of the stages that this one rests on, in the order of the recipe."""
-        names, waiting = set[str](), [parent.stage for parent in parents.values()]
-        records = {name: read_record(self.out / name / RECORD) for name in self.recipe.stages}
+    def _ancestors(self) -> Sequence[StageRecord]:
+        """Return the records of the stages that this one rests on: those of files from outside, then the recipe's."""
+        own, outside, waiting = set[str](), list[StageRecord](), [self.name]
         while waiting:
-            name = waiting.pop()
-            record = records.get(name or "")
-            if name is not None and record is not None and name not in names:
-                names.add(name)
-                waiting += [parent.stage for parent in record.parents.values()]
-        return [record for name, record in records.items() if record is not None and name in names]
+            for setting, source in self.recipe.stages[waiting.pop()].inputs().items():
+                if str(source) in self.recipe.stages:
+                    own.add(str(source))
+                    waiting.append(str(source))
+                else:
+                    _, led = origin(source, KINDS[_TAKEN[setting]])
+                    outside += [record for record in led if record not in outside]
+        records = [read_record(self.out / name / RECORD) for name in self.recipe.stages if name in own]
+        return [*outside, *(record for record in records if record is not None)]
 
 
 class _Spent:

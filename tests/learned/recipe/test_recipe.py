@@ -99,6 +99,13 @@ def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, tmp_p
     assert load_policy(tmp_path / "a").contract.feed_forward
     assert main(["check", "--policy", str(tmp_path / "a")]) == 0
     assert "the chain is whole" in capsys.readouterr().out
+    own = RECIPE[RECIPE.index("  more:") : RECIPE.index("  calibrated:")].replace(
+        "walk", str(tmp_path / "a/snapshot.safetensors")
+    )
+    recipe.write_text("about: Further.\nseed: 2002\nstages:\n" + own.replace("more", "further"))
+    assert run_recipe(load_recipe(recipe), tmp_path / "further", Services())
+    records, problems = verify(tmp_path / "further")
+    assert problems == [] and [one.stage for one in records] == ["starts", "walk", "more", "further"]
 
 
 def test_a_policy_that_was_changed_does_not_pass(recipe, tmp_path, capsys) -> None:
