@@ -1,12 +1,16 @@
 """Files that are written completely or not at all, their digests, and numbers that JSON can hold."""
 
+import contextlib
 import errno
 import hashlib
 import math
 import os
 import pathlib
 import secrets
+from collections.abc import Iterator
 from typing import Any
+
+from hugwbc.errors import ConfigError
 
 
 def write_whole(path: str | pathlib.Path, content: bytes | str) -> None:
@@ -37,6 +41,15 @@ def write_whole(path: str | pathlib.Path, content: bytes | str) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def writing(path: str | pathlib.Path) -> Iterator[None]:
+    """Say of an error in writing a file or a folder what can be done about it."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
 
 
 def read_file(path: pathlib.Path, largest: int) -> bytes:

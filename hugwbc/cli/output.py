@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 import tyro
 
-from hugwbc.errors import ConfigError
-from hugwbc.files import finite_json, write_whole
+from hugwbc.files import finite_json, write_whole, writing
 
 if TYPE_CHECKING:
     from hugwbc.sim.arena import Arena
@@ -130,15 +129,12 @@ def check_writable(path: pathlib.Path | None) -> None:
     """Check that a file can be written, before the work whose result it will hold."""
     if path is None or path == STDOUT:
         return
-    try:
-        with _removed_if_empty(path.parent):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            new = not path.exists()
-            path.open("a").close()
-            if new:  # what fails later must not leave an empty file
-                path.unlink()
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
+    with writing(path), _removed_if_empty(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = not path.exists()
+        path.open("a").close()
+        if new:  # what fails later must not leave an empty file
+            path.unlink()
 
 
 @contextlib.contextmanager
@@ -148,11 +144,9 @@ def output_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
     At the end, folders that were made here and are still empty are removed: work that was refused leaves no trace.
     """
     with _removed_if_empty(path):
-        try:
+        with writing(path):
             path.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=path).close()
-        except OSError as error:
-            raise ConfigError(f"cannot write to {path}: {error.strerror}; give a folder that can be written") from error
         yield path
 
 

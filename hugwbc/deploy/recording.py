@@ -20,6 +20,7 @@ from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.watchdogs import Intake
 from hugwbc.errors import ResultFileError
+from hugwbc.files import writing
 
 FORMAT = "hugwbc deployment 1"
 # Kinds of entries: a state that the pilot took; one that was refused; a request; a fault; the pilot's command (empty
@@ -40,11 +41,9 @@ class Recorder:
         """Open a file, which is replaced, and write what is run as its header."""
         self.failure: str | None = None  # why the recording is not complete
         self._entries: queue.Queue[bytes | None] = queue.Queue(maxsize=_WAITING)
-        try:
+        with writing(path):
             self._file: BinaryIO = path.open("wb")
             self._file.write(json.dumps({"format": FORMAT, **header}).encode() + b"\n")
-        except OSError as error:
-            raise ResultFileError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 

@@ -16,7 +16,7 @@ import hugwbc
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
-from hugwbc.files import digest
+from hugwbc.files import digest, writing
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.source import source_commit
 
@@ -45,12 +45,8 @@ class StoredTable:
         episode = digest(repr(plan))
         self._rows[episode] = json.loads(json.dumps(row))
         if self.path is not None:
-            try:
+            with writing(self.path):
                 _append(self.path, self._key, {_EPISODE: episode, **row})
-            except OSError as error:
-                raise ResultFileError(
-                    f"cannot write {self.path}: {error.strerror}; choose another folder for the results"
-                ) from error
         return self._rows[episode]
 
 

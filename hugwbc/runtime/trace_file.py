@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hugwbc.errors import ConfigError, HugwbcError
-from hugwbc.files import write_whole
+from hugwbc.files import write_whole, writing
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings_file import parse
@@ -47,10 +47,8 @@ def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
     file = io.BytesIO()
     arrays[_ABOUT] = np.array(json.dumps(about))
     np.savez_compressed(file, allow_pickle=False, **arrays)
-    try:
+    with writing(path):
         write_whole(path, file.getvalue())
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
     return path
 
 

@@ -25,6 +25,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from hugwbc.errors import ConfigError
+from hugwbc.files import writing
 from hugwbc.robot import Robot
 from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, pose_names, state_names
 from hugwbc.tasks.task import Task
@@ -121,12 +122,8 @@ class DatasetWriter:
 
     def __enter__(self) -> Self:
         """Make the hidden folder."""
-        try:
+        with writing(self.folder):
             self._staging.mkdir(parents=True)
-        except OSError as error:
-            raise ConfigError(
-                f"cannot write {self.folder}: {error.strerror}; give a folder that can be made"
-            ) from error
         return self
 
     def __exit__(

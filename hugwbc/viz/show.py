@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
+from hugwbc.files import writing
 from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
@@ -142,11 +143,8 @@ def keep_replay(path: str | pathlib.Path, traces: Sequence[Trace], *, tell: Tell
     from hugwbc.viz.replay import write_replay
 
     path = pathlib.Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(path):
         write_replay(path, traces, title=f"hugwbc {path.stem}: {', '.join(trace.name for trace in traces)}")
-    except OSError as error:
-        raise HugwbcError(f"cannot write {path}: {error.strerror}; run where files can be written") from error
     tell(f"replay in {path}")
 
 

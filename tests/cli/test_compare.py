@@ -33,7 +33,7 @@ def test_an_output_folder_that_cannot_be_made_is_an_error(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     words = ["compare", "--script", "stand", "--controllers", "hold", "--no-video"]
     assert main([*words, "--out", str(tmp_path / "file" / "out")]) == 2
-    assert "give a folder that can be written" in capsys.readouterr().err
+    assert "give a path that can be written" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from hugwbc.deploy import recording
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.state_machine import Mode
-from hugwbc.errors import ResultFileError
+from hugwbc.errors import ConfigError, ResultFileError
 
 H1 = load_robot()
 
@@ -113,7 +113,7 @@ def test_paths_that_cannot_be_used_are_refused(tmp_path) -> None:
         Recording(tmp_path / "missing.bin")
     with pytest.raises(ResultFileError, match="no recording"):
         Recording(pathlib.Path("/dev/zero"))
-    with pytest.raises(ResultFileError, match="cannot write"):
+    with pytest.raises(ConfigError, match="cannot write"):
         Recorder(tmp_path / "no" / "folder.bin", {})
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from hugwbc.errors import ConfigError, PolicyFileError
-from hugwbc.files import write_whole
+from hugwbc.files import write_whole, writing
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, Actor
 from hugwbc.learned.policy.policy import LearnedController
@@ -58,10 +58,8 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
             f"the exported network differs from the policy by {difference:.2g}, valid is {TOLERANCE:g}; "
             "nothing was written. Check that the policy's weights are finite and of ordinary size"
         )
-    try:
+    with writing(path):
         write_whole(path, data)
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
     return difference
 
 
