@@ -57,7 +57,7 @@ def _walk(change=None, *, period=0.002, latency=0.0, seconds=5.0):
         if simulation.fallen:
             return 0.0, False
     speed = float(np.mean(speeds))
-    print(f"mean v_x {speed:.3f} m/s", end=" ")  # docs/mbc.md has it
+    print(f"mean v_x {speed:.3f} m/s", end=" ")  # docs/log/qp.md has it
     return speed, True
 
 
