@@ -1,7 +1,8 @@
 """Errors that a user can act on: each message says what was wrong, what is valid, and what to do."""
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 
 class HugwbcError(Exception):
@@ -77,3 +78,12 @@ class CaptureError(HugwbcError):
 
 class DeploymentError(HugwbcError):
     """A robot that cannot be reached, or refuses control."""
+
+
+@contextlib.contextmanager
+def needing(extra: str, what: str) -> Iterator[None]:
+    """Say of an import that fails which extra of this package brings it; `what` is the subject of the message."""
+    try:
+        yield
+    except ImportError as error:
+        raise ConfigError(f"{what} needs {error.name} ({error}); run `pip install 'hugwbc[{extra}]'`") from error

@@ -16,7 +16,7 @@ from hugwbc.behaviours import BehaviourSource, load_plan
 from hugwbc.behaviours.source import LONGEST
 from hugwbc.cli.output import parse_settings, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
-from hugwbc.errors import ConfigError, TargetError
+from hugwbc.errors import ConfigError, TargetError, needing
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.runtime.controllers import ControllerSpec
@@ -180,11 +180,9 @@ def _drive(options: PlayOptions) -> int:
     """Serve the live page until the time is over or Ctrl-C."""
     serve = options.page
     _check_address(serve.host, serve.port)
-    try:
+    with needing("live", "the live page"):
         from hugwbc.viz.drive import drive
         from hugwbc.viz.live import LivePage
-    except ImportError as error:
-        raise ConfigError(f"the live page needs viser ({error}); run `pip install 'hugwbc[live]'`") from error
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
     arena = options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import tyro
 
 from hugwbc.cli.output import output_folder, parse_settings, progress, say, say_arena
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, needing
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.settings import Count, check_each_once, settings
@@ -86,11 +86,9 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     from hugwbc.viz.cameras import SIZE, check_cameras, render_films
 
     check_cameras(options.cameras)
-    try:
+    with needing("record", "--record"):
         from hugwbc.tasks.demonstration import FPS, demonstrate
         from hugwbc.tasks.lerobot_dataset import DatasetWriter
-    except ImportError as error:
-        raise ConfigError(f"--record needs pyarrow ({error}); run `pip install 'hugwbc[record]'`") from error
     tasks, arena = [load_task(name) for name in options.task], options.arena
     total, done = options.episodes * len(tasks), 0
     with (

@@ -7,8 +7,8 @@ from typing import Any
 
 from hugwbc.deploy.messages import COMMAND, STATE
 from hugwbc.deploy.transport import HISTORY, UNREACHABLE, Service
-from hugwbc.deploy.wire import EXTRA, from_cdr, idl_class, to_cdr
-from hugwbc.errors import ConfigError
+from hugwbc.deploy.wire import from_cdr, idl_class, to_cdr
+from hugwbc.errors import ConfigError, needing
 
 TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
 SWITCHER_TOPICS = ("rt/api/motion_switcher/request", "rt/api/motion_switcher/response")
@@ -59,15 +59,13 @@ class DdsEndpoint:
             domain: DDS domain; 0 on a robot, 1 for simulated ones by the maker's custom.
         """
         check_network(net, domain)
-        try:
+        with needing("deploy", "a connection to a robot"):
             from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
             from cyclonedds.domain import Domain, DomainParticipant
             from cyclonedds.pub import DataWriter
             from cyclonedds.qos import Policy, Qos
             from cyclonedds.sub import DataReader
             from cyclonedds.util import duration
-        except ImportError as error:
-            raise ConfigError(f"a connection to a robot needs the extra [deploy] ({error}); {EXTRA}") from error
         self._robot, self._seconds = robot, lambda seconds: duration(seconds=seconds)
         self._sends, self._receives = (STATE, COMMAND) if robot else (COMMAND, STATE)
         configuration = (_LOOPBACK if net == LOOPBACK else _NETWORK).format(net=net)

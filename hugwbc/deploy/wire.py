@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.errors import ConfigError
+from hugwbc.errors import needing
 
-EXTRA = "run `pip install 'hugwbc[deploy]'`"
 _IDL = "unitree_sdk2py.idl.unitree_go.msg.dds_"  # the H1 speaks unitree_go
 _CDR_HEADER = b"\x00\x01\x00\x00"  # plain CDR, little-endian
 _LITTLE_ENDIAN = (b"\x00\x01", b"\x00\x07")  # CDR of version 1 and 2; for numbers of up to 4 bytes they are the same
@@ -36,10 +35,8 @@ _WORD = 4  # bytes
 @functools.cache
 def idl_class(name: str) -> type:
     """Return one of the maker's IDL classes, such as `LowCmd_`."""
-    try:
+    with needing("deploy", "a message of the robot"):
         return getattr(importlib.import_module(_IDL), name)
-    except ImportError as error:
-        raise ConfigError(f"the messages of the robot need the extra [deploy] ({error}); {EXTRA}") from error
 
 
 @functools.cache

@@ -8,7 +8,7 @@ import types
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from hugwbc.errors import ConfigError, WorkerError
+from hugwbc.errors import ConfigError, WorkerError, needing
 
 Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
@@ -101,12 +101,10 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
     Dask sends functions and arguments as pickles, which can run any code: connect only to a cluster that you trust as
     you trust yourself.
     """
-    try:
+    with needing("cluster", "a cluster"):
         from distributed import Client, KilledWorker
         from distributed.client import FutureCancelledError
         from distributed.comm.core import CommClosedError
-    except ImportError as error:
-        raise WorkerError("a cluster needs dask.distributed; install it with: pip install 'hugwbc[cluster]'") from error
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:

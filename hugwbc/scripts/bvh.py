@@ -12,7 +12,7 @@ import warnings
 
 import numpy as np
 
-from hugwbc.errors import ConfigError, MotionFileError
+from hugwbc.errors import MotionFileError, needing
 from hugwbc.scripts.motion import FRAME_RATES
 
 # The names of the common conventions, in lower case and without prefixes, spaces and underscores: first those of CMU,
@@ -66,10 +66,8 @@ def load_bvh(path: str | pathlib.Path) -> BodyClip:
     The axis that points up is the one along which the shoulders are above the feet.
     """
     path = pathlib.Path(path)
-    try:
+    with needing("motion", f"reading {path}"):
         import pybvh
-    except ImportError as error:
-        raise ConfigError(f"reading {path} needs pybvh ({error}); run `pip install 'hugwbc[motion]'`") from error
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pybvh's guesses of axes and floor, which are not used

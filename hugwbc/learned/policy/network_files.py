@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hugwbc.errors import PolicyFileError
+from hugwbc.errors import PolicyFileError, needing
 
 TORCHSCRIPT_SUFFIXES = (".pt", ".pth", ".ts", ".jit")
 ONNX_SUFFIX = ".onnx"
@@ -130,10 +130,8 @@ class OnnxNetwork:
 
 
 def _session(path: pathlib.Path) -> Any:  # noqa: ANN401  an optional package
-    try:
+    with needing("export", str(path)):
         onnxruntime: Any = importlib.import_module("onnxruntime")
-    except ImportError as error:
-        raise PolicyFileError(f"{path} needs onnxruntime; run `pip install 'hugwbc[export]'`") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     try:

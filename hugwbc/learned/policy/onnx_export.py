@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.errors import PolicyFileError, needing
 from hugwbc.files import write_whole, writing
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.networks import ACTION_SIZE, Actor
@@ -23,11 +23,9 @@ _SAMPLES = 64
 
 def _onnx() -> tuple[Any, Any]:
     """Import onnx and onnxruntime, an extra that a robot with torch does not need."""
-    try:
+    with needing("export", "ONNX export"):
         import onnx
         import onnxruntime
-    except ImportError as error:
-        raise ConfigError(f"ONNX export needs {error.name}: run `pip install 'hugwbc[export]'`") from error
     return onnx, onnxruntime
 
 
