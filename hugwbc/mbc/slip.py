@@ -8,6 +8,7 @@ _FILTER = 0.02  # [s], time constant of the soles' speeds: a sole that touches d
 _SLIPS = 0.45  # [m/s], filtered speed of a sole under load that does not occur on good ground
 _SLIDES = 0.5  # [m/s], filtered speed that it does not reach once enough less friction is assumed
 _LOADED = 100.0  # [N], least force on a foot that tells of the ground
+_GRIP = 0.4  # horizontal over vertical force of a sole that slides on good ground, as after a push, at least
 _BETWEEN = 0.3  # [s] between two reductions, about a step: a slip goes on until the other foot stands
 _AT_ONCE = 0.05  # [s], the same for a sole that slides
 _REDUCTION = 0.3  # factor on the friction that is assumed, for each slip
@@ -34,18 +35,21 @@ class SlipWatch:
     def reset(self) -> None:
         """Assume good ground."""
         self.friction, self.fastest = self._good, math.inf
-        self._speed = [0.0, 0.0]
+        self._speed, self._ratio = [0.0, 0.0], [0.0, 0.0]
         self._since = _BETWEEN  # the last reduction [s]
 
-    def update(self, velocities: np.ndarray, load: np.ndarray, dt: float) -> None:
-        """Take the horizontal velocities of both soles [m/s], shape (2, 2), and what they carry [N], shape (2,)."""
-        for foot, (velocity, carried) in enumerate(zip(velocities, load.tolist(), strict=True)):
-            speed = math.hypot(*velocity) if carried > _LOADED else 0.0
-            self._speed[foot] += min(dt / _FILTER, 1.0) * (speed - self._speed[foot])
-        fastest = max(self._speed)
+    def update(self, velocities: np.ndarray, forces: np.ndarray, dt: float) -> None:
+        """Take the horizontal velocities of both soles [m/s], shape (2, 2), and the forces on them [N], shape (2, 3)."""
+        share, slips = min(dt / _FILTER, 1.0), 0.0
+        for foot, (velocity, (x, y, z)) in enumerate(zip(velocities.tolist(), forces.tolist(), strict=True)):
+            loaded = z > _LOADED
+            self._speed[foot] += share * ((math.hypot(*velocity) if loaded else 0.0) - self._speed[foot])
+            self._ratio[foot] += share * ((math.hypot(x, y) / z if loaded else 0.0) - self._ratio[foot])
+            if self._ratio[foot] < _GRIP:
+                slips = max(slips, self._speed[foot])
         self._since += dt
-        if fastest > _SLIPS and self._since > (_AT_ONCE if fastest > _SLIDES else _BETWEEN):
+        if slips > _SLIPS and self._since > (_AT_ONCE if slips > _SLIDES else _BETWEEN):
             self.friction, self._since = max(_REDUCTION * self.friction, _LEAST), 0.0
-        elif fastest <= _SLIPS:
+        elif slips <= _SLIPS:
             self.friction = min(self.friction + _RECOVERY * dt, self._good)
         self.fastest = math.inf if self.friction == self._good else _SPEED * self.friction

@@ -276,7 +276,7 @@ class WholeBodyController:
         if state.foot_force is None:
             return
         velocities = np.array([self.dynamics.frame(f"{side}_sole").velocity[:2] for side in SIDES])
-        self._slip.update(velocities, state.foot_force[:, 2] * self._locomotion.contact, self.period)
+        self._slip.update(velocities, state.foot_force * self._locomotion.contact[:, None], self.period)
         self._qp.friction = self._slip.friction
 
     def _implausible(self, state: RobotState) -> str:

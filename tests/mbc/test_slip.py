@@ -12,7 +12,7 @@ from hugwbc.runtime import Constant, Simulation, rollout
 from hugwbc.sim import Variation
 
 DT = 0.004
-LOAD = np.array([300.0, 0.0])
+LOAD = np.array([[30.0, 40.0, 300.0], [0.0, 0.0, 0.0]])
 
 
 def after(watch: SlipWatch, speed: float, seconds: float, load: np.ndarray = LOAD) -> SlipWatch:
@@ -33,7 +33,11 @@ def test_a_brief_slide_at_a_touch_down_is_no_slip() -> None:
 
 
 def test_a_sole_without_load_tells_nothing() -> None:
-    assert after(SlipWatch(0.7), 3.0, 0.5, np.array([50.0, 300.0])).friction == 0.7
+    assert after(SlipWatch(0.7), 3.0, 0.5, np.array([[0.0, 5.0, 50.0], [30.0, 40.0, 300.0]])).friction == 0.7
+
+
+def test_a_sole_that_slides_against_much_friction_is_on_good_ground() -> None:
+    assert after(SlipWatch(0.7), 1.0, 0.5, np.array([[0.0, 180.0, 300.0], [0.0, 0.0, 0.0]])).friction == 0.7
 
 
 def test_a_slip_lowers_the_friction_and_the_speed_until_the_ground_holds() -> None:
