@@ -35,18 +35,18 @@ class SlipWatch:
     def reset(self) -> None:
         """Assume good ground."""
         self.friction, self.fastest = self._good, math.inf
-        self._speed, self._ratio = [0.0, 0.0], [0.0, 0.0]
+        self._filtered = np.zeros((2, 3))  # by foot: speed [m/s], horizontal and vertical force [N]
         self._since = _BETWEEN  # the last reduction [s]
 
     def update(self, velocities: np.ndarray, forces: np.ndarray, dt: float) -> None:
-        """Take the horizontal velocities of both soles [m/s], shape (2, 2), and the forces on them [N], shape (2, 3)."""
-        share, slips = min(dt / _FILTER, 1.0), 0.0
+        """Take both soles' horizontal velocities [m/s], shape (2, 2), and the forces on them [N], shape (2, 3)."""
+        slips = 0.0
         for foot, (velocity, (x, y, z)) in enumerate(zip(velocities.tolist(), forces.tolist(), strict=True)):
-            loaded = z > _LOADED
-            self._speed[foot] += share * ((math.hypot(*velocity) if loaded else 0.0) - self._speed[foot])
-            self._ratio[foot] += share * ((math.hypot(x, y) / z if loaded else 0.0) - self._ratio[foot])
-            if self._ratio[foot] < _GRIP:
-                slips = max(slips, self._speed[foot])
+            now = (math.hypot(*velocity), math.hypot(x, y), z) if z > _LOADED else (0.0, 0.0, 0.0)
+            self._filtered[foot] += min(dt / _FILTER, 1.0) * (now - self._filtered[foot])
+            speed, sideways, load = self._filtered[foot].tolist()
+            if sideways < _GRIP * load:
+                slips = max(slips, speed)
         self._since += dt
         if slips > _SLIPS and self._since > (_AT_ONCE if slips > _SLIDES else _BETWEEN):
             self.friction, self._since = max(_REDUCTION * self.friction, _LEAST), 0.0
