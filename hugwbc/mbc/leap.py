@@ -243,7 +243,7 @@ class Leap:
             dynamics: robot model at the current state.
             wanted: velocity wanted at take-off, world x and y [m/s], shape (2,).
         """
-        params, plan = self._params, self._plan
+        plan = self._plan
         moving, stance = dynamics.com_velocity[:2], plan.step_time
         height = dynamics.com[2] + dynamics.com_velocity[2] * plan.remaining - 0.5 * GRAVITY * plan.remaining**2
         lever = height - self._references.ground - GRAVITY * stance**2 / 6.0
@@ -252,7 +252,7 @@ class Leap:
         turning = np.array([-excess[1], excess[0]]) / dynamics.mass
         distance = (turning - lever * (moving - wanted)) / (2.0 * GRAVITY * stance)
         middle = dynamics.com[:2] + moving * plan.remaining + stance * (3.0 * moving + wanted) / 8.0
-        return middle - params.hop_placement * distance
+        return middle - distance
 
     def _landing_yaw(self, command: SmoothCommand) -> float:
         """Return the heading of the feet at the landing: that of the pelvis in the middle of the next stance [rad]."""

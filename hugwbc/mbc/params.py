@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from hugwbc.settings import Count, Positive, PositiveShare, settings
+from hugwbc.settings import Count, Positive, settings
 
 _Gains = tuple[Positive, Positive]  # stiffness and damping, or the largest rate and the largest acceleration
 
@@ -27,8 +27,6 @@ class ControllerParams:
     """Largest normal force of one contact point [N]."""
     joint_margin: float = 0.02
     """Distance that is kept from a joint's position limit [rad]."""
-    speed_fraction: PositiveShare = 1.0
-    """Share of every joint's highest speed that may be used, at most 1: a drive has no torque left beyond it."""
     joint_brake: Positive = 400.0
     """Deceleration with which a joint is assumed to stop before its limit [rad/s^2]."""
     joint_horizon: Positive = 0.02
@@ -66,8 +64,6 @@ class ControllerParams:
     """Weight of the centre of mass when standing: balance comes before posture."""
     travel_weight: float = 10.0
     """Weight of the pelvis's motion along the heading when walking."""
-    travel_damping: float = 0.0
-    """Damping of that motion about the commanded speed [1/s]; 0 follows the pendulum alone."""
     com_gains: tuple[float, float] = (30.0, 11.0)
     """Gains of the centre of mass when standing [1/s^2], [1/s]."""
     swing_weight: tuple[float, float, float] = (40.0, 40.0, 40.0)
@@ -211,8 +207,6 @@ class ControllerParams:
     """Distance between the centre lines of the feet when jumping in place [m]."""
     leap_placement: float = 0.12
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
-    hop_placement: float = 1.0
-    """Share that is used of the distance between foot and centre of mass that would take out all excess momentum."""
     jump_calm: float = 0.04
     """Distance of the divergent component from the middle of the feet at which a series of jumps may start [m]."""
     hop_shift_time: Positive = 0.5
@@ -294,8 +288,6 @@ class ControllerParams:
     """Stiffness of the joint PD between two ticks, as a share of the robot's nominal kp."""
     joint_damping: float = 0.3
     """Damping of the joint PD between two ticks, as a share of the robot's nominal kd."""
-    drive_friction: float = 1.0
-    """Share of the friction of the robot's drives that the torques make up for; a robot with ideal drives has none."""
     hold_time: float = 0.06
     """Time for which the last good command is held when no new one can be found, before the joints are only damped
     [s]."""

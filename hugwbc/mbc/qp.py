@@ -108,7 +108,7 @@ class WholeBodyQp:
         self._lowest_torque = -self._highest_torque
         self._lowest = robot.lower[order] + params.joint_margin
         self._highest = robot.upper[order] - params.joint_margin
-        self._fastest = params.speed_fraction * robot.velocity_limit[order]
+        self._fastest = robot.velocity_limit[order]
         size, joints = nv + _FORCES, columns.size
         self._H = np.zeros((size, size))
         self._diagonal = np.einsum("ii->i", self._H)  # a view

@@ -248,7 +248,7 @@ class PelvisOrientationTask:
 class PelvisTravelTask:
     r"""Motion of the pelvis along the heading during a walk: that of the linear inverted pendulum.
 
-    .. math:: \ddot x^* = \omega^2 (c - p_{cop}) + k_d (\dot x_d - \dot x), \qquad k_d = 0 \text{ by default}
+    .. math:: \ddot x^* = \omega^2 (c - p_{cop})
 
     with c the centre of mass along the heading [m]. The pelvis follows the pendulum instead of the centre of mass,
     because the velocity command is the pelvis's, and because the mass of the lifted leg would shake it to and fro.
@@ -256,7 +256,7 @@ class PelvisTravelTask:
 
     Attributes:
         heading: direction of the row [rad].
-        speed: commanded velocity along it [m/s]; without damping only for the reported error.
+        speed: commanded velocity along it [m/s], used only in the reported error.
         feedforward: acceleration of the pendulum [m/s^2].
     """
 
@@ -268,7 +268,6 @@ class PelvisTravelTask:
         self.heading = 0.0
         self.speed = 0.0
         self.feedforward = 0.0
-        self._damping = params.travel_damping
         self._weight = np.array([params.travel_weight])
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
@@ -279,7 +278,7 @@ class PelvisTravelTask:
         return TaskTerms(
             forward.dot(pelvis.jacobian[:2]),
             forward.dot(pelvis.drift[:2]),
-            np.array([self.feedforward + self._damping * error]),
+            np.array([self.feedforward]),
             self._weight,
             np.array([error]),
         )

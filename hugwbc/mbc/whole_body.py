@@ -372,13 +372,7 @@ class WholeBodyController:
             dq=dq,
             kp=self._kp,
             kd=self._kd,
-            tau=np.minimum(
-                np.maximum(
-                    solution.torque + self.params.drive_friction * friction,
-                    self._lowest_torque,
-                ),
-                self._highest_torque,
-            ),
+            tau=np.minimum(np.maximum(solution.torque + friction, self._lowest_torque), self._highest_torque),
         )
 
     def _fall_back(self, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:

@@ -15,7 +15,6 @@ from hugwbc.mbc import ControllerParams
         ({"mpc_intervals": -1}, "mpc_intervals"),
         ({"height_rate": (0.0, 2.0)}, r"height_rate\.0"),
         ({"arm_gains": (100.0, 0.0)}, r"arm_gains\.1"),
-        ({"speed_fraction": 1.1}, "speed_fraction"),
         ({"step_timing": 1.0}, "step_timing"),
     ],
 )
