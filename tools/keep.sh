@@ -106,7 +106,7 @@ try play-motion-npz $HUGWBC play --motion "$OUT/wave.npz" --v-x 0.3 --duration 2
 try play-meshcat $HUGWBC play --viewer meshcat --v-x 0.3 --duration 3
 needs viser play-live $HUGWBC play --viewer live --duration 5
 needs viser live-page "$PYTHON" -m pytest -q -n0 tests/viz -k "live or drive"
-needs pybvh play-bvh "$PYTHON" -m pytest -q -n0 tests/scripts -k bvh
+needs pybvh play-bvh "$PYTHON" -m pytest -q -n0 tests/scripts/test_whole_body_motion.py
 
 # Objects, tasks, demonstrations, other people's learners
 try tasks-list $HUGWBC tasks
