@@ -5,11 +5,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from hugwbc import Command, Gait, Robot, RobotState, load_robot, rotations
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.runtime.trace import Trace
+
+# A busy machine is no fault of what is tested.
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("patient")
 
 
 def make_state(q=None, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, **fields) -> RobotState:

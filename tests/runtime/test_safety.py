@@ -79,7 +79,7 @@ def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explain
     assert any("f = 1.5 is not possible at 1.5 m/s" in message for message in report.messages)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8),
     gait=st.sampled_from(list(Gait)),
