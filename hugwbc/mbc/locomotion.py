@@ -15,7 +15,7 @@ from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.standing import Standing
 from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, StanceContactTask, SwingFootTask, Task
 from hugwbc.mbc.walking import Walking
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher than the other and still carry load
@@ -39,8 +39,8 @@ class Locomotion:
         stance, swing, free_leg: tasks of the left and the right leg.
     """
 
-    def __init__(self, params: ControllerParams, robot: Robot | None = None) -> None:
-        self._params, self._robot = params, robot or load_robot()
+    def __init__(self, params: ControllerParams, robot: Robot) -> None:
+        self._params, self._robot = params, robot
         self.plan = GaitPlan(params.gather_time)
         self.ground = feet.Ground()
         self.references = References(params, self.plan, self.ground)

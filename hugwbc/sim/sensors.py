@@ -9,7 +9,7 @@ from pydantic import Field
 
 from hugwbc import rotations
 from hugwbc.errors import UnknownNameError
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.settings import NotNegative, settings
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
@@ -141,17 +141,16 @@ class Reading:
 class Sensors:
     """The sensors of one robot."""
 
-    def __init__(self, profile: SensorProfile, seed: int, robot: Robot | None = None) -> None:
+    def __init__(self, profile: SensorProfile, seed: int, robot: Robot) -> None:
         """Draw the errors of the first episode.
 
         Args:
             profile: which sensors there are, and how good they are.
             seed: seed of noise, biases and offsets.
-            robot: robot with the sensors; None for the H1.
+            robot: robot with the sensors.
         """
         self.profile = profile
         self._rng = np.random.default_rng(seed)
-        robot = robot or load_robot()
         self._waist, self._joints = robot.waist, len(robot.joint_names)
         # Of all that is drawn for a reading: joint positions, velocities, torques, then vectors of the IMU.
         p, joints = profile, np.ones(self._joints)

@@ -122,7 +122,7 @@ def curves(
     series: Mapping[str, tuple[np.ndarray, np.ndarray]],
     labels: tuple[str, str],
     *,
-    dashed: tuple[np.ndarray, np.ndarray] | None = None,
+    dashed: tuple[np.ndarray, np.ndarray],
     bottom: float | None = None,
 ) -> Panel:
     """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and a dashed reference line.
@@ -133,8 +133,7 @@ def curves(
     def draw(axes: "Axes") -> None:
         for (name, (x, y)), colour in zip(series.items(), LABEL_COLOURS, strict=False):
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
-        if dashed is not None:
-            axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
+        axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
         if bottom is not None:
             axes.set_ylim(bottom=bottom)
         axes.set_xlabel(labels[0])

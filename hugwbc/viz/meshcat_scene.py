@@ -49,8 +49,8 @@ class RobotView:
         model: mujoco.MjModel,
         label: str,
         offset: float,
-        robot: Robot | None = None,
-        scene: scenes.Scene | None = None,
+        robot: Robot | None,
+        scene: scenes.Scene | None,
     ) -> None:
         """Put the shapes of the robot, of its marks, and of the objects around it into the world.
 

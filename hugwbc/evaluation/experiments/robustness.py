@@ -12,10 +12,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import polars as pl
 
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
-from hugwbc.evaluation.experiments.single_command import episode, sampled_commands, stratified_samples
+from hugwbc.evaluation.experiments.single_command import check_enough, episode, stratified_samples
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean
 from hugwbc.evaluation.paper import ERROR_NAMES
@@ -48,9 +47,7 @@ class RobustnessSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        least = len(sampled_commands(self.gaits[0]))
-        if self.samples < least:
-            raise ConfigError(f"samples is {self.samples}; the {self.gait} gait needs at least {least}")
+        check_enough(self, "samples", self.samples)
         for slope in GRID["slope"]:
             dataclasses.replace(self.conditions, slope=slope).check_duration(self.duration)
 

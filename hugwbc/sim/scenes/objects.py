@@ -115,7 +115,7 @@ class SceneObjects(Objects):
         names: tuple[str, ...],
         sensing: SensorProfile,
         seed: int,
-        ground: float = 0.0,
+        ground: float,
     ) -> None:
         """Find the bodies.
 

@@ -106,7 +106,7 @@ def test_an_experiment_of_a_file(tmp_path):
         ("ramp", {"gait": "hopping"}, "takes standing, walking, jumping"),
         ("tour", {"gait": "standing"}, "takes walking"),
         ("tour", {"blow": -1.0}, "blow is -1"),
-        ("robustness", {"samples": 7}, "needs at least 8"),
+        ("robustness", {"samples": 7}, "give 8 or more"),
         ("stops", {"gait": "standing"}, "takes walking"),
         ("behaviours", {"behaviour": "fetch_cap"}, "fetch_cup"),
         ("behaviours", {"scene": "nowhere.yaml"}, "nowhere.yaml"),
