@@ -23,7 +23,7 @@ RECORDS, IMAGES = ROOT / "out" / "tasks", ROOT / "docs" / "images"
 SHOTS = {  # seed, and time of the picture [s]
     "press_button": (0, 11.0),
     "fetch_box": (0, 18.2),
-    "deliver_box": (0, 31.0),
+    "deliver_box": (0, 40.0),
     "lift_from_stool": (0, 18.0),
     "push_cart": (0, 11.0),
     "open_drawer": (0, 12.0),
