@@ -49,8 +49,17 @@ cat >"$OUT/room.yaml" <<'YAML'
 objects:
   - {kind: table, name: desk, position: [1.5, 0.0], size: [0.5, 0.6], height: 0.8}
 YAML
-printf 't,left_elbow_joint\n0,0.5\n1,0.9\n2,0.5\n' >"$OUT/wave.csv"
-"$PYTHON" -c "import numpy, sys; t = numpy.linspace(0, 1, 100)[:, None]; numpy.savez(sys.argv[1], fps=50.0, joint_names=['left_elbow_joint'], positions=t.astype(numpy.float32))" "$OUT/wave.npz"
+"$PYTHON" - "$OUT" <<'PY'
+import sys
+import numpy
+from hugwbc import load_robot
+robot = load_robot()
+names = [robot.joint_names[joint] for joint in robot.arms]
+angles = robot.nominal[robot.arms] + 0.3 * numpy.sin(numpy.linspace(0.0, 6.28, 101))[:, None]
+numpy.savez(f"{sys.argv[1]}/wave.npz", fps=50.0, joint_names=names, positions=angles.astype(numpy.float32))
+rows = numpy.column_stack((numpy.arange(101) / 50.0, angles))
+numpy.savetxt(f"{sys.argv[1]}/wave.csv", rows, delimiter=",", header=",".join(["t", *names]), comments="")
+PY
 EVALUATE="$HUGWBC evaluate"
 RESULTS="--results $OUT/results"
 QUIET="--viewer none"
