@@ -20,7 +20,7 @@ class ControllerParams:
 
     # --- whole-body QP
     friction: Positive = 0.7
-    """Friction coefficient that the contact forces respect; below the soles' 0.8, for margin."""
+    """Friction coefficient that the contact forces respect while no sole slips; below the soles' 0.8, for margin."""
     torque_fraction: Positive = 0.95
     """Share of every joint's torque limit that the QP may use."""
     max_normal_force: Positive = 2000.0

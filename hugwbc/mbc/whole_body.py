@@ -273,11 +273,11 @@ class WholeBodyController:
 
     def _watch_slips(self, state: RobotState) -> None:
         """Let the contact forces use as much friction as the standing soles have."""
-        if state.foot_force is None:
-            return
-        velocities = np.array([self.dynamics.frame(f"{side}_sole").velocity[:2] for side in SIDES])
-        self._slip.update(velocities, state.foot_force * self._locomotion.contact[:, None], self.period)
-        self._qp.friction = self._slip.friction
+        if state.foot_force is not None:
+            velocities = np.array([self.dynamics.frame(f"{side}_sole").velocity[:2] for side in SIDES])
+            self._slip.update(velocities, state.foot_force * self._locomotion.contact[:, None], self.period)
+        if self._slip.friction != self._qp.friction:  # also after a reset
+            self._qp.friction = self._slip.friction
 
     def _implausible(self, state: RobotState) -> str:
         """Return why a state cannot belong to a balanced robot; empty if it is plausible."""

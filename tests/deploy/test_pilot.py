@@ -2,15 +2,25 @@
 
 import numpy as np
 import pytest
-from deploy_bench import Counting, bring_to, make_pilot
+from deploy_bench import Counting, Standing, bring_to, make_pilot
 
 from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.state_machine import START_TIME, Mode
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.runtime.estimation import StateEstimator
 
 H1 = load_robot()
+
+
+def running(standing: Standing, *, period: float) -> tuple[Pilot, Counting]:
+    """Return a pilot in a run, and its controller, which counts its calls."""
+    controller = Counting()
+    controller.period = period
+    pilot = make_pilot(controller)
+    bring_to(Mode.RUN, pilot, standing)
+    return pilot, controller
 
 
 def test_the_first_state_ends_idleness(pilot, standing) -> None:
@@ -89,20 +99,14 @@ def test_a_hanging_robot_may_go_to_its_start_pose_but_not_run(pilot, standing) -
 
 
 def test_the_controller_is_called_once_a_period_of_the_robots_clock(standing) -> None:
-    controller = Counting()
-    controller.period = 0.02
-    pilot = make_pilot(controller)
-    bring_to(Mode.RUN, pilot, standing)
+    pilot, controller = running(standing, period=0.02)
     new = [pilot.observe(standing.next()).new for _ in range(100)]
     assert controller.calls == 1 + 10 and sum(new) == 10
     assert np.all(np.diff(np.flatnonzero(new)) == 10)
 
 
 def test_after_a_short_gap_the_controller_does_not_catch_up(standing) -> None:
-    controller = Counting()
-    controller.period = 0.006
-    pilot = make_pilot(controller)
-    bring_to(Mode.RUN, pilot, standing)
+    pilot, controller = running(standing, period=0.006)
     calls = controller.calls
     pilot.observe(standing.next(after=18))
     assert pilot.mode is Mode.RUN and controller.calls == calls + 1
@@ -184,10 +188,7 @@ def test_sticks_reach_the_controller(standing) -> None:
 
 
 def test_a_pilot_that_is_behind_calls_the_controller_for_the_newest_state_only(standing) -> None:
-    controller = Counting()
-    controller.period = 0.004
-    pilot = make_pilot(controller)
-    bring_to(Mode.RUN, pilot, standing)
+    pilot, controller = running(standing, period=0.004)
     calls = controller.calls
     late = [pilot.observe(standing.next(), behind=True) for _ in range(7)]
     assert controller.calls == calls and not any(each.new for each in late)

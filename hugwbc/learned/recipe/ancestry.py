@@ -99,16 +99,10 @@ def ancestry_in(metadata: Mapping[str, Any], path: pathlib.Path) -> Ancestry | N
 
 def origin(path: pathlib.Path, kind: str) -> tuple[Parent, Sequence[StageRecord]]:
     """Return a file from outside a recipe as an input, and the stages that led to it, as its own metadata say."""
-    tensors, metadata = checkpoint.load_file(path, kind)
-    digest = checkpoint.tensor_digest(tensors, kind)[:32]
-    ancestry = ancestry_in(metadata, path)
+    digest, ancestry = content_digest(path, kind), ancestry_in(checkpoint.load_file(path, kind)[1], path)
     records = () if ancestry is None else ancestry.stages
-    return Parent(stage=_writers(records).get(digest), digest=digest), records
-
-
-def _writers(records: Sequence[StageRecord]) -> dict[str, str]:
-    """Return the names of the stages by the digests of what they wrote."""
-    return {output: record.stage for record in records for output in record.outputs.values()}
+    stage = next((record.stage for record in records if digest in record.outputs.values()), None)
+    return Parent(stage=stage, digest=digest), records
 
 
 def read_record(path: pathlib.Path) -> StageRecord | None:
