@@ -25,6 +25,7 @@ STDOUT = pathlib.Path("-")
 HELP_ALL = "--help-all"
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
 _QUIET = 2.0  # [s]; shorter work shows no progress
+_RECENT, _FEWEST = 600.0, 2  # [s], calls: from which the speed follows
 Options = TypeVar("Options")
 
 
@@ -201,7 +202,7 @@ def _bar(label: str) -> Iterator[Advance]:
 @contextlib.contextmanager
 def _lines(label: str) -> Iterator[Advance]:
     start = time.monotonic()
-    calls: list[tuple[float, float]] = []  # time and fraction of the first call and of the last one
+    calls: list[tuple[float, float]] = []  # times and fractions of the last `_RECENT` seconds
     over = threading.Event()
 
     def tell() -> None:
@@ -216,8 +217,10 @@ def _lines(label: str) -> Iterator[Advance]:
                 print(f"{label}: {percent}{left}", file=sys.stderr, flush=True)
 
     def advance(fraction: float) -> None:
-        # What was done before the first call may have been read from earlier results in no time.
-        calls[1:] = [(time.monotonic(), fraction)]
+        # What was done before may have been read from earlier results in no time, and the speed may change.
+        calls.append((time.monotonic(), fraction))
+        while len(calls) > _FEWEST and calls[0][0] < calls[-1][0] - _RECENT:
+            calls.pop(0)
 
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()

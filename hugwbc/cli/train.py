@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import itertools
 import math
 import os
 import pathlib
@@ -17,6 +18,7 @@ from hugwbc.files import digest
 from hugwbc.learned.config import TrainConfig
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
+_OTHER_STAGES = 3e6  # environment steps that take about as long as a recording or a calibration
 _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
@@ -92,11 +94,13 @@ def _run_recipe(options: RecipeOptions) -> int:
 
     recipe = load_recipe(options.recipe, smoke=options.smoke)
     out = options.out or pathlib.Path("runs") / pathlib.Path(options.recipe).stem
-    places, line = list(recipe.stages), _Line()
+    sizes = {name: getattr(stage.config, "steps", _OTHER_STAGES) for name, stage in recipe.stages.items()}
+    line = _Line()
     with output_folder(out), progress(f"recipe {recipe.name}") as advance:
 
         def report(stage: str, figures: Mapping[str, float]) -> None:
-            advance((places.index(stage) + figures["progress"]) / len(places))
+            before = sum(sizes[name] for name in itertools.takewhile(lambda name: name != stage, sizes))
+            advance((before + figures["progress"] * sizes[stage]) / sum(sizes.values()))
             if "iteration" in figures:
                 line(figures, {})
 
