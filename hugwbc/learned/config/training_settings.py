@@ -92,6 +92,9 @@ class TrainConfig:
     after a change of rewards or discount: the values are wrong at first and would spoil the actor."""
     save_interval: Count = 50
     """Iterations between two checkpoints."""
+    average_steps: NotNegative = 0.0
+    """Environment steps over which the weights of the networks that are evaluated and given out are averaged, while
+    the learner goes on with its own; 0 for the learner's. The errors of single updates cancel (docs/log/signal.md)."""
     evaluation_steps: NotNegative = 1e6
     """Environment steps between two evaluations, whose best policy is kept in `out`/best; 0 for none."""
     evaluation_robots: Count = 128

@@ -45,6 +45,7 @@ class Trainer:
         begin: iteration and steps at which this run began.
         evaluation: figures of the last evaluation and its iteration; empty before the first.
         best: the same of the best evaluation, whose policy is in the folder `best`.
+        product: the networks that are evaluated and given out: the learner's, averaged over `config.average_steps`.
         leads: whether this is the first process.
         stop: the wish to stop; it is looked at after every iteration.
         remark: what a user should know about the run that this one starts from; usually empty.
@@ -70,6 +71,7 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(self._seed)
         self.env = self._robots(now.env)
         self.ppo = PPO(now.ppo, config.env.count, self.generator, config.device, self.env.further)
+        self.product = copy.deepcopy(self.ppo.network)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}
         self.best: dict[str, float] = {}
@@ -139,6 +141,7 @@ class Trainer:
             self.env.update_curriculum()
         self.steps += steps
         self.ppo.bound_std(self.steps)
+        self._average(steps)
         elapsed = time.monotonic() - begin
         self.seconds += elapsed
         levels = self.env.curriculum
@@ -171,9 +174,16 @@ class Trainer:
             self.env.load_state_dict(state)
         self._env_config = now.env
 
+    @torch.no_grad()
+    def _average(self, steps: int) -> None:
+        """Let the weights of the product follow the learner's for a number of environment steps."""
+        share = min(1.0, steps / max(self.config.average_steps, 1.0))
+        for mean, learnt in zip(self.product.parameters(), self.ppo.network.parameters(), strict=True):
+            mean.lerp_(learnt, share)
+
     def _actor(self) -> Actor:
         """Return the policy in the form in which it runs, on the CPU."""
-        return copy.deepcopy(self.ppo.network.actor).cpu().plain()
+        return copy.deepcopy(self.product.actor).cpu().plain()
 
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
@@ -221,11 +231,13 @@ class Trainer:
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
-        save_product(folder, self.ppo.network, self.config.at(self.run_steps).env, self._metadata())
+        save_product(folder, self.product, self.config.at(self.run_steps).env, self._metadata())
 
     def _learner_tensors(self) -> dict[str, torch.Tensor]:
         """Return the part of a checkpoint that all processes have in common: networks and optimiser."""
         tensors = {f"network.{k}": v for k, v in self.ppo.network.state_dict().items()}
+        if self.config.average_steps:
+            tensors |= {f"product.{k}": v for k, v in self.product.state_dict().items()}
         for index, state in self.ppo.optimiser.state_dict()["state"].items():
             tensors |= {f"optimiser.{index}.{k}": v for k, v in state.items()}
         return tensors
@@ -267,6 +279,7 @@ class Trainer:
         groups = _by_group(tensors, path)
         try:
             load_into(self.ppo.network, groups["network"])
+            load_into(self.product, groups["product"] or groups["network"])
         except (RuntimeError, KeyError) as error:
             raise PolicyFileError(f"{path} has other networks than this version: {error}") from error
         if groups["env"]:
@@ -330,7 +343,7 @@ def _readable(path: pathlib.Path) -> Iterator[None]:
 
 def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, dict[str, torch.Tensor]]:
     """Sort the tensors of a checkpoint into networks, environment and optimiser, by the names used there."""
-    groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "env": {}, "optimiser": {}}
+    groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "product": {}, "env": {}, "optimiser": {}}
     for key, value in tensors.items():
         group, _, name = key.partition(".")
         if not name:
@@ -362,7 +375,7 @@ def _with_robots_of_rank(
     tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
 ) -> dict[str, torch.Tensor]:
     """Replace the first process's robots in a checkpoint by this process's; drop them if there are none."""
-    common = {name: value for name, value in tensors.items() if name.startswith(("network.", "optimiser."))}
+    common = {name: value for name, value in tensors.items() if name.startswith(("network.", "product.", "optimiser."))}
     place = distributed.rank_path(path)
     if not place.exists():
         return common

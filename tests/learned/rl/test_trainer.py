@@ -55,17 +55,35 @@ def run(settings: TrainConfig) -> Trainer:
 
 
 def test_resumed_run_equals_an_uninterrupted_one(tmp_path: pathlib.Path) -> None:
-    straight = run(config(tmp_path / "a", 6))
+    averaged = {"average_steps": 256.0}
+    straight = run(config(tmp_path / "a", 6, **averaged))
     # Evaluations in between must leave no trace.
-    run(config(tmp_path / "b", 3, **EVALUATE))
-    resumed = run(config(tmp_path / "b", 6, resume=True, **EVALUATE))
+    run(config(tmp_path / "b", 3, **averaged, **EVALUATE))
+    resumed = run(config(tmp_path / "b", 6, resume=True, **averaged, **EVALUATE))
     assert resumed.iteration == straight.iteration == 6
+    for a, b in zip(straight.product.parameters(), resumed.product.parameters(), strict=True):
+        assert torch.equal(a, b)
     for (name, a), b in zip(straight.ppo.network.named_parameters(), resumed.ppo.network.parameters(), strict=True):
         assert torch.equal(a, b), name
     assert resumed.env.curriculum.state_dict() == straight.env.curriculum.state_dict()
     assert straight.env.curriculum.alpha > 0.0
     for name, value in straight.env.state_dict().items():
         assert torch.equal(value, resumed.env.state_dict()[name]), name
+
+
+def test_the_policy_that_is_given_out_is_an_average_over_steps(tmp_path: pathlib.Path) -> None:
+    trainer = Trainer(config(tmp_path, 2, average_steps=256.0))
+    before = torch.cat([p.detach().flatten() for p in trainer.product.parameters()])
+    expected = before
+    for _ in range(2):  # of 64 steps each
+        trainer.iterate()
+        expected = 0.75 * expected + 0.25 * torch.cat([p.detach().flatten() for p in trainer.ppo.network.parameters()])
+    product = torch.cat([p.detach().flatten() for p in trainer.product.parameters()])
+    assert torch.allclose(product, expected, atol=1e-6) and not torch.allclose(product, before, atol=1e-4)
+    trainer.save()
+    continued = Trainer(config(tmp_path / "next", 3, start_from=tmp_path / SNAPSHOT_NAME))
+    weights = zip(continued.ppo.network.actor.parameters(), trainer.product.actor.parameters(), strict=True)
+    assert all(torch.equal(a, b) for a, b in weights)
 
 
 def test_the_level_of_the_ground_is_in_every_row_of_a_log(tmp_path: pathlib.Path) -> None:
