@@ -9,7 +9,6 @@ from pydantic import Field
 from hugwbc.settings import Count, Positive, settings
 
 if TYPE_CHECKING:
-    from hugwbc.benchmarks.hand_ik import IKFigures
     from hugwbc.benchmarks.speed import EnvironmentSpeed, EpisodeSpeed, QpSpeed, TrainingSpeed
     from hugwbc.upper_ik.workspace import Workspace
 
@@ -25,9 +24,6 @@ class BenchSettings:
     # simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]
     seconds: Positive = 4.0
     calls: Count = 500  # calls of the policy and of the IK to measure
-    # targets for our IK, mink and pink, 3 s each, within and out of reach in turn; mink and pink take part where they
-    # are installed
-    ik_targets: Annotated[int, Field(ge=2)] = 20
     # spacing of the grid in a 2 m cube on which the reachable workspace is measured [m]
     spacing: Annotated[float, Field(gt=0, le=2)] = 0.25
 
@@ -42,7 +38,6 @@ class BenchFigures:
         qp: speed of `qp`, by gait.
         episodes: speed of an episode with everything in the loop, by controller and activity.
         policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
-        ik: the inverse kinematics solvers, by name.
         workspace: reachable part of a cube around the robot.
         threads: threads of training, its environment and bare physics.
     """
@@ -53,7 +48,6 @@ class BenchFigures:
     episodes: dict[str, "EpisodeSpeed"]
     policy_tick_ms: dict[str, float | None]
     ik_tick_ms: dict[str, float | None]
-    ik: dict[str, "IKFigures"]
     workspace: "Workspace"
     threads: int
 
@@ -62,7 +56,6 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
     """Run all benchmarks, and call `advance` with the fraction done."""
     # Loads torch and the controllers.
     from hugwbc.benchmarks import speed
-    from hugwbc.benchmarks.hand_ik import compare_solvers
     from hugwbc.learned.policy import load_policy
     from hugwbc.runtime import load_controller
     from hugwbc.upper_ik.workspace import measure_workspace
@@ -81,8 +74,8 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
         for activity in speed.ACTIVITIES
     }
     policy_tick, ik_tick = speed.policy_tick(policy, settings.calls), speed.ik_tick(settings.calls)
-    solvers = compare_solvers(settings.ik_targets, on_progress=lambda fraction: advance(0.3 + 0.4 * fraction))
-    workspace = measure_workspace(settings.spacing, on_progress=lambda fraction: advance(0.7 + 0.3 * fraction))
+    advance(0.6)
+    workspace = measure_workspace(settings.spacing, on_progress=lambda fraction: advance(0.6 + 0.4 * fraction))
     return BenchFigures(
         environment,
         training,
@@ -90,7 +83,6 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
         episodes,
         policy_tick,
         ik_tick,
-        solvers,
         workspace,
         settings.threads,
     )

@@ -2,21 +2,17 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from hugwbc.benchmarks.suite import BenchFigures, BenchSettings, run_benchmarks
 from hugwbc.cli.output import check_writable, parse, progress, say, write_json
 from hugwbc.evaluation.tables import format_table
 from hugwbc.settings import settings
 
-if TYPE_CHECKING:
-    from hugwbc.benchmarks.hand_ik import IKFigures
-
 
 @settings
 class BenchOptions(BenchSettings):
-    """Measure training, controllers, hand IK (with mink and pink for comparison) and the hands' reachable workspace."""
+    """Measure training, controllers, hand IK and the hands' reachable workspace."""
 
     json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.
     profile: bool = False  # Print only where the time of an episode goes, by room, for both controllers.
@@ -34,7 +30,6 @@ def run(words: Sequence[str]) -> int:
     workspace = figures.workspace
     blocks = [
         _describe(figures),
-        _describe_solvers(figures.ik),
         f"reachable part of a 2 m cube ({workspace.points} points): {100 * workspace.arms:.1f} % with the arms, "
         f"{100 * workspace.whole_body:.1f} % with the whole body",
     ]
@@ -84,17 +79,3 @@ def _describe(figures: BenchFigures) -> str:
             ),
         ]
     )
-
-
-def _describe_solvers(solvers: Mapping[str, "IKFigures"]) -> str:
-    rows: list[tuple[object, ...]] = [
-        ("tick p50 [ms]", *(solver.tick_ms["p50"] for solver in solvers.values())),
-        ("tick p99 [ms]", *(solver.tick_ms["p99"] for solver in solvers.values())),
-        ("residual, reachable [cm]", *(100.0 * solver.residual_m for solver in solvers.values())),
-        ("reached within 1 cm", *(solver.reached for solver in solvers.values())),
-        ("excess, out of reach [cm]", *(100.0 * solver.excess_m for solver in solvers.values())),
-        ("ticks beyond a limit", *(solver.limit_violations for solver in solvers.values())),
-        ("jitter [rad^2/s^6]", *(f"{solver.jitter:.3g}" for solver in solvers.values())),
-        ("exceptions", *(solver.exceptions for solver in solvers.values())),
-    ]
-    return format_table(("inverse kinematics", *solvers), rows)
