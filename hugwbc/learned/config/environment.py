@@ -35,6 +35,8 @@ class CommandConfig:
     walking 0, hopping 0.9."""
     default_fraction: Share = 0.5
     """Probability that f, l, h, p or w, each by itself, is at its default instead of drawn from its range."""
+    combined_fraction: Share = 0.0
+    """Fraction of the commands in which all of them are drawn, whatever the probability above."""
     zero_velocity_fraction: Share = 0.1
     """Probability of stepping in place."""
     resample_steps: Count = 300

@@ -48,6 +48,14 @@ def test_hopping_has_the_papers_command_space_whatever_the_speed_reached() -> No
     torch.testing.assert_close(hopping[:, [3, 4, 6, 7]], defaults.expand(hopping.shape[0], 4))
 
 
+def test_a_fraction_of_the_commands_combines_all_of_them() -> None:
+    walking = CommandConfig(standing_fraction=0.0, walking_fraction=1.0)
+    command, _ = draw(dataclasses.replace(walking, default_fraction=0.9, combined_fraction=0.25))
+    drawn = (command[:, 3:] != torch.tensor([2.0, 0.15, 0.0, 0.0, 0.0])).sum(1)
+    assert (drawn == 5).float().mean().item() == pytest.approx(0.25, abs=0.03)
+    assert (drawn == 0).float().mean().item() == pytest.approx(0.75 * 0.9**5, abs=0.03)
+
+
 def test_small_velocities_are_drawn_as_they_are() -> None:
     """Nothing between standing still and the range's ends is left out or zeroed."""
     command, gait = draw(CommandConfig())
