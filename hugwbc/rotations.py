@@ -69,8 +69,14 @@ def from_yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> np.ndarray:
 
 def to_matrix(quaternion: np.ndarray) -> np.ndarray:
     """Return the rotation matrix, shape (..., 3, 3), whose columns are the body axes in the world."""
-    columns = [rotate(quaternion, np.broadcast_to(e, (*quaternion.shape[:-1], 3))) for e in np.eye(3)]
-    return np.stack(columns, axis=-1)
+    w, x, y, z = _components(quaternion)
+    a, b, c = 2.0 * x, 2.0 * y, 2.0 * z
+    rows = [
+        [1.0 - (b * y + c * z), a * y - c * w, a * z + b * w],
+        [a * y + c * w, 1.0 - (a * x + c * z), b * z - a * w],
+        [a * z - b * w, b * z + a * w, 1.0 - (a * x + b * y)],
+    ]
+    return np.array(rows) if quaternion.ndim == 1 else np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def _components(quaternion: np.ndarray) -> Any:  # noqa: ANN401
