@@ -18,6 +18,7 @@ SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
 LONGEST = 120.0  # [s], after which a behaviour is not played on
 _VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
+_RUN = "; run a step by `view = yield from STEP(view, ...)`, and give `retry` a `partial(STEP, ...)`"
 
 
 class Status(enum.Enum):
@@ -95,16 +96,22 @@ class BehaviourSource:
         """Return the next action of the behaviour, without soft starts and stops; never raises."""
         if self.status is Status.RUNNING:
             try:
-                if self._course is not None:
-                    return self._course.send(view)
-                self._course = self._behaviour(view)
-                return next(self._course)
+                if self._course is None:
+                    self._course = self._behaviour(view)
+                    action = next(self._course)
+                else:
+                    action = self._course.send(view)
+                if isinstance(action, Action):
+                    return action
+                raise Failure(f"it yielded a {type(action).__name__} instead of an Action{_RUN}")
             except StopIteration:
                 self.status = Status.SUCCESS
             except Failure as failure:
                 self.status, self.reason = Status.FAILURE, str(failure)
             except Exception as error:  # a mistake in a behaviour must not stop the loop
-                self.status, self.reason = Status.FAILURE, f"the behaviour raised {type(error).__name__}: {error}"
+                hint = _RUN if "'generator' object" in str(error) else ""
+                self.status = Status.FAILURE
+                self.reason = f"the behaviour raised {type(error).__name__}: {error}{hint}"
         return at_rest(view)
 
     def command_at(self, t: float) -> Command:

@@ -65,8 +65,17 @@ def run(words: Sequence[str]) -> int:
                 traces = [run.trace for run in runs]
                 outcomes = {run.trace.name: comparison.summarise_task(run) for run in runs}
             else:
-                traces = comparison.compare(controllers, played, **settings, scene=scene, on_progress=advance)
-                outcomes = {trace.name: comparison.summarise(trace) for trace in traces}
+                outcomes: dict[str, dict[str, Any]] = {controller.name: {} for controller in controllers}
+                traces = comparison.compare(
+                    controllers,
+                    played,
+                    **settings,
+                    scene=scene,
+                    on_progress=advance,
+                    on_end=lambda name, ending: outcomes[name].update(ending=ending),
+                )
+                for trace in traces:
+                    outcomes[trace.name] |= comparison.summarise(trace)
         figures = comparison.figure_table(outcomes)
         summary = comparison.comparison_summary(played, outcomes, **settings)
         say(format_table(figures.columns, figures.rows), options.json)

@@ -74,10 +74,12 @@ def compare(
     arena: Arena | None = None,
     scene: Scene | None = None,
     on_progress: Progress | None = None,
+    on_end: Callable[[str, str], object] | None = None,
 ) -> list[Trace]:
     """Play a script or a behaviour with each controller in turn, in the same simulation, and return the records.
 
-    The seed is that of the sensor noise, and of what varies in the scene.
+    The seed is that of the sensor noise, and of what varies in the scene. `on_end` is called with a controller's name
+    and how the behaviour ended with it.
     """
     arena, traces = arena or Arena(), []
     for controller, advance in _in_turn(controllers, on_progress):
@@ -93,6 +95,8 @@ def compare(
                 until=(lambda behaviour=source: behaviour.done) if isinstance(source, BehaviourSource) else None,
             )
         )
+        if on_end is not None and isinstance(source, BehaviourSource):
+            on_end(controller.name, source.ending)
     return traces
 
 
@@ -163,6 +167,8 @@ def figure_table(outcomes: Mapping[str, Mapping[str, Any]]) -> Table:
         add("why not", lambda outcome: outcome["verdict"]["reason"] or None)
         add("score", lambda outcome: outcome["verdict"]["score"])
         add("idealised gripper", lambda outcome: ", ".join(outcome["gripped"]) or None)
+    if "ending" in first:
+        add("behaviour", lambda outcome: outcome["ending"])
     add("fell", lambda outcome: outcome["fell"])
     add("survived [s]", lambda outcome: outcome["survived_s"])
     for name in first["errors"]:

@@ -113,7 +113,8 @@ def _fate(figures: Mapping[str, Any]) -> str:
     if figures["fell"]:
         return f"fell after {figures['survived_s']:.1f} s"
     if "verdict" not in figures:
-        return f"stayed up for {figures['survived_s']:.1f} s"
+        ending = f" ({figures['ending']})" if "ending" in figures else ""
+        return f"stayed up for {figures['survived_s']:.1f} s{ending}"
     verdict = figures["verdict"]
     return f"did the task in {figures['survived_s']:.1f} s" if verdict["success"] else f"did not ({verdict['reason']})"
 

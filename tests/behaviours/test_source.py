@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from behaviour_helpers import view
 
-from hugwbc.behaviours import Action, BehaviourSource, Failure, Status
+from hugwbc.behaviours import Action, BehaviourSource, Failure, Status, retry, wait
 from hugwbc.behaviours.source import ACCELERATION, STEP_OUT
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
@@ -63,6 +63,27 @@ def test_a_failure_and_an_error_end_it_and_stop_nothing(end: Exception) -> None:
     assert source.status is Status.FAILURE
     assert str(end) in source.reason and str(end) in source.ending
     assert commands[-1].gait is Gait.STANDING and source.done
+
+
+def yields_a_step(view):
+    yield wait(view, 1.0)
+
+
+def keeps_a_step(view):
+    view = wait(view, 1.0)
+    view = yield from wait(view, 1.0)  # pyright: ignore[reportArgumentType]
+
+
+def retries_a_step(view):
+    yield from retry(view, wait(view, 1.0))  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("mistaken", [yields_a_step, keeps_a_step, retries_a_step])
+def test_a_step_that_is_not_run_says_how_to_run_it(mistaken) -> None:
+    source = BehaviourSource(mistaken)
+    commands = _played(source)
+    assert source.status is Status.FAILURE and "yield from STEP(view" in source.reason
+    assert commands[-1].gait is Gait.STANDING
 
 
 def test_it_begins_again_after_a_restart() -> None:

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
+from hugwbc.behaviours import Failure, wait
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.comparison import compare, summarise
+from hugwbc.evaluation.comparison import compare, figure_table, summarise
+from hugwbc.evaluation.segment_figures import headline
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 from hugwbc.scripts.hand_paths import Hold
@@ -57,6 +59,19 @@ def test_the_qp_brings_both_hands_to_their_targets():
     assert not trace.fell
     assert trace.hand_error[-5:].max() < 0.02
     assert np.nanmax(trace.hand_error) > 0.1, "the hands start far from their targets"
+
+
+def test_how_a_behaviour_ended_is_told():
+    def tire(view):
+        yield from wait(view, 0.1)
+        raise Failure("out of breath")
+
+    endings = {}
+    (trace,) = compare([HoldController()], tire, on_end=endings.__setitem__)
+    assert endings == {"hold": "not done: out of breath"}
+    outcomes = {"hold": summarise(trace) | {"ending": endings["hold"]}}
+    assert ("behaviour", "not done: out of breath") in figure_table(outcomes).rows
+    assert headline(outcomes) == f"hold stayed up for {trace.survived_s:.1f} s (not done: out of breath)."
 
 
 def test_noise_follows_the_seed():
