@@ -17,7 +17,7 @@ from hugwbc.report.figure_tables import comparison_sentence, comparison_table, f
 from hugwbc.viz import charts
 from hugwbc.viz.framing import LABEL_COLOURS
 
-TITLE = "Whole-body control of the Unitree H1: the learned policy and qp"
+TITLE = "Whole-body control of the Unitree H1"
 LEGEND = (
     "A cell has the mean over episodes, its 95 % bootstrap interval, and the ratio to the paper's figure. 'worse' "
     "marks what is worse than the paper's figure by more than that interval, 'worse?' by less. Falls have a score "
