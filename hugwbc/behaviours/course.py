@@ -75,7 +75,11 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
 
     @functools.wraps(function)
     def begin(view: View, *args: _P.args, **kwargs: _P.kwargs) -> Course:
-        bound = signature.bind(view, *args, **kwargs)
+        try:
+            bound = signature.bind(view, *args, **kwargs)
+        except TypeError as error:
+            names = ", ".join(signature.parameters)
+            raise TypeError(f"{function.__name__}: {error}; its arguments are {names}") from None
         values = model(**{one.name: bound.arguments[one.name] for one in checked if one.name in bound.arguments})
         bound.arguments |= {one.name: getattr(values, one.name) for one in checked}
         start = functools.partial(function, *bound.args, **bound.kwargs)  # pyright: ignore[reportCallIssue]

@@ -137,6 +137,11 @@ def test_arguments_out_of_range_are_refused_before_the_first_tick(begin, words: 
         next(begin(view()))
 
 
+def test_an_unknown_argument_is_told_with_the_valid_ones() -> None:
+    with pytest.raises(TypeError, match=r"count: .*'tick'; its arguments are view, ticks, fails, v_x, timeout"):
+        count(view(), 3, tick=3)  # pyright: ignore[reportCallIssue]
+
+
 def test_a_hand_target_out_of_the_world_is_refused_with_its_distance() -> None:
     far = lambda view: reach(view, left=(3.0, 0.0, 1.0), frame="world")  # noqa: E731
     assert run(far)[1].reason == "reach: the left hand's target is 3.0 m away (limit 1.5 m); walk there"
