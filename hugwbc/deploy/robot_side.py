@@ -251,8 +251,9 @@ class RobotSide:
         try:
             while not self._end.wait(_POLL) and time.perf_counter() < last:
                 pass
-        except KeyboardInterrupt as interrupt:  # damp, then end
+        except KeyboardInterrupt as interrupt:
             self._failure = interrupt
+        if not self._end.is_set():  # Ctrl-C, or the end by the wall clock: damp first
             self.ask(Request.STOP)
             self._end.wait(FADE * self.settings.slower)
         self._end.set()

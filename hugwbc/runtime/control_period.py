@@ -1,6 +1,7 @@
 """One period of control, the same in simulation and on a robot: estimate, arms, controller behind the safety filter."""
 
 import dataclasses
+import math
 import time
 from collections.abc import Sequence
 from typing import Protocol
@@ -24,7 +25,7 @@ _ROUNDING = 1e-9  # [s]
 
 
 class Due:
-    """Tells when the next period begins. After a gap in time it goes on from now; it does not catch up.
+    """Tells when the next period begins. After a gap in time it leaves periods out: it keeps in step with the others.
 
     Attributes:
         period: [s].
@@ -42,8 +43,7 @@ class Due:
         """Return whether a period begins now [s], and wait for the next one if so."""
         if now < self._next - _ROUNDING:
             return False
-        on_time = now < self._next + self.period - _ROUNDING
-        self._next = (self._next if on_time else now) + self.period
+        self._next += (math.floor((now - self._next + _ROUNDING) / self.period) + 1) * self.period
         return True
 
 

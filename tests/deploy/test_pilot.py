@@ -114,6 +114,23 @@ def test_after_a_short_gap_the_controller_does_not_catch_up(standing) -> None:
     assert controller.calls == calls + 1
 
 
+def test_after_a_gap_the_controller_is_again_called_with_the_estimate_of_the_same_state(standing) -> None:
+    pilot, _ = running(standing, period=0.006)
+    while not pilot.observe(standing.next()).new:
+        pass
+    assert pilot.observe(standing.next(after=14)).new
+    assert [pilot.observe(standing.next()).new for _ in range(8)] == [
+        False,
+        True,
+        False,
+        False,
+        True,
+        False,
+        False,
+        True,
+    ]
+
+
 def test_a_gap_of_more_than_20_ms_between_ticks_damps(pilot, standing) -> None:
     bring_to(Mode.RUN, pilot, standing)
     pilot.observe(standing.next(after=20))

@@ -9,7 +9,7 @@ from deploy_bench import Counting, Standing, bring_to, make_pilot
 from local_endpoint import local_pair
 
 from hugwbc import load_robot
-from hugwbc.deploy import wire
+from hugwbc.deploy import robot_side, wire
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.robot_side import PERIOD, RobotSide, Settings
@@ -244,3 +244,19 @@ def test_a_defect_ends_the_deployment_with_its_error(standing) -> None:
     with pytest.raises(ZeroDivisionError):
         side.run()
     assert time.perf_counter() - begin < 8.0
+
+
+def test_a_robot_that_is_slower_than_its_clock_is_damped_at_the_end(standing, monkeypatch) -> None:
+    monkeypatch.setattr(robot_side, "FADE", 0.5)
+    robot_end, end = local_pair()
+    pilot = make_pilot()
+    bring_to(Mode.RUN, pilot, standing)
+    side = RobotSide(pilot, H1, end, Settings(duration=100.0))
+    monkeypatch.setattr(side, "_deadline", lambda: time.perf_counter() + 0.5)
+    feeder = Feeder(standing, robot_end, 2.5)
+    feeder.thread.start()
+    side.run()
+    feeder.over.set()
+    feeder.thread.join(10.0)
+    command = Messages(H1).unpack_command(feeder.messages[-1]).command
+    assert pilot.mode is Mode.DAMPING and np.all(command.kd == DAMPING_GAIN)
