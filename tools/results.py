@@ -90,12 +90,15 @@ TABLES = {
         RESULTS, _tracking("standing", "walking", "hopping", further=" --told h1-2023"), (*ERRORS, FALLS)
     ),
     "public": Table(
-        RESULTS,
+        ("README.md", *RESULTS),
         {
-            name: f"single-command --controller {name} --policy {{public}}/{file}.pt --episodes 128"
-            for name, file in {"unitree-h1": "unitree", "leggedlab-h1": "leggedlab"}.items()
+            f"{project}'s": f"single-command --controller {name} --policy {{public}}/{file}.pt --episodes 128"
+            for project, name, file in (
+                ("unitree_rl_gym", "unitree-h1", "unitree"),
+                ("LeggedLabDeploy", "leggedlab-h1", "leggedlab"),
+            )
         },
-        (*ERRORS, FALLS),
+        (*ERRORS[:4], FALLS),  # they have no other commands
     ),
     "response": Table(RESULTS, _both("response --controller {}"), tall=True),
     "hands": Table(
