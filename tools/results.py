@@ -176,7 +176,8 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
     for label, figures in found.items():
         titles = list(dict.fromkeys(figure.table for figure in figures))
         for figure in figures:
-            if table.quantities and figure.quantity not in table.quantities:
+            # The papers of other controllers have rows of the same names.
+            if figure.published is not None or (table.quantities and figure.quantity not in table.quantities):
                 continue
             short = figure.quantity in (*ERRORS, FALLS) or not figure.unit
             name = figure.quantity if short else f"{figure.quantity} [{figure.unit}]"
@@ -195,8 +196,8 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
 def markdown(cells: Sequence[Sequence[str]], runs: Sequence[Run]) -> str:
     """Return cells as a table, above the commands that made it."""
     lines = [cells[0], ["---"] * len(cells[0]), *cells[1:]]
-    commands = "\n".join(f"hugwbc evaluate {run.words}" for run in runs)
-    return "\n".join(["| " + " | ".join(line) + " |" for line in lines]) + f"\n\n```text\n{commands}\n```"
+    commands = ", ".join(f"`hugwbc evaluate {run.words}`" for run in runs)
+    return "\n".join(["| " + " | ".join(line) + " |" for line in lines]) + f"\n\n{commands}"
 
 
 def marked(text: str) -> Iterator[re.Match[str]]:

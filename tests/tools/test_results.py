@@ -31,6 +31,7 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
         Figure(title, "E_vy", "m/s", Estimate(0.08, 0.07, 0.09, 16), 0.085),
         Figure(title, "E_omega", "rad/s", Estimate(0.115, 0.105, 0.125, 16), 0.054),
         Figure(title, "falls", "% of episodes", Estimate(12.5, 3.5, 36.0, 16)),
+        Figure(title, "E_omega", "rad/s", None, controller="another paper's", published=0.6),
         Figure(title, "touch-down speed, median", "m/s", Estimate(0.9, None, None, 16)),
     ]
     table = tool.Table((), {}, ("E_omega", "E_vy", "falls"))
