@@ -1,9 +1,10 @@
 """`hugwbc deploy`: control a robot over the network."""
 
 import dataclasses
+import functools
 import pathlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import tyro
@@ -15,8 +16,9 @@ from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.motion_switcher import release_modes
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder, Recording, replay
+from hugwbc.deploy.relay import Settings
 from hugwbc.deploy.remote import OF_KEY, Request
-from hugwbc.deploy.robot_side import RobotSide, Settings
+from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.watchdogs import Limits
@@ -79,9 +81,10 @@ def run(words: Sequence[str]) -> int:
     robot, pilot = _build(header)
     recorder = None if options.record is None else Recorder(options.record, header)
     domain = options.domain if options.domain is not None else 1 if options.net == LOOPBACK else 0
-    endpoint = DdsEndpoint(robot=False, net=options.net, domain=domain)
+    connect = functools.partial(DdsEndpoint, robot=False, net=options.net, domain=domain)
+    endpoint = connect()
     try:
-        return _deploy(options, pilot, robot, endpoint, recorder)
+        return _deploy(options, pilot, robot, endpoint, recorder, connect)
     finally:
         endpoint.close()
         if recorder is not None:
@@ -90,13 +93,20 @@ def run(words: Sequence[str]) -> int:
                 say(f"the recording is not complete: {recorder.failure}")
 
 
-def _deploy(options: DeployOptions, pilot: Pilot, robot: Robot, endpoint: Endpoint, recorder: Recorder | None) -> int:
+def _deploy(
+    options: DeployOptions,
+    pilot: Pilot,
+    robot: Robot,
+    endpoint: Endpoint,
+    recorder: Recorder | None,
+    connect: Callable[[], Endpoint],
+) -> int:
     say(f"waiting for states on {options.net}")
     _await_robot(endpoint, options.net)
     if options.release and not options.settings.dry_run:
         say(release_modes(endpoint, required=options.net != LOOPBACK))
     say(f"remote control: Start, A, Select; {_KEYS}")
-    side = RobotSide(pilot, robot, endpoint, options.settings, recorder, tell=say)
+    side = RobotSide(pilot, robot, endpoint, options.settings, recorder, say, connect)
     listen(lambda line: side.ask(OF_KEY.get(line[:1] or " ", Request.STOP)))
     begin = time.perf_counter()
     try:

@@ -13,7 +13,7 @@ from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.hoist import LIFTED
 from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.radio import Radio
-from hugwbc.deploy.robot_side import Slower
+from hugwbc.deploy.relay import Slower
 from hugwbc.deploy.schedule import HOIST_WORDS, Happening, Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.errors import ConfigError

@@ -12,8 +12,9 @@ from hugwbc.controller import Controller
 from hugwbc.deploy.messages import Messages, StateMessage
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
+from hugwbc.deploy.relay import Settings
 from hugwbc.deploy.remote import Remote, Request
-from hugwbc.deploy.robot_side import RobotSide, Settings
+from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import START_TIME, Mode

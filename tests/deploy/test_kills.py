@@ -27,7 +27,10 @@ class Snapshot:
         mujoco.mj_getState(simulation.model, simulation.data, self._state, self._kind)
         self._engine = {
             name: copy.copy(getattr(simulation, name))
-            for name in ("_pending", "_readings", "_command", "_accelerometer", "_torque")
+            for name in (
+                *("_pending", "_readings", "_command", "_given", "_gains", "_accelerometer", "_torque"),
+                *("_imu_orientation", "_imu_velocity", "_computed"),
+            )
         }
         self._bias = simulation.model.actuator_biasprm.copy()
         self._waiting = list(pair.robot._states._waiting)

@@ -1,5 +1,6 @@
 """The publisher and its watchdogs, each in 20 trials, and the threads."""
 
+import multiprocessing
 import threading
 import time
 
@@ -11,8 +12,9 @@ from local_endpoint import local_pair
 from hugwbc import load_robot
 from hugwbc.deploy import robot_side, wire
 from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.relay import DECISION, PERIOD, Relay, Settings
 from hugwbc.deploy.remote import Remote, Request
-from hugwbc.deploy.robot_side import PERIOD, RobotSide, Settings
+from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.state_machine import DAMPING_GAIN, Mode
 
 H1 = load_robot()
@@ -20,12 +22,21 @@ TRIALS = 20
 SLOT = 0.002
 
 
+def is_damping(message: bytes | None) -> bool:
+    """Whether a sealed message damps all joints; it must hold them stiffly otherwise."""
+    assert message is not None and wire.is_sealed(message)
+    command = Messages(H1).unpack_command(message).command
+    damping = bool(np.all(command.kd == DAMPING_GAIN) and not np.any(command.kp))
+    assert damping or np.all(command.kp == H1.kp.astype(np.float32))
+    return damping
+
+
 class Bench:
     """A robot side whose time is told, fed with the states of a standing robot until its controller runs."""
 
     def __init__(self, standing: Standing, controller: Counting | None = None, **settings) -> None:
         self.robot_end, end = local_pair()
-        self.standing, self.messages = standing, Messages(H1)
+        self.standing = standing
         self.told: list[str] = []
         self.controller = controller or Counting()
         self.pilot = make_pilot(self.controller)
@@ -46,17 +57,10 @@ class Bench:
         sent = self.robot_end.receive(0.0)
         return sent[-1] if sent else None
 
-    def is_damping(self, message: bytes | None) -> bool:
-        assert message is not None and wire.is_sealed(message)
-        command = self.messages.unpack_command(message).command
-        damping = bool(np.all(command.kd == DAMPING_GAIN) and not np.any(command.kp))
-        assert damping or np.all(command.kp == H1.kp.astype(np.float32))
-        return damping
-
     def until_damping(self, **slot) -> float:
         """Time until damping is published, with the same kind of slot all along [s]."""
         for count in range(1, 40):
-            if self.is_damping(self.slot(**slot)):
+            if is_damping(self.slot(**slot)):
                 return count * SLOT
         raise AssertionError("no damping within 80 ms")
 
@@ -84,7 +88,7 @@ def faulty_slot(fault: str, bench: Bench, trial: int) -> dict:
 def test_faults_of_connection_and_controller_damp_within_their_time(still, fault, trial) -> None:
     bench = Bench(Standing(still, Messages(H1)))
     for _ in phases(trial):
-        assert not bench.is_damping(bench.slot())
+        assert not is_damping(bench.slot())
     slot = faulty_slot(fault, bench, trial)
     assert 0.02 <= bench.until_damping(**slot) <= 0.02 + 2 * SLOT
     assert fault in bench.told[0]
@@ -96,7 +100,7 @@ def test_limits_of_the_body_damp_within_their_time(still, trial) -> None:
 
     rng, bench = np.random.default_rng(trial), Bench(Standing(still, Messages(H1)))
     for _ in phases(trial):
-        assert not bench.is_damping(bench.slot())
+        assert not is_damping(bench.slot())
     fast = np.zeros(19)
     fast[rng.integers(19)] = 60.0
     fault = [
@@ -105,7 +109,7 @@ def test_limits_of_the_body_damp_within_their_time(still, trial) -> None:
         {"hot": 90.0},
     ][trial % 3]
     for count in range(1, 10):
-        if bench.is_damping(bench.slot(bench.standing.raw(**fault))):
+        if is_damping(bench.slot(bench.standing.raw(**fault))):
             assert count * SLOT <= 0.006 + SLOT
             return
     raise AssertionError("no damping")
@@ -115,7 +119,7 @@ def test_damping_stays_when_states_come_back(standing) -> None:
     bench = Bench(standing)
     bench.until_damping(silent=True)
     for _ in range(20):
-        assert bench.is_damping(bench.slot())
+        assert is_damping(bench.slot())
     assert bench.pilot.mode is Mode.DAMPING and bench.pilot.machine.faulty
     assert "no state for" in bench.pilot.machine.events[-1].reason
 
@@ -126,7 +130,7 @@ def test_a_command_is_held_while_the_next_one_is_late(standing) -> None:
     for _ in range(8):
         assert bench.slot(answer=False) == last
     assert bench.side.timing.missed == 0
-    assert not bench.is_damping(bench.slot())
+    assert not is_damping(bench.slot())
 
 
 def test_missed_deadlines_are_counted(standing) -> None:
@@ -224,15 +228,33 @@ def test_a_controller_that_hangs_is_damped_by_the_publisher(standing) -> None:
     def meanwhile(side: RobotSide, feeder: Feeder) -> None:
         wait_for(lambda: len(feeder.messages) > 5)
         controller.think = lambda: hang.wait(30.0)  # type: ignore[assignment]
-        wait_for(lambda: side.fault is not None)
-        count = len(feeder.messages)
-        wait_for(lambda: len(feeder.messages) > count + 5)
+        wait_for(lambda: is_damping(feeder.messages[-1]))
         hang.set()
 
     side, feeder = run_threads(standing, controller, meanwhile)
     assert "late" in str(side.fault)
     command = Messages(H1).unpack_command(feeder.messages[-1]).command
     assert np.all(command.kd == DAMPING_GAIN)
+
+
+def test_joints_are_damped_when_the_process_that_controls_is_killed(standing) -> None:
+    bench = Bench(standing, slower=10.0)
+    robot_end, end = local_pair()
+    link, far = multiprocessing.Pipe()
+    relay = Relay(end, bench.side._watch, far, records=False)
+    feeder, worker = Feeder(standing, robot_end, 10.0), threading.Thread(target=relay.run)
+    stiff = bench.slot()
+    assert stiff is not None and not is_damping(stiff)
+    feeder.thread.start()
+    worker.start()
+    link.send_bytes(DECISION.pack(1e9, True, True, 0) + stiff)  # answers all states to come
+    wait_for(lambda: len(feeder.messages) > 5)
+    assert not is_damping(feeder.messages[-1])
+    link.close()
+    wait_for(lambda: is_damping(feeder.messages[-1]))
+    feeder.over.set()
+    worker.join(30.0)
+    assert not worker.is_alive() and relay.fault == "the controller's process has ended"
 
 
 def test_a_defect_ends_the_deployment_with_its_error(standing) -> None:
