@@ -77,10 +77,10 @@ try two-workers $EVALUATE single-command --controller qp --episodes 8 --duration
 try intervention $EVALUATE intervention --controller learned --episodes 24 --duration 2.5 $RESULTS
 try foot-displacement $EVALUATE foot-displacement --controller learned --episodes 9 --duration 3 $RESULTS
 try heatmap $EVALUATE heatmap --controller learned --gait standing --points 2 --duration 2.5 $RESULTS
-try disturbance $EVALUATE disturbance --controller learned --rollouts 2 --first 200 --limit 200 $RESULTS
+try disturbance $EVALUATE disturbance --controller learned --rollouts 1 --first 200 --limit 200 --duration 3 $RESULTS
 try ramp $EVALUATE ramp --controller learned --episodes 1 $RESULTS
 try tour $EVALUATE tour --controller learned --episodes 1 $RESULTS
-try robustness $EVALUATE robustness --controller learned --samples 8 --duration 2.5 $RESULTS
+try robustness $EVALUATE robustness --controller learned --samples 3 --duration 2 $RESULTS
 try contacts $EVALUATE contacts --controller learned --episodes 1 $RESULTS
 try random-commands $EVALUATE random-commands --controller learned --episodes 3 $RESULTS
 try response $EVALUATE response --controller learned --gait standing --points 2 --duration 3 $RESULTS
@@ -95,6 +95,7 @@ try push $EVALUATE push --controller learned --episodes 1 $RESULTS
 try estimation $EVALUATE estimation --controller learned --episodes 1 $RESULTS
 try faults $EVALUATE faults --controller learned --episodes 1 $RESULTS
 try tasks $EVALUATE tasks --controller learned --task press_button --episodes 1 $RESULTS
+try boxes $EVALUATE boxes --controller learned --episodes 1 --masses 2 --heights 0.9 $RESULTS
 try behaviours $EVALUATE behaviours --controller learned --behaviour fetch_cup --scene cupboard --episodes 1 $RESULTS
 needs sapien engines $EVALUATE engines --controller learned --episodes 1 $RESULTS
 needs sapien physx $EVALUATE single-command --controller learned --episodes 8 --duration 2.5 --engine physx $RESULTS

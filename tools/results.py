@@ -111,6 +111,11 @@ TABLES = {
     ),
     "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
     "tasks": Table(("docs/tasks.md",), _both("tasks --controller {} --episodes 50")),
+    "boxes": Table(
+        ("docs/tasks.md",),
+        _both("boxes --controller {} --episodes 20"),
+        tuple(f"done from {height} m" for height in (0.3, 0.6, 0.9)),
+    ),
     "carry": Table(("docs/forces.md",), _both("carry --controller {} --episodes 4"), tall=True),
     "pull": Table(("docs/forces.md",), _both("pull --controller {} --gait walking --force 30"), tall=True),
     "press": Table(("docs/forces.md",), _both("press --controller {}"), tall=True),

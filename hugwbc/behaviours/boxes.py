@@ -22,6 +22,9 @@ CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the headi
 _BESIDE = 0.07  # [m], between a hand and the box before the grasp
 _STANDING = 0.98  # [m], height of the pelvis
 _RISEN = 0.03  # [m], of a box that is lifted
+_LOST = 0.25  # [m], from the middle of a box to the middle of the hands that have lost it
+_HUNG = 0.015  # [m], between a hand and the box that hangs from it
+_STRONG = 300.0  # [N], of a hook: both hold one rigid box, and press on each other
 _LET_GO = 0.10  # [m], how far the hands open
 
 
@@ -46,6 +49,11 @@ class BoxGrip:
     force: NotNegative = 60.0
     gap: float = -0.01
     hooks: bool = False
+
+    @classmethod
+    def hung(cls, width: float, at: tuple[float, float]) -> "BoxGrip":
+        """Return how a box hangs from the idealised grippers: a hand that touched it would press on its own hook."""
+        return cls(width, at=at, force=0.0, gap=_HUNG, hooks=True)
 
     def take(
         self,
@@ -73,7 +81,7 @@ class BoxGrip:
         view = yield from doing("walk to the box", walk_to(view, before=name, distance=distance))
         view = yield from doing(f"grasp '{name}'", self.grasp(view, name, posture))
         view = yield from doing(f"lift '{name}'", self.lift(view, name, height, speed))
-        return (yield from doing("bring the box to the chest", self.bring(view, goal)))
+        return (yield from doing("bring the box to the chest", self.bring(view, name, goal)))
 
     def grasp(self, view: View, name: Name, posture: Command | None) -> Course:
         """Crouch, put the hands beside the box, and squeeze it."""
@@ -85,7 +93,11 @@ class BoxGrip:
                 view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6
             )
         view = yield from self._glide(view, self._on(box, self.gap), box.yaw, posture, settle=0.7)
-        return (yield from grip(view, *(Grip(side, name, hook=True) for side in SIDES))) if self.hooks else view
+        return (
+            (yield from grip(view, *(Grip(side, name, hook=True, breaking_force=_STRONG) for side in SIDES)))
+            if self.hooks
+            else view
+        )
 
     def lift(self, view: View, name: Name, height: float, speed: float) -> Course:
         """Lift the box straight up by a height [m] at a speed [m/s]; fail if it stays where it is."""
@@ -109,14 +121,18 @@ class BoxGrip:
             )
         return view
 
-    def bring(self, view: View, goal: np.ndarray) -> Course:
+    def bring(self, view: View, name: Name, goal: np.ndarray) -> Course:
         """Bring the box to a point of the heading frame [m] and stand upright; from then on it moves with the robot."""
         points = self._sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
-        return self._glide(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5)
+        view = yield from self._glide(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5)
+        away = float(np.linalg.norm(seen(view, name).position - hands_in(view, "world").mean(axis=0)))
+        if away > _LOST:
+            raise Failure(f"the box is {100 * away:.0f} cm from the hands: it slipped out of them")
+        return view
 
-    def put(self, view: View, name: Name, goal: np.ndarray, yaw: float) -> Course:
+    def put(self, view: View, name: Name, goal: np.ndarray, yaw: float, posture: Command | None = None) -> Course:
         """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
-        posture = squat(float(goal[2]) + self.at[1])
+        posture = posture or squat(float(goal[2]) + self.at[1])
         ahead = rotations.rotation_z(yaw)
         for height, speed in ((0.05, 0.12), (-0.005, 0.05)):
             box = seen(view, name)

@@ -24,8 +24,6 @@ MILESTONES = (
 )
 
 
-# [m], between a hand and the box that hangs from it: a hand that touches the box would press against its own hook.
-_GAP = 0.015
 _HOOK = 0.05  # [m], of the hooks above the middle of the box, which hangs from both like a pendulum
 
 
@@ -36,7 +34,7 @@ def stack_boxes(view: View, shapes: Shapes, *, timeout: Seconds = 80.0) -> Cours
     A box of half a kilogram between forearms that only press on it turns with them, and slips.
     """
     upper, lower = (shapes[name]["size"] for name in ("upper", "lower"))
-    box = BoxGrip(settled(upper[1]), at=(0.0, _HOOK), force=0.0, gap=_GAP, hooks=True)  # type: ignore[index]
+    box = BoxGrip.hung(settled(upper[1]), at=(0.0, _HOOK))  # type: ignore[index]
     view = yield from box.take(view, "upper")
     walk = walk_to(view, before="lower", distance=DISTANCE, speed=0.25)
     view = yield from doing("carry the box to the other one", walk)

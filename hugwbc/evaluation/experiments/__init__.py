@@ -9,6 +9,7 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import (
     arrive,
     behaviours,
+    boxes,
     carry,
     contacts,
     disturbance,
@@ -61,6 +62,7 @@ EXPERIMENTS: Mapping[str, Experiment[Any]] = {
         engines,
         suite_tasks,
         behaviours,
+        boxes,
     )
 }
 

@@ -30,6 +30,7 @@ SHORT = {
     "stops": {"episodes": 1, "speeds": (0.6,)},
     "arrive": {"episodes": 1, "duration": 0.5},
     "behaviours": {"episodes": 1, "duration": 0.5},
+    "boxes": {"episodes": 1, "masses": (2.0,), "heights": (0.6,), "duration": 0.5},
     "hands": {"gait": "standing", "episodes": 1, "duration": 0.4},
     "carry": {"episodes": 1, "settle": 3.0, "duration": 6.0},
     "estimation": {"episodes": 1, "duration": 0.5},
