@@ -8,7 +8,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.behaviours.course import Course, Failure, Name, doing, seen
 from hugwbc.behaviours.hands import HALF_WIDTH, LEVEL, Directions, glide, hands_in, squat
-from hugwbc.behaviours.hold import TOE_IN
+from hugwbc.behaviours.hold import TOE_IN, from_hands
 from hugwbc.behaviours.reach import grip
 from hugwbc.behaviours.walk import walk_to
 from hugwbc.commands import Command
@@ -93,11 +93,9 @@ class BoxGrip:
                 view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6
             )
         view = yield from self._glide(view, self._on(box, self.gap), box.yaw, posture, settle=0.7)
-        return (
-            (yield from grip(view, *(Grip(side, name, hook=True, breaking_force=_STRONG) for side in SIDES)))
-            if self.hooks
-            else view
-        )
+        if self.hooks:
+            view = yield from grip(view, *(Grip(side, name, hook=True, breaking_force=_STRONG) for side in SIDES))
+        return view
 
     def lift(self, view: View, name: Name, height: float, speed: float) -> Course:
         """Lift the box straight up by a height [m] at a speed [m/s]; fail if it stays where it is."""
@@ -125,7 +123,7 @@ class BoxGrip:
         """Bring the box to a point of the heading frame [m] and stand upright; from then on it moves with the robot."""
         points = self._sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
         view = yield from self._glide(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5)
-        away = float(np.linalg.norm(seen(view, name).position - hands_in(view, "world").mean(axis=0)))
+        away = float(np.linalg.norm(from_hands(view, name)))
         if away > _LOST:
             raise Failure(f"the box is {100 * away:.0f} cm from the hands: it slipped out of them")
         return view

@@ -187,12 +187,12 @@ def carry(view: View, object: Name, walk: Course) -> Course:
         walk: such as `walk_to(view, before="shelf", speed=0.3)`.
     """
     held_targets(view)
-    before = _in_hands(view, object)
+    before = from_hands(view, object)
     try:
         action = next(walk)
         while True:
             view = yield dataclasses.replace(action, doing="carry")
-            way = float(np.linalg.norm(_in_hands(view, object) - before))
+            way = float(np.linalg.norm(from_hands(view, object) - before))
             if way > _LOST:
                 raise Failure(f"'{object}' was lost: it has moved by {100 * way:.0f} cm in the hands")
             action = walk.send(view)
@@ -202,7 +202,7 @@ def carry(view: View, object: Name, walk: Course) -> Course:
         walk.close()
 
 
-def _in_hands(view: View, name: str) -> np.ndarray:
+def from_hands(view: View, name: str) -> np.ndarray:
     """Return where an object is from the middle of the hands, in the heading frame [m], shape (3,)."""
     way = seen(view, name).position - view.hands.mean(axis=0)
     return way @ rotations.rotation_z(view.state.yaw)
