@@ -4,7 +4,7 @@ python examples/02_walk_with_qp.py --v-x 0.5 --show
 """
 
 from hugwbc import Command, Gait
-from hugwbc.runtime import Constant, load_controller
+from hugwbc.runtime import load_controller
 from hugwbc.viz.show import fate, run_script, watch
 
 
@@ -17,7 +17,7 @@ def main(v_x: float = 0.5, duration: float = 6.0, show: bool = False) -> None:
         show: show the robot live in the browser.
     """
     command = Command(v_x=v_x, gait=Gait.WALKING).validate()
-    trace = watch(load_controller("qp"), Constant(command), duration=duration, show=show, replay="out/02.html")
+    trace = watch(load_controller("qp"), command, duration=duration, show=show, replay="out/02.html")
 
     speed = trace.measured[len(trace.time) // 2 :, 0].mean()
     steps = sum(len(times) for times in trace.touch_downs)

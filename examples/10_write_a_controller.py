@@ -12,7 +12,7 @@ import numpy as np
 from hugwbc import Command, JointCommand, RobotState, UpperBody, load_robot, rotations
 from hugwbc.controller import override_arms
 from hugwbc.kinematics import Kinematics
-from hugwbc.runtime import Constant, Force, Simulation
+from hugwbc.runtime import Force, Simulation
 from hugwbc.state import GRAVITY
 from hugwbc.viz.show import fate, run_script, watch
 
@@ -74,8 +74,8 @@ def main(h: float = -0.1, w: float = 0.5, push: float = 40.0, duration: float = 
         show: show the robot live in the browser.
     """
     shove = Force((push, 0.0, 0.0), start=duration / 2.0, duration=0.3)
-    source = Constant(Command(h=h, w=w).validate())
-    trace = watch(Squatter(), source, Simulation(), duration=duration, forces=[shove], show=show, replay="out/10.html")
+    command = Command(h=h, w=w).validate()
+    trace = watch(Squatter(), command, Simulation(), duration=duration, forces=[shove], show=show, replay="out/10.html")
     height, waist = trace.measured[-1, 3], trace.measured[-1, 5]
     print(f"commanded {h:.2f} m and {w:.2f} rad, came to {height:.2f} m and {waist:.2f} rad")
     print(f"The robot balanced with its ankles, was pushed with {push:.0f} N and {fate(trace)}.")

@@ -14,6 +14,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Generator
+from numbers import Real
 from typing import Annotated, Any, Concatenate, Literal, ParamSpec, TypeAlias
 
 import numpy as np
@@ -163,6 +164,8 @@ def retry(view: View, behaviour: Behaviour, times: int = 3) -> Course:
 
 def wait(view: View, seconds: float) -> Course:
     """Keep the last hand targets and the posture for a time [s]."""
+    if not isinstance(seconds, Real):
+        raise TypeError(f"wait: seconds is {seconds!r}; give a time [s]")
     begin = view.time
     while view.time - begin < seconds:
         view = yield Action(standing(view), view.last.hands, progress=f"waits for {seconds:g} s")

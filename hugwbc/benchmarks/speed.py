@@ -24,7 +24,6 @@ from hugwbc.learned.policy.critic_observations import JOINTS
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.rollout import rollout
-from hugwbc.scripts.command_source import Constant
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -207,7 +206,7 @@ def episode_speed(controller: Controller, activity: str, duration: float) -> Epi
         return len(wall) * controller.period > duration
 
     if activity in COMMANDS:
-        source, simulation = Constant(COMMANDS[activity]), conditions.simulation(duration, (0,))
+        source, simulation = COMMANDS[activity], conditions.simulation(duration, (0,))
         longest = duration + 2.0 * controller.period
         rollout(controller, source, simulation, duration=longest, estimator=conditions.estimator(), until=over)
     else:
@@ -233,7 +232,7 @@ def period_shares(controller: Controller, duration: float) -> dict[str, float]:
     """
     conditions, profile = Conditions(), cProfile.Profile()
     simulation, estimator = conditions.simulation(duration, (0,)), conditions.estimator()
-    profile.runcall(rollout, controller, Constant(WALK), simulation, duration=duration, estimator=estimator)
+    profile.runcall(rollout, controller, WALK, simulation, duration=duration, estimator=estimator)
     seconds: dict[str, float] = collections.defaultdict(float)
     for (file, *_), (_, _, own, _, callers) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         if _room(file):

@@ -13,7 +13,7 @@ import tyro
 from pydantic import Field
 
 from hugwbc.behaviours import BehaviourSource, load_plan
-from hugwbc.behaviours.source import LONGEST
+from hugwbc.behaviours.source import LONGEST, Status
 from hugwbc.cli.output import parse_settings, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ConfigError, TargetError, needing
@@ -100,7 +100,7 @@ class PlayOptions:
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse the options, open the viewer and run the loop; return the exit code."""
+    """Parse the options, open the viewer and run the loop; return 1 where a behaviour or task was not done, else 0."""
     options = parse_settings(PlayOptions, words, "play", PlayOptions.__doc__)
     viewer = _viewer(options)
     say_arena(options.arena)
@@ -130,7 +130,7 @@ def run(words: Sequence[str]) -> int:
         say(f"{options.script}: {behaviour.ending}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")
-    return 0
+    return int(behaviour is not None and behaviour.status is not Status.SUCCESS)
 
 
 def _viewer(options: PlayOptions) -> str:
@@ -163,7 +163,7 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     verdict = run_task(task, controller, simulation, on_moment=draw).verdict
     say(f"{task.name} with {controller.name}, seed {options.seed}: {verdict.words} after {simulation.time:.1f} s")
     say(f"score: {verdict.score:.2f}")
-    return 0
+    return int(not verdict.success)
 
 
 def _refuse_beside(option: str, why: str, others: Sequence[str]) -> None:

@@ -86,11 +86,11 @@ def check_agreement() -> str:
 def check_standing() -> str:
     """Check that `qp` stands and squats for two seconds."""
     from hugwbc.commands import Command
-    from hugwbc.runtime import Constant, rollout
+    from hugwbc.runtime import rollout
     from hugwbc.runtime.controllers import ControllerSpec
     from hugwbc.sim import Simulation
 
-    trace = rollout(ControllerSpec("qp").build(), Constant(Command(h=-0.1)), Simulation(), duration=2.0)
+    trace = rollout(ControllerSpec("qp").build(), Command(h=-0.1), Simulation(), duration=2.0)
     if trace.fell or trace.safety.failures:
         raise CheckError(f"the controller qp fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
     return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"

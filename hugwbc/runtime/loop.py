@@ -3,6 +3,7 @@
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.control_period import ArmSource, ControlPeriod
@@ -10,7 +11,7 @@ from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
 from hugwbc.runtime.trace import CONTACT_FORCE
-from hugwbc.scripts.command_source import CommandSource, FollowingSource
+from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -47,7 +48,7 @@ class ControlLoop:
     def __init__(
         self,
         controller: Controller,
-        source: CommandSource,
+        source: CommandSource | Command,
         simulation: Engine,
         upper_body: ArmSource | None = None,
         estimator: StateEstimator | None = None,
@@ -59,12 +60,13 @@ class ControlLoop:
 
         Args:
             controller: any object with the members of `Controller`.
-            source: gives commands and hand targets over time.
+            source: gives commands and hand targets over time; or one command for all times.
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none
                 where the sensors tell the state.
         """
+        source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
         sight = Sight(
             SimulatedWorld(simulation),

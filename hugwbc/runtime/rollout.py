@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
@@ -20,7 +21,7 @@ from hugwbc.state import RobotState
 
 def rollout(
     controller: Controller,
-    source: CommandSource,
+    source: CommandSource | Command,
     simulation: Engine,
     upper_body: ArmSource | None = None,
     *,
@@ -40,7 +41,7 @@ def rollout(
 
     Args:
         controller: any object with the members of `Controller`.
-        source: gives commands and hand targets over time.
+        source: gives commands and hand targets over time; or one command for all times.
         simulation: the robot; it is reset to the nominal stand at the origin.
         upper_body: turns hand targets into arm targets (`UpperBodySource`); without it, hand targets are ignored.
         duration: length of the run [s].

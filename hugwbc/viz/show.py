@@ -10,6 +10,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Sequence
 
+from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
@@ -86,7 +87,7 @@ def open_view(name: str, *, scene: Scene | None = None, tell: Tell = print) -> D
 
 def watch(
     controller: Controller,
-    source: CommandSource,
+    source: CommandSource | Command,
     simulation: Engine | None = None,
     upper_body: ArmSource | None = None,
     *,
@@ -101,7 +102,7 @@ def watch(
 
     Args:
         controller: the controller; it runs behind the safety filter.
-        source: commands and hand targets over time, such as a `Script` or a `Constant`.
+        source: commands and hand targets over time, such as a `Script`; or one command for all times.
         simulation: the robot; a new one by default.
         upper_body: turns hand targets into arm targets; without it hand targets are ignored.
         duration: how long to run [s]; a fall ends the run early.

@@ -77,9 +77,21 @@ def test_a_task_beside_something_else_is_refused(words, message, capsys):
 
 def test_a_task_is_played(capsys, standing_task):
     path = standing_task("Milestone('the robot did not fly', lambda record: float(record.pelvis[:, 2].max() > 3.0))")
-    assert main(["play", "--task", str(path), "--controller", "hold", "--viewer", "none", "--sensing", "exact"]) == 0
+    assert main(["play", "--task", str(path), "--controller", "hold", "--viewer", "none", "--sensing", "exact"]) == 1
     out = capsys.readouterr().out
     assert "stand with hold, seed 0: not done: the robot did not fly" in out and "score: 0.00" in out
+
+
+@pytest.mark.parametrize(
+    ("seconds", "code", "told"), [("0.1", 0, "done"), ("'long'", 1, "seconds is 'long'; give a time")]
+)
+def test_a_behaviour_that_is_not_done_exits_with_1(tmp_path, capsys, seconds, code, told):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        f"from hugwbc.behaviours import wait\n\n\ndef rest(view):\n    return (yield from wait(view, {seconds}))\n"
+    )
+    assert main(["play", "--script", f"{path}:rest", "--controller", "hold", "--viewer", "none"]) == code
+    assert told in capsys.readouterr().out
 
 
 def test_a_motion_moves_the_arms_and_the_command_the_rest(tmp_path, capsys):
