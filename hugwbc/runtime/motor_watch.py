@@ -17,6 +17,7 @@ MISSING = 0.3  # [N*m*s], integral of the torque that a quiet motor was asked fo
 _MOST = 20.0  # [N*m], what counts of that torque: one large value of a working motor at a change of sign means nothing
 _FORGET = 0.3  # [s], in which the integral fades while less than `ASKED` is asked for
 _LONGEST_STEP = 0.03  # [s]; a longer gap between two readings counts as this
+_LATE = 0.01  # [s] by which a command may reach a motor too late; of those that may act, the least torque counts
 _AVERAGED = 0.002  # [s] by which torques are older than their reading, since they are averaged from the last one on
 _KEPT = 64  # commands, an eighth of a second of the shortest periods
 
@@ -47,18 +48,36 @@ class MotorWatch:
         self._commands.append((self._now, command))
 
     def see(self, reading: RobotState, now: float) -> None:
-        """Compare the torques of a new reading, which arrives now [s], with what the command of its time asked for."""
+        """Compare the torques of a new reading, which arrives now [s], with what the commands of its time asked for."""
         elapsed, self._now = min(max(now - self._now, 0.0), _LONGEST_STEP), now
         acted = now - reading.age - self._robot.command_delay - _AVERAGED
-        command = next((command for issued, command in reversed(self._commands) if issued <= acted), None)
-        if command is None or reading.torque is None:
+        commands = self._acting(acted)
+        if not commands or reading.torque is None:
             return
-        legs = self._legs
-        asked = command.tau + command.kp * (command.q - reading.q) + command.kd * (command.dq - reading.dq)
-        speed = reading.dq[legs] * np.sign(asked[legs])  # a motor has no torque to drive a joint at its highest speed
-        asked = np.minimum(np.abs(asked[legs]), np.minimum(self._slope * (self._fastest - speed), _MOST))
+        quiet = np.abs(reading.torque[self._legs]) <= QUIET  # a comparison with NaN is false
+        asked = np.full(quiet.size, _MOST)
+        for command in commands:
+            asked = np.minimum(asked, self._asked(command, reading))
+            if not (quiet & (asked > ASKED)).any():
+                break
         missing = np.where(asked > ASKED, self._missing + elapsed * asked, math.exp(-elapsed / _FORGET) * self._missing)
-        # A comparison with NaN is false.
-        self._missing = np.where(np.abs(reading.torque[legs]) <= QUIET, missing, 0.0)
+        self._missing = np.where(quiet, missing, 0.0)
         if not self.dead and self._missing.max() > MISSING:
             self.dead = self._robot.joint_names[self._robot.legs[int(np.argmax(self._missing))]]
+
+    def _acting(self, acted: float) -> list[JointCommand]:
+        """Return the commands that may have acted at a time [s], the last one first."""
+        found = []
+        for issued, command in reversed(self._commands):
+            if issued <= acted:
+                found.append(command)
+                if issued <= acted - _LATE:
+                    break
+        return found
+
+    def _asked(self, command: JointCommand, reading: RobotState) -> np.ndarray:
+        """Return how much torque a command asks of each motor of the legs, within what the motor can give [N*m]."""
+        legs = self._legs
+        torque = command.tau + command.kp * (command.q - reading.q) + command.kd * (command.dq - reading.dq)
+        speed = reading.dq[legs] * np.sign(torque[legs])  # a motor has no torque to drive a joint at its highest speed
+        return np.minimum(np.abs(torque[legs]), self._slope * (self._fastest - speed))

@@ -41,6 +41,7 @@ def test_a_dead_motor_is_found_within_a_tenth_of_a_second():
         {"torque": 0.0, "asked": 3.0, "seconds": 10.0},  # a motor that is hardly asked for anything
         {"torque": 6.5, "asked": 7.5, "seconds": 10.0},
         {"torque": lambda t: 40.0 * np.sin(30.0 * t), "asked": lambda t: 40.0 * np.sin(30.0 * (t + 0.01))},
+        {"torque": lambda t: 25.0 * (t > 0.127), "asked": lambda t: 25.0 * (t > 0.1)},  # a command that comes late
     ],
 )
 def test_working_motors_raise_no_alarm(case):
