@@ -80,7 +80,7 @@ try heatmap $EVALUATE heatmap --controller learned --gait standing --points 2 --
 try disturbance $EVALUATE disturbance --controller learned --rollouts 1 --first 200 --limit 200 --duration 3 $RESULTS
 try ramp $EVALUATE ramp --controller learned --episodes 1 $RESULTS
 try tour $EVALUATE tour --controller learned --episodes 1 $RESULTS
-try robustness $EVALUATE robustness --controller learned --samples 3 --duration 2 $RESULTS
+try robustness $EVALUATE robustness --controller learned --gait standing --samples 3 --duration 2.5 $RESULTS
 try contacts $EVALUATE contacts --controller learned --episodes 1 $RESULTS
 try random-commands $EVALUATE random-commands --controller learned --episodes 3 $RESULTS
 try response $EVALUATE response --controller learned --gait standing --points 2 --duration 3 $RESULTS
