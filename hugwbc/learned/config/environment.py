@@ -17,7 +17,7 @@ from hugwbc.learned.policy.contract import Contract, History, Term
 from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES
 from hugwbc.learned.policy.terms import TERMS, further_terms
 from hugwbc.robot import Robot, load_robot, robot_names
-from hugwbc.settings import Count, NotNegative, Positive, Share, one_of, settings
+from hugwbc.settings import Count, Gain, NotNegative, Positive, Share, one_of, settings
 
 RobotName = Annotated[str, one_of("robot", robot_names)]
 
@@ -229,10 +229,10 @@ class EnvConfig:
     waist_rate: NotNegative = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
-    squat_gain: Share = 0.0
-    """Share of the commanded height and pitch that the legs' joint targets follow by themselves
+    squat_gain: Gain = 0.0
+    """Factor of the commanded height and pitch that the legs' joint targets follow by themselves
     (`hugwbc.learned.policy.leg_feed_forward`); the action is added. With 0 the action alone moves the legs, as in the
-    paper."""
+    paper. A robot on PD joints executes less than its targets say, so a factor above 1 starts nearer to the command."""
     swing_gain: Share = 0.0
     """Share of the clock's swing, up to the commanded height l, by which the legs' joint targets lift the feet; the
     action is added. With 0 the action alone lifts them, as in the paper."""

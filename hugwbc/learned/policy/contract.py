@@ -18,7 +18,7 @@ from hugwbc.learned.policy.feed_forward import Curves, check_curves
 from hugwbc.learned.policy.policy_files import CONTRACT_FILE, policy_file
 from hugwbc.learned.policy.terms import TERMS
 from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
-from hugwbc.settings import Beside, NotNegative, Positive, Share, one_of, refusing, settings
+from hugwbc.settings import Beside, Gain, NotNegative, Positive, Share, one_of, refusing, settings
 from hugwbc.settings_file import load
 
 _KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")
@@ -156,7 +156,7 @@ class Contract:
         held_pose: positions of joints that the policy does not move, if they differ from the robot's nominal pose
             [rad].
         waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
-        squat_gain: share of the commanded height and pitch that the legs' joint targets follow
+        squat_gain: factor of the commanded height and pitch that the legs' joint targets follow
             (`hugwbc.learned.policy.leg_feed_forward`).
         swing_gain: share of the clock's swing of the feet, up to the commanded height, that they follow.
         feed_forward: what to ask the network for, by gait and command (`hugwbc.learned.policy.feed_forward`).
@@ -181,7 +181,7 @@ class Contract:
     clock_period: Positive | None = None
     held_pose: dict[JointName, float] = dataclasses.field(default_factory=dict)
     waist_rate: NotNegative = 0.0
-    squat_gain: Share = 0.0
+    squat_gain: Gain = 0.0
     swing_gain: Share = 0.0
     feed_forward: Annotated[Curves, AfterValidator(refusing(check_curves))] = dataclasses.field(default_factory=dict)
     policy: Beside | None = None
