@@ -46,9 +46,9 @@ class Table:
 
     Attributes:
         documents: where it stands, relative to the root of the repository.
-        runs: by label, the words of `hugwbc evaluate` without the seed.
+        runs: by label, the words of `hugwbc evaluate` without the seed; of several experiments with "; " between them.
         quantities: names of the figures, in order; all that the runs have if empty.
-        tall: a row for each quantity and a column for each run, instead of the other way round.
+        tall: a row for each quantity and a column for each label, instead of the other way round.
     """
 
     documents: tuple[str, ...]
@@ -67,11 +67,20 @@ def _tracking(*gaits: str, further: str = "") -> dict[str, str]:
 
 
 def _both(words: str) -> dict[str, str]:
-    """Return a run for each controller, whose name takes the place of {}."""
+    """Return runs for each controller, whose name takes the place of {}."""
     return {label: words.format(name) for label, name in BOTH.items()}
 
 
 RESULTS = ("docs/results.md",)
+COMPARED = (
+    "single-command --controller {0} --gait walking --episodes 128",
+    "random-commands --controller {0} --episodes 64",
+    "hands --controller {0} --gait walking --episodes 3",
+    "arrive --controller {0} --episodes 20",
+    "stops --controller {0}",
+    "push --controller {0}",
+    "tasks --controller {0} --episodes 50",
+)
 TABLES = {
     "walking": Table(("README.md",), _tracking("walking"), (*ERRORS, FALLS)),
     "single-commands": Table(RESULTS, _tracking(*GAITS), (*ERRORS, FALLS)),
@@ -115,6 +124,12 @@ TABLES = {
         ("docs/tasks.md",),
         _both("boxes --controller {} --episodes 20"),
         tuple(f"done from {height} m" for height in (0.3, 0.6, 0.9)),
+    ),
+    "comparison": Table(
+        ("docs/comparison.md",),
+        _both("; ".join(COMPARED)),
+        ("E_vx_low", "E_omega", "E_l", "hand error, mean", "arrived", "time", "median of all", "success", FALLS),
+        tall=True,
     ),
     "carry": Table(("docs/forces.md",), _both("carry --controller {} --episodes 4"), tall=True),
     "pull": Table(("docs/forces.md",), _both("pull --controller {} --gait walking --force 30"), tall=True),
@@ -187,12 +202,14 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
             short = figure.quantity in (*ERRORS, FALLS) or not figure.unit
             name = figure.quantity if short else f"{figure.quantity} [{figure.unit}]"
             title = figure.table if len(titles) > 1 else ""
+            if table.tall:
+                name, title = ": ".join(filter(None, (title, name))), ""
             if figure.paper is not None:
                 paper = ", ".join(filter(None, ("paper", figure.table.rpartition(", ")[2], figure.reference)))
                 rows.setdefault(paper, {})[name] = f"{figure.paper:.3f}"
             rows.setdefault(": ".join(filter(None, (title, label))), {})[name] = cell(figure)
     order = list(dict.fromkeys(name for row in rows.values() for name in row))
-    if table.quantities:
+    if table.quantities and not table.tall:
         order.sort(key=lambda name: table.quantities.index(name.partition(" [")[0]))
     cells = [["", *order], *([label, *(row.get(name, "") for name in order)] for label, row in rows.items())]
     return [list(column) for column in zip(*cells, strict=True)] if table.tall else cells
@@ -251,14 +268,17 @@ def main() -> int:
     for name, table in tables.items():  # now, and not after hours
         for document in table.documents:
             replaced((ROOT / document).read_text(), name, "", "")
-    runs = {name: [Run.of(*item, options) for item in table.runs.items()] for name, table in tables.items()}
+    runs = {
+        name: [Run.of(label, part, options) for label, words in table.runs.items() for part in words.split("; ")]
+        for name, table in tables.items()
+    }
     total, done, begin = sum(run.work for part in runs.values() for run in part), 0.0, time.monotonic()
     with Execution(options.workers, cluster=options.cluster) as execution, progress("results") as advance:
         for name, table in tables.items():
-            found = {}
+            found: dict[str, list[Figure]] = {}
             for run in runs[name]:
                 result = run_experiment(run.experiment, run.settings, run.spec, execution=execution, store=Store())
-                found[run.label] = result.figures
+                found.setdefault(run.label, []).extend(result.figures)
                 done += run.work
                 advance(done / total)
             body = markdown(lay_out(table, found), runs[name])

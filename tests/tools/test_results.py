@@ -42,6 +42,10 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
     ]
     tall = tool.lay_out(tool.Table((), {}, tall=True), {"learned": figures})
     assert tall[-1] == ["touch-down speed, median [m/s]", "", "0.900"]
+    two = tool.lay_out(
+        tool.Table((), {}, ("falls",), tall=True), {"QP": [*figures, Figure("Stops", "falls", "%", None)]}
+    )
+    assert [row[0] for row in two] == ["", f"{title}: falls", "Stops: falls"]
 
 
 def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
@@ -56,6 +60,6 @@ def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
 def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
     options = argparse.Namespace(public="networks", quick=True, seed=7)
     for table in tool.TABLES.values():
-        for words in table.runs.values():
+        for words in "; ".join(table.runs.values()).split("; "):
             run = tool.Run.of("", words, options)
             assert run.settings.seed == 7 and run.work > 0.0
