@@ -1,12 +1,13 @@
 """Feed-forward of the legs: postures that lower and tilt the pelvis, and lift the feet, by commanded amounts.
 
-Thigh and shank are equal links. A leg whose hip is above its ankle at a distance d has the knee at 2 acos(d / 2 L); hip
-and ankle take half of it back, and the hip takes the pelvis's pitch, so that the sole stays level:
+Thigh and shank are equal links. A leg whose hip is above its ankle at a distance d leans each of them by acos(d / 2 L).
+An ankle bends only so far. From there on the thigh alone leans, and the hip moves back:
 
-    d = d_0 + h - c,   knee = 2 acos(d / 2 L),   hip = -knee / 2 - p,   ankle = -knee / 2,
+    d = d_0 + h - c,   shank = min(acos(d / 2 L), ankle's limit),   thigh = acos(d / L - cos(shank)),
+    knee = thigh + shank,   hip = -thigh - p,   ankle = -shank,
 
-relative to the nominal posture, at h = p = 0, with c the clearance of the sole in its swing. It says nothing of
-balance or of the length of a step, which are left to the policy.
+relative to the nominal posture, at h = p = 0, with c the clearance of the sole in its swing; the sole stays level. It
+says nothing of balance or of the length of a step, which are left to the policy.
 """
 
 import numpy as np
@@ -36,6 +37,9 @@ class LegFeedForward:
         self._low, self._high = (
             bound[self._joints] - robot.nominal[self._joints] for bound in (centre - half, centre + half)
         )
+        self._shank = float(self._half - self._low[2].max())  # largest lean
+        thigh = float(knee + self._high[1].min()) - self._shank
+        self._lowest = 0.5 * (np.cos(self._shank) + np.cos(thigh))
 
     def offsets(self, height: np.ndarray, pitch: np.ndarray, clearance: np.ndarray | float = 0.0) -> np.ndarray:
         """Return what to add to the nominal joint positions [rad], shape (n, 19).
@@ -45,10 +49,12 @@ class LegFeedForward:
             pitch: of the pelvis [rad], shape (n,).
             clearance: of the left and the right sole [m], shape (n, 2), or one number for all.
         """
-        share = _clip(np.cos(self._half) + (height[:, None] - clearance) / self._length, 0.0, _MARGIN)
-        bend = np.arccos(np.broadcast_to(share, (len(height), 2))) - self._half  # half of the knee's offset
+        share = _clip(np.cos(self._half) + (height[:, None] - clearance) / self._length, self._lowest, _MARGIN)
+        share = np.broadcast_to(share, (len(height), 2))
+        shank = np.minimum(np.arccos(share), self._shank)
+        thigh = np.arccos(2.0 * share - np.cos(shank))
         result = np.zeros((len(height), self._count))
-        offsets = -bend - pitch[:, None], 2.0 * bend, -bend
+        offsets = self._half - thigh - pitch[:, None], thigh + shank - 2.0 * self._half, self._half - shank
         for joints, offset, low, high in zip(self._joints, offsets, self._low, self._high, strict=True):
             result[:, joints] = _clip(offset, low, high)
         return result

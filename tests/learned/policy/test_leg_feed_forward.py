@@ -12,7 +12,7 @@ from hugwbc.learned.policy.leg_feed_forward import (
     LegFeedForward,
     swing_clearance,
 )
-from hugwbc.robot import load_robot
+from hugwbc.robot import SIDES, load_robot
 from tests.conftest import make_state
 
 ROBOT = load_robot("h1")
@@ -33,6 +33,8 @@ def test_soles_of_a_squat_are_on_the_ground(height: float, pitch: float) -> None
     q = ROBOT.nominal + LegFeedForward(ROBOT).offsets(np.array([height]), np.array([pitch]))[0]
     np.testing.assert_allclose(clearance(q, height, pitch), 0.0, atol=6e-3)
     assert (q > ROBOT.lower).all() and (q < ROBOT.upper).all()
+    pitches = [ROBOT.indices([f"{side}_{part}_joint" for part in ("hip_pitch", "knee", "ankle")]) for side in SIDES]
+    np.testing.assert_allclose([q[leg].sum() for leg in pitches], -pitch, atol=1e-6, err_msg="the soles are level")
     others = np.setdiff1d(np.arange(19), ROBOT.legs)
     np.testing.assert_array_equal(q[others], ROBOT.nominal[others])
 
