@@ -100,8 +100,8 @@ try behaviours $EVALUATE behaviours --controller learned --behaviour fetch_cup -
 needs sapien engines $EVALUATE engines --controller learned --episodes 1 $RESULTS
 needs sapien physx $EVALUATE single-command --controller learned --episodes 8 --duration 2.5 --engine physx $RESULTS
 needs distributed dask-cluster sh -c "
-    dask scheduler --host 127.0.0.1 --port 18786 --no-dashboard & scheduler=\$!
-    dask worker tcp://127.0.0.1:18786 --nthreads 1 --no-dashboard & worker=\$!
+    $PYTHON -m dask scheduler --host 127.0.0.1 --port 18786 --no-dashboard & scheduler=\$!
+    $PYTHON -m dask worker tcp://127.0.0.1:18786 --nthreads 1 --no-dashboard & worker=\$!
     trap 'kill \$worker \$scheduler' EXIT
     sleep 8
     $EVALUATE random-commands --controller hold --episodes 4 --cluster tcp://127.0.0.1:18786 $RESULTS"
