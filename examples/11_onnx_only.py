@@ -18,6 +18,8 @@ import onnxruntime
 
 LOWEST = 0.6  # [m], height of the pelvis below which the robot has fallen
 LEG = 0.8  # [m], from the hip to the ankle of a straight leg
+SHANK = 0.856  # [rad], farthest lean of a shank, where its ankle ends
+BENT, STRAIGHT = 0.5224, 0.98  # shares of a straight leg's length at the ends of the knee
 LEFT_FOOT = 0.5  # of a walking cycle, by which the left foot is ahead of the right one
 COMMANDS = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")  # of the term "command"
 NEUTRAL = dict.fromkeys(COMMANDS, 0.0) | {"f": 2.0, "l": 0.15}
@@ -52,9 +54,12 @@ def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
         u = 1.0 - abs(later % 1.0 - 0.75) / 0.25  # 0 at lift-off and touch-down, 1 at the apex
         height = command["l"] * u**3 * (10.0 - 15.0 * u + 6.0 * u**2) if u > 0.0 else 0.0
         hip, knee, ankle = (names.index(f"{side}_{part}_joint") for part in ("hip_pitch", "knee", "ankle"))
-        share = math.cos(nominal[knee] / 2.0) + (squat * command["h"] - swing * height) / LEG
-        bend = math.acos(min(share, 0.98)) - nominal[knee] / 2.0
-        result[hip], result[knee], result[ankle] = -bend - squat * command["p"], 2.0 * bend, -bend
+        half = nominal[knee] / 2.0
+        share = min(max(math.cos(half) + (squat * command["h"] - swing * height) / LEG, BENT), STRAIGHT)
+        shank = min(math.acos(share), SHANK)
+        thigh = math.acos(2.0 * share - math.cos(shank))
+        offsets = half - thigh - squat * command["p"], thigh + shank - 2.0 * half, half - shank
+        result[hip], result[knee], result[ankle] = offsets
     return result
 
 
