@@ -32,7 +32,7 @@ ERRORS = ("E_vx_low", "E_vx_high", "E_vy", "E_omega", "E_f", "E_l", "E_h", "E_p"
 FEET = (
     "touch-down speed, median",
     "peak foot force of 10 ms, mean of stances",
-    "hop frequency error",
+    "hops per second, difference to the clock",
     "held foot on the ground",
 )
 GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
