@@ -38,7 +38,6 @@ def draw() -> None:
     figure = Figure(figsize=(10, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     left.plot(steps, record["episode_length"])
-    left.axhline(900, color="grey", linestyle="--", linewidth=1)
     left.set(ylabel="steps of an episode, of 1,000", ylim=(0, 1000))
     for name, label in ERRORS.items():
         right.plot(steps, record[f"walking_error/{name}"], label=label)
