@@ -166,4 +166,4 @@ def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
     smoke = load_recipe("h1", smoke=True).stages["gaits"].train
     assert smoke is not None and smoke.at(smoke.steps).env.rewards == late.env.rewards
     assert main(["check", "--policy", "h1"]) == 0
-    assert "302624b3" in capsys.readouterr().out
+    assert "590cfeac" in capsys.readouterr().out
