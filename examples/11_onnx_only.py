@@ -18,8 +18,7 @@ import onnxruntime
 
 LOWEST = 0.6  # [m], height of the pelvis below which the robot has fallen
 LEG = 0.8  # [m], from the hip to the ankle of a straight leg
-SHANK = 0.856  # [rad], farthest lean of a shank, where its ankle ends
-BENT, STRAIGHT = 0.5224, 0.98  # shares of a straight leg's length at the ends of the knee
+SHANK, BENT, STRAIGHT = 0.856, 0.5224, 0.98  # [rad], lean of a shank where its ankle ends; shares of `LEG` of a knee
 LEFT_FOOT = 0.5  # of a walking cycle, by which the left foot is ahead of the right one
 COMMANDS = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")  # of the term "command"
 NEUTRAL = dict.fromkeys(COMMANDS, 0.0) | {"f": 2.0, "l": 0.15}
@@ -46,8 +45,7 @@ def asked(contract: dict, command: dict) -> dict:
 
 def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
     """Return what is added to the joint targets: legs that squat, lean, and lift their feet by the clock."""
-    names, nominal = contract["joints"], contract["default_pose"]
-    result = np.zeros(len(names))
+    names, nominal, result = contract["joints"], contract["default_pose"], np.zeros(len(contract["joints"]))
     squat, swing = contract["squat_gain"], contract["swing_gain"]
     for side, offset in (("left", LEFT_FOOT), ("right", 0.0)):
         later = phase + command["f"] * contract["period"] + offset
@@ -58,8 +56,7 @@ def feed_forward(contract: dict, command: dict, phase: float) -> np.ndarray:
         share = min(max(math.cos(half) + (squat * command["h"] - swing * height) / LEG, BENT), STRAIGHT)
         shank = min(math.acos(share), SHANK)
         thigh = math.acos(2.0 * share - math.cos(shank))
-        offsets = half - thigh - squat * command["p"], thigh + shank - 2.0 * half, half - shank
-        result[hip], result[knee], result[ankle] = offsets
+        result[[hip, knee, ankle]] = half - thigh - squat * command["p"], thigh + shank - 2.0 * half, half - shank
     return result
 
 
@@ -85,7 +82,7 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
     mujoco.mj_forward(model, data)
     action, phase = np.zeros(model.nu), 0.0
     history = np.tile(frame(contract, data, action), (contract["history"]["frames"], 1))
-    for _ in range(round(duration / contract["period"])):
+    while data.time < duration - 1e-9 and data.qpos[2] > LOWEST:
         history = np.vstack((history[1:], frame(contract, data, action)))
         phase = (phase + command["f"] * contract["period"]) % 1.0
         inputs = {"history": history.reshape(1, -1), "command": command_row(contract, command, phase)}
@@ -93,8 +90,6 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
         data.ctrl[:] = contract["default_pose"] + np.array(contract["action_scale"]) * action
         data.ctrl[:] += feed_forward(contract, command, phase)
         mujoco.mj_step(model, data, round(contract["period"] / model.opt.timestep))
-        if not data.qpos[2] > LOWEST:
-            break
     return data
 
 
