@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ ROUNDS = "rounds.json"
 _TRIAL = "trial.safetensors"
 _DECIMALS = 4
 
-Errors = dict[tuple[str, str, int], float]
+Errors = dict[str, dict[str, list[float | None]]]
+"""Commanded minus executed value by gait, command and knot; None where the robot fell."""
 Executed = Callable[[pathlib.Path, list[dict[str, Any]], CalibrationConfig], list[dict[str, float]]]
 """Returns what a policy executes under some commands, one episode each: means by name, NaN after a fall."""
 
@@ -41,20 +42,23 @@ def knots_of(config: CalibrationConfig) -> Curves:
 def corrected(curves: Curves, errors: Errors, rate: float) -> Curves:
     """Return curves in which a fraction of the measured errors is taken out.
 
+    No value outside a command's range is asked for: the policy was never trained there.
+
     Args:
         curves: pairs of command and what to ask for.
-        errors: commanded minus executed value by gait, command and number of the knot; NaN where the robot fell.
+        errors: what was measured with these curves.
         rate: the fraction.
     """
     result: Curves = {}
     for label, of_gait in curves.items():
+        ranges = command_ranges(Gait.parse(label))
         for name, pairs in of_gait.items():
+            (low, high), limit = ranges[name].finishing, LARGEST_CHANGE[name]
             new = []
-            for index, (knot, asked) in enumerate(pairs):
-                error = errors.get((label, name, index), math.nan)
-                change = asked - knot + (rate * error if math.isfinite(error) else 0.0)
-                limit = LARGEST_CHANGE[name]
-                new.append([knot, round(knot + min(max(change, -limit), limit), _DECIMALS)])
+            for (knot, asked), error in zip(pairs, errors[label][name], strict=True):
+                wanted = asked if error is None else asked + rate * error
+                valid = min(max(wanted, low, knot - limit), high, knot + limit)
+                new.append([knot, round(valid, _DECIMALS)])
             result.setdefault(label, {})[name] = new
     return result
 
@@ -62,7 +66,7 @@ def corrected(curves: Curves, errors: Errors, rate: float) -> Curves:
 def calibrate(
     config: CalibrationConfig, folder: pathlib.Path, executed: Executed, on_round: Callable[[int, float], None]
 ) -> dict[str, float | None]:
-    """Measure a policy at every knot, correct its curves, and keep those that made the mean error smaller.
+    """Measure a policy at every knot, correct its curves, and keep at each knot what gave the smallest error.
 
     Finished rounds are in the folder: an interrupted calibration continues after them.
 
@@ -82,17 +86,15 @@ def calibrate(
         save_policy(folder / name, controller.actor, contract, controller.training)
 
     place = folder / ROUNDS
-    rounds: list[dict[str, Any]] = json.loads(place.read_text()) if place.exists() else []
-    curves = rounds[-1]["next"] if rounds else knots_of(config)
+    rounds: list[tuple[Curves, Errors]] = json.loads(place.read_text()) if place.exists() else []
+    curves = corrected(*rounds[-1], config.rate) if rounds else knots_of(config)
     for number in range(len(rounds), config.rounds + 1):
         write(_TRIAL, curves)
         errors = _errors(config, folder / _TRIAL, curves, executed)
-        means = {f"{label}/{name}": _mean_error(errors, label, name) for label in curves for name in curves[label]}
-        following = corrected(curves, errors, config.rate)
-        rounds.append({"curves": curves, "means": finite_json(means), "next": following})
+        rounds.append((curves, errors))
         write_whole(place, json.dumps(rounds, indent=1) + "\n")
-        curves = following
-        on_round(number, float(np.nanmean([*means.values()])) if np.isfinite([*means.values()]).any() else math.nan)
+        curves = corrected(curves, errors, config.rate)
+        on_round(number, _mean([error for of_gait in errors.values() for found in of_gait.values() for error in found]))
     kept, figures = _best_curves(rounds)
     write("policy.safetensors", kept)
     (folder / _TRIAL).unlink(missing_ok=True)
@@ -103,27 +105,35 @@ def _errors(config: CalibrationConfig, policy: pathlib.Path, curves: Curves, exe
     """Measure every knot of every curve, gait by gait."""
     errors: Errors = {}
     for label, of_gait in curves.items():
-        places = [(name, index, pair[0]) for name, pairs in of_gait.items() for index, pair in enumerate(pairs)]
-        found = executed(policy, [{"gait": label, name: knot} for name, _, knot in places], config)
-        for (name, index, knot), values in zip(places, found, strict=True):
-            errors[label, name, index] = knot - values.get(name, math.nan)
+        places = [(name, pair[0]) for name, pairs in of_gait.items() for pair in pairs]
+        found = executed(policy, [{"gait": label, name: knot} for name, knot in places], config)
+        for (name, knot), values in zip(places, found, strict=True):
+            error = knot - values.get(name, math.nan)
+            errors.setdefault(label, {}).setdefault(name, []).append(error if math.isfinite(error) else None)
     return errors
 
 
-def _mean_error(errors: Mapping[tuple[str, str, int], float], label: str, name: str) -> float:
-    found = [abs(error) for key, error in errors.items() if key[:2] == (label, name)]
-    return float(np.mean(found)) if found and all(map(math.isfinite, found)) else math.nan
+def _mean(errors: Sequence[float | None]) -> float:
+    """Return the mean size of the errors without those of falls; NaN if all fell."""
+    sizes = [abs(error) for error in errors if error is not None]
+    return float(np.mean(sizes)) if sizes else math.nan
 
 
-def _best_curves(rounds: list[dict[str, Any]]) -> tuple[Curves, dict[str, float | None]]:
-    """Return for each curve the one with the smallest mean error, without those where none was smaller than before."""
+def _best_curves(rounds: Sequence[tuple[Curves, Errors]]) -> tuple[Curves, dict[str, float | None]]:
+    """Return at each knot the value with the smallest error; where the robot always fell, the command itself."""
     kept: Curves = {}
-    figures: dict[str, float | None] = {}
-    for key, before in rounds[0]["means"].items():
-        label, _, name = key.partition("/")
-        known = [(one["means"][key], index) for index, one in enumerate(rounds) if one["means"][key] is not None]
-        value, best = min(known, default=(None, 0))
-        if best > 0:
-            kept.setdefault(label, {})[name] = rounds[best]["curves"][label][name]
-        figures |= {f"{key}/uncalibrated": before, f"{key}/calibrated": value}
-    return kept, figures
+    figures: dict[str, float] = {}
+    first, before = rounds[0]
+    for label, of_gait in first.items():
+        for name, pairs in of_gait.items():
+            chosen, left = [], []
+            for index, knot in enumerate(pairs):
+                tried = [(errors[label][name][index], curves[label][name][index]) for curves, errors in rounds]
+                known = [(abs(error), place, pair) for place, (error, pair) in enumerate(tried) if error is not None]
+                error, _, pair = min(known, default=(None, 0, knot))
+                chosen.append(pair)
+                left.append(error)
+            kept.setdefault(label, {})[name] = chosen
+            figures[f"{label}/{name}/uncalibrated"] = _mean(before[label][name])
+            figures[f"{label}/{name}/calibrated"] = _mean(left)
+    return kept, finite_json(figures)

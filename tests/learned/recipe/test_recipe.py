@@ -1,15 +1,19 @@
 """A recipe: read, run, killed, resumed; and what its files say of how they were made."""
 
 import json
+import math
 import pathlib
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hugwbc.cli import main
 from hugwbc.errors import HugwbcError, RecipeError
+from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.recipe.ancestry import KEY, verify
+from hugwbc.learned.recipe.calibration import calibrate
 from hugwbc.learned.recipe.recipe import load_recipe
 from hugwbc.learned.recipe.run import RECORD, run_recipe
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
@@ -108,6 +112,28 @@ def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, tmp_p
     assert problems == [] and [one.stage for one in records] == ["starts", "walk", "more", "further"]
 
 
+def test_the_calibration_keeps_the_best_value_at_each_knot(recipe, tmp_path) -> None:
+    """Walks of .9 of what is asked for, which fall when more than the largest command is, and jumps that all fall."""
+
+    def executed(policy, commands, config):
+        if commands[0]["gait"] == "jumping":
+            return [{"v_x": math.nan} for _ in commands]
+        asked = dict(map(tuple, load_policy(policy).contract.feed_forward["walking"]["v_x"]))
+        return [{"v_x": 0.9 * v if (v := asked[one["v_x"]]) < 2.0 else math.nan} for one in commands]
+
+    assert run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+    gaits = ("walking", "jumping")
+    config = CalibrationConfig(policy=tmp_path / "a", gaits=gaits, commands=("v_x",), knots=3, rounds=3)
+    figures = calibrate(config, tmp_path, executed, lambda number, error: None)
+    curves = load_policy(tmp_path / "policy.safetensors").contract.feed_forward
+    knots, asked = np.array(curves["walking"]["v_x"]).T
+    assert knots.tolist() == [-0.6, 0.7, 2.0] and asked[0] == -0.6 and asked[2] == 2.0, "within the range"
+    assert asked[1] == pytest.approx(0.7 / 0.9, abs=0.01)
+    assert curves["jumping"]["v_x"] == [[knot, knot] for knot in knots]
+    assert figures["walking/v_x/calibrated"] < figures["walking/v_x/uncalibrated"]
+    assert figures["jumping/v_x/calibrated"] is None
+
+
 def test_a_policy_that_was_changed_does_not_pass(recipe, tmp_path, capsys) -> None:
     assert run_recipe(load_recipe(recipe), tmp_path / "a", Services())
     path = tmp_path / "a" / "policy.safetensors"
@@ -157,9 +183,8 @@ def test_a_mistake_is_refused_with_its_line(recipe, before: str, after: str, sai
 def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
     stages = load_recipe("h1").stages
     gaits = stages["gaits"].train
-    names = ["starts", "gaits", "precision", "exact", "sharp", "posture", "squat", "calibrated"]
-    assert gaits is not None and list(stages) == names
-    early, late = gaits.at(5e6), gaits.at(36e6)
+    assert gaits is not None and list(stages) == ["starts", "gaits", "exact", "calibrated"]
+    early, late = gaits.at(5e6), gaits.at(24e6)
     assert (early.ppo.horizon, late.ppo.horizon) == (20, 24) and late.env.terrain.roughness == 0.02
     share = late.env.command
     assert (share.standing_fraction, share.walking_fraction, share.hopping_fraction) == pytest.approx((0.15, 0.3, 0.2))
