@@ -19,7 +19,7 @@ _FORGET = 0.3  # [s], in which the integral fades while less than `ASKED` is ask
 _LONGEST_STEP = 0.03  # [s]; a longer gap between two readings counts as this
 _LATE = 0.01  # [s] by which a command may reach a motor too late; of those that may act, the least torque counts
 _AVERAGED = 0.002  # [s] by which torques are older than their reading, since they are averaged from the last one on
-_KEPT = 64  # commands, an eighth of a second of the shortest periods
+_KEPT = 64  # commands, in case readings stop
 
 
 class MotorWatch:
@@ -40,44 +40,38 @@ class MotorWatch:
         """Take all motors to work."""
         self.dead = ""
         self._missing = np.zeros(self._limit.size)
-        self._commands: collections.deque[tuple[float, JointCommand]] = collections.deque(maxlen=_KEPT)
+        # Times of commands [s], and what they ask of the legs: stiffness, damping, and torque at zero angle and speed.
+        self._commands: collections.deque[tuple[float, tuple[np.ndarray, ...]]] = collections.deque(maxlen=_KEPT)
         self._now = math.inf  # [s]
 
     def note(self, command: JointCommand) -> None:
         """Keep the joint command that follows on the last reading."""
-        self._commands.append((self._now, command))
+        legs = self._legs
+        kp, kd = command.kp[legs], command.kd[legs]
+        constant = command.tau[legs] + kp * command.q[legs] + kd * command.dq[legs]
+        self._commands.append((self._now, (kp, kd, constant)))
 
     def see(self, reading: RobotState, now: float) -> None:
         """Compare the torques of a new reading, which arrives now [s], with what the commands of its time asked for."""
         elapsed, self._now = min(max(now - self._now, 0.0), _LONGEST_STEP), now
         acted = now - reading.age - self._robot.command_delay - _AVERAGED
-        commands = self._acting(acted)
-        if not commands or reading.torque is None:
+        while len(self._commands) > 1 and self._commands[1][0] <= acted - _LATE:
+            self._commands.popleft()
+        acting = [asks for issued, asks in self._commands if issued <= acted]
+        if not acting or reading.torque is None:
             return
-        quiet = np.abs(reading.torque[self._legs]) <= QUIET  # a comparison with NaN is false
+        legs = self._legs
+        q, speed = reading.q[legs], reading.dq[legs]
+        quiet = np.abs(reading.torque[legs]) <= QUIET  # a comparison with NaN is false
         asked = np.full(quiet.size, _MOST)
-        for command in commands:
-            asked = np.minimum(asked, self._asked(command, reading))
+        for kp, kd, constant in acting:
+            torque = constant - kp * q - kd * speed
+            # A motor has no torque to drive a joint at its highest speed.
+            possible = self._slope * (self._fastest - speed * np.sign(torque))
+            asked = np.minimum(asked, np.minimum(np.abs(torque), possible))
             if not (quiet & (asked > ASKED)).any():
                 break
         missing = np.where(asked > ASKED, self._missing + elapsed * asked, math.exp(-elapsed / _FORGET) * self._missing)
         self._missing = np.where(quiet, missing, 0.0)
         if not self.dead and self._missing.max() > MISSING:
             self.dead = self._robot.joint_names[self._robot.legs[int(np.argmax(self._missing))]]
-
-    def _acting(self, acted: float) -> list[JointCommand]:
-        """Return the commands that may have acted at a time [s], the last one first."""
-        found = []
-        for issued, command in reversed(self._commands):
-            if issued <= acted:
-                found.append(command)
-                if issued <= acted - _LATE:
-                    break
-        return found
-
-    def _asked(self, command: JointCommand, reading: RobotState) -> np.ndarray:
-        """Return how much torque a command asks of each motor of the legs, within what the motor can give [N*m]."""
-        legs = self._legs
-        torque = command.tau + command.kp * (command.q - reading.q) + command.kd * (command.dq - reading.dq)
-        speed = reading.dq[legs] * np.sign(torque[legs])  # a motor has no torque to drive a joint at its highest speed
-        return np.minimum(np.abs(torque[legs]), self._slope * (self._fastest - speed))

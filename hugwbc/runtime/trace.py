@@ -1,6 +1,7 @@
 """The record of one run of a controller, which metrics, plots and replays read, and the watch over its touch-downs."""
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -114,11 +115,12 @@ class TouchDownWatch:
     def __init__(self, timestep: float) -> None:
         """Begin with both feet on the ground; the physics time step is in [s]."""
         # Vertical forces of the last physics steps within IMPACT_TIME, written in turn.
-        self._forces = np.zeros((max(1, round(IMPACT_TIME / timestep)), 2))
+        self._count = max(1, round(IMPACT_TIME / timestep))
+        self._forces = [[0.0] * self._count for _ in range(2)]
         self._turn = 0
-        self._last_contact = np.zeros(2)  # [s]
+        self._last_contact = [0.0, 0.0]  # [s]
         self._velocity = np.zeros((2, 3))
-        self._peak = np.zeros(2)  # of the current stance
+        self._peak = [0.0, 0.0]  # of the current stance
         self._times: tuple[list[float], list[float]] = ([], [])
         self._velocities: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
         self._peaks: tuple[list[float], list[float]] = ([], [])
@@ -131,20 +133,21 @@ class TouchDownWatch:
             force: ground reactions in the world frame [N], shape (2, 3).
             velocity: velocities of the soles in the world frame [m/s], shape (2, 3).
         """
-        normal = force[:, 2]
-        contact = normal > CONTACT_FORCE
-        # A shorter time in the air is a bounce of the contact, not a swing; its forces belong to the same stance.
-        for foot in np.flatnonzero(contact & (now - self._last_contact > SHORTEST_SWING)).tolist():
-            self._land(foot, now)
-        self._last_contact[contact] = now
-        self._turn = (self._turn + 1) % len(self._forces)
-        self._forces[self._turn] = np.nan_to_num(normal)  # a NaN of diverged physics does not count
-        self._peak = np.maximum(self._peak, np.add.reduce(self._forces) / len(self._forces))
+        self._turn = (self._turn + 1) % self._count
+        for foot, normal in enumerate(force[:, 2].tolist()):  # of two numbers, floats are faster than arrays
+            if normal > CONTACT_FORCE:
+                # A shorter time in the air is a bounce of the contact; its forces belong to the same stance.
+                if now - self._last_contact[foot] > SHORTEST_SWING:
+                    self._land(foot, now)
+                self._last_contact[foot] = now
+            forces = self._forces[foot]
+            forces[self._turn] = normal if math.isfinite(normal) else 0.0  # diverged physics does not count
+            self._peak[foot] = max(self._peak[foot], sum(forces) / self._count)
         self._velocity[:] = velocity
 
     def _land(self, foot: int, now: float) -> None:
         if self._times[foot]:  # a stance from the start of the run follows no touch-down
-            self._peaks[foot].append(float(self._peak[foot]))
+            self._peaks[foot].append(self._peak[foot])
         self._peak[foot] = 0.0
         self._times[foot].append(now)
         # The contact force slows the sole within a step, so the speed of the impact is that of the step before.
@@ -152,7 +155,7 @@ class TouchDownWatch:
 
     def record(self) -> dict[str, Any]:
         """Return `touch_downs`, `touch_down_velocity` and `stance_peak` of a `Trace`."""
-        current = [[peak] if times else [] for peak, times in zip(self._peak.tolist(), self._times, strict=True)]
+        current = [[peak] if times else [] for peak, times in zip(self._peak, self._times, strict=True)]
         return {
             "touch_downs": tuple(map(np.array, self._times)),
             "touch_down_velocity": tuple(np.array(found).reshape(-1, 3) for found in self._velocities),
