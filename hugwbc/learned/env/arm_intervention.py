@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import torch
 
+from hugwbc.mirror import Mirror
 from hugwbc.robot import load_robot
 from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
 
@@ -27,15 +28,17 @@ def _nominal_arms(count: int) -> torch.Tensor:
 class NoiseTargets:
     """The paper's noise: uniform targets over the range of `arm_noise_range`, approached linearly."""
 
-    def __init__(self, count: int, interval: int, generator: torch.Generator) -> None:
+    def __init__(self, count: int, interval: int, generator: torch.Generator, paired: float = 0.0) -> None:
         """Start at the nominal posture.
 
         Args:
             count: number of robots.
             interval: control steps between two draws of a target.
             generator: source of the draws.
+            paired: share of the draws that are mirror-symmetric, as of arms that carry something together; 0 in the
+                paper.
         """
-        self.interval = interval
+        self.interval, self._paired = interval, paired
         self._generator = generator
         self._low, self._high = (torch.tensor(bound, dtype=torch.float32) for bound in arm_noise_range())
         self._initial = _nominal_arms(count)
@@ -44,7 +47,14 @@ class NoiseTargets:
 
     def _draw(self, count: int) -> torch.Tensor:
         sample = torch.rand((count, _ARMS), generator=self._generator)
-        return self._low + sample * (self._high - self._low)
+        targets = self._low + sample * (self._high - self._low)
+        if self._paired > 0.0:
+            robot = load_robot()
+            image = torch.from_numpy(Mirror.of(robot).arms(targets.numpy(), robot)).float()
+            chosen = torch.rand(count, generator=self._generator) < self._paired
+            right = slice(_ARMS // 2, _ARMS)
+            targets[chosen, right] = image[chosen, right]
+        return targets
 
     def reset(self, robots: torch.Tensor) -> None:
         """Restart robots (indices) from the nominal posture."""
@@ -148,6 +158,7 @@ def make_arm_targets(
     motions: pathlib.Path | None,
     motions_seed: int,
     generator: torch.Generator,
+    paired: float = 0.0,
 ) -> ArmTargets:
     """Build the source of arm targets of an intervention, for training and for evaluation.
 
@@ -158,9 +169,10 @@ def make_arm_targets(
         motions: folder of motion files; None for generated motions.
         motions_seed: seed of the generated motions.
         generator: source of the draws.
+        paired: share of the noise's draws that are mirror-symmetric.
     """
     if kind != "motion":
-        return NoiseTargets(count, interval, generator)
+        return NoiseTargets(count, interval, generator, paired)
     clips = generate_motions(motions_seed) if motions is None else load_motions(motions)
     return MotionTargets(count, clips, generator)
 

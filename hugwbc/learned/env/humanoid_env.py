@@ -116,12 +116,12 @@ class HumanoidEnv:
             motions=config.motions,
             motions_seed=GENERATED_MOTIONS_SEED,
             generator=self.generator,
+            paired=config.noise_paired,
         )
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
         self.arm_gains = ArmGains(self.simulation, self.robot, config.arm_servo)
         self.loads = Loads(self.simulation, self.robot, config.loads, ~self.agile, self.generator, self.dt)
-        masses = self.simulation.batch.expand("body_mass").sum(1)
-        self.mass = tensor(masses / self.robot.mass)
+        self.mass = tensor(self.simulation.batch.expand("body_mass").sum(1) / self.robot.mass)
         seconds = np.zeros(self.count) if delays is None else delays * config.timestep
         self._body_facts = torch.stack((self.mass, tensor(seconds)), dim=1)
         self.adopt(config)

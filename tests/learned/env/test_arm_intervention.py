@@ -13,8 +13,9 @@ from hugwbc.learned.env.arm_intervention import (
     NoiseTargets,
     make_arm_targets,
 )
+from hugwbc.mirror import Mirror
 from hugwbc.robot import load_robot
-from hugwbc.scripts.motion import MOTION_FPS, ArmMotion, generate_motions
+from hugwbc.scripts.motion import MOTION_FPS, ArmMotion, arm_noise_range, generate_motions
 
 FIRST = torch.tensor([0])
 NOMINAL = torch.tensor(load_robot().nominal[load_robot().arms], dtype=torch.float32)
@@ -86,6 +87,17 @@ def test_noise_ramps_for_two_thirds_then_holds() -> None:
     for late in history[59:]:
         torch.testing.assert_close(late, end)  # the last is a new draw, which starts from the old target
     assert not torch.equal(play(source, 1)[0], end)
+
+
+def test_paired_noise_is_mirror_symmetric() -> None:
+    source = NoiseTargets(400, 90, generator(), paired=0.5)
+    targets = source._target.double().numpy()
+    robot = load_robot()
+    image = Mirror.of(robot).arms(targets, robot)
+    symmetric = np.abs(targets - image).max(axis=1) < 1e-6
+    assert 150 < symmetric.sum() < 250
+    low, high = arm_noise_range()
+    assert (targets >= low - 1e-6).all() and (targets <= high + 1e-6).all()
 
 
 def ramps() -> list[ArmMotion]:
