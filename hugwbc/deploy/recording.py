@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Iterator
 from typing import Any, BinaryIO
 
-from hugwbc.deploy.capture import Capture
+from hugwbc.deploy.capture import LONGEST, Capture
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.remote import Request
@@ -29,7 +29,7 @@ FORMAT = "hugwbc deployment 1"
 STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND = b"S", b"X", b"R", b"F", b"D", b"P", b"O", b"B"
 _KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND)
 _ENTRY = struct.Struct("<cdI")
-_LONGEST_HEADER, _LONGEST_ENTRY = 1 << 20, 1 << 16  # bytes
+_LONGEST_HEADER, _LONGEST_ENTRY = 1 << 20, 4 * LONGEST  # bytes; a character has up to four
 _FLUSH_EVERY = 500  # entries
 _WAITING = 50_000  # entries; more than a disk may fall behind
 
@@ -55,7 +55,7 @@ class Recorder:
             self.failure = "the disk is too slow"
 
     def _write(self) -> None:
-        stream, count = zlib.compressobj(1), 0
+        stream, count, entry = zlib.compressobj(1), 0, b""
         try:
             while (entry := self._entries.get()) is not None:
                 self._file.write(stream.compress(entry))
@@ -66,8 +66,8 @@ class Recorder:
             self._file.write(stream.flush())
         except OSError as error:
             self.failure = str(error.strerror)
-            while self._entries.get() is not None:
-                pass
+            while entry is not None:
+                entry = self._entries.get()
 
     def close(self) -> None:
         """Write what is left and close the file."""

@@ -1,7 +1,9 @@
 """Recordings: what is read is what was written, and a replay gives the same commands bit for bit."""
 
 import json
+import os
 import pathlib
+import threading
 import zlib
 
 import pytest
@@ -9,6 +11,7 @@ from deploy_bench import RecordedSide, Standing, make_pilot
 
 from hugwbc import load_robot
 from hugwbc.deploy import recording
+from hugwbc.deploy.capture import LONGEST
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.state_machine import Mode
@@ -125,9 +128,22 @@ def test_a_bomb_is_read_piece_by_piece(tmp_path) -> None:
         list(Recording(path).entries())
 
 
-def test_a_full_disk_leaves_the_deployment_alone() -> None:
+@pytest.mark.parametrize("entries", [2000, 12])
+def test_a_full_disk_leaves_the_deployment_alone(entries) -> None:
+    """Twelve entries are written only at the end."""
     recorder = Recorder(pathlib.Path("/dev/full"), {})
-    for _ in range(2000):
-        recorder.add(recording.FAULT, 0.0, b"something")
-    recorder.close()
+    for _ in range(entries):
+        recorder.add(recording.FAULT, 0.0, os.urandom(1000))
+    closing = threading.Thread(target=recorder.close, daemon=True)
+    closing.start()
+    closing.join(10.0)
+    assert not closing.is_alive()
     assert recorder.failure is not None and "space" in recorder.failure
+
+
+def test_the_longest_text_can_be_read_again(tmp_path) -> None:
+    path, text = tmp_path / "run.bin", "\U0001f4e6" * LONGEST
+    recorder = Recorder(path, {})
+    recorder.add(recording.SEEN, 0.0, text.encode())
+    recorder.close()
+    assert [entry.content.decode() for entry in Recording(path).entries()] == [text]
