@@ -27,6 +27,7 @@ OBJECTS, GRIPS = "rt/hugwbc/objects", "rt/hugwbc/grips"
 LONGEST = 32768  # characters of a text
 STRONGEST = 1e4  # [N]
 FARTHEST = 1000.0  # [m]
+_RESTART = 1.0  # [s]
 _POSE = 7
 
 
@@ -74,8 +75,8 @@ class CapturedWorld:
         self._now = 0.0
 
     def take(self, capture: Capture) -> None:
-        """Take a capture; one that is older than the last is too late."""
-        if self._last is None or capture.time >= self._last.time:
+        """Take a capture; one that is older than the last is too late, one much older is of a restarted robot."""
+        if self._last is None or not 0.0 < self._last.time - capture.time < _RESTART:
             self._last = capture
 
     def advance(self, now: float) -> None:

@@ -5,6 +5,7 @@ given, in their order, so that a recording of these can be replayed bit for bit.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 from hugwbc.controller import Controller, JointCommand
@@ -80,7 +81,7 @@ class Pilot:
         self._weight = GRAVITY * robot.mass
         self._estimating = False
         self._last: JointCommand | None = None
-        self._last_time: float | None = None
+        self._last_time = math.inf
         self._due, self._run_start, self._decided = Due(self.safe.period), 0.0, 0.0
 
     @property
@@ -135,9 +136,9 @@ class Pilot:
 
     def _estimate(self, state: RobotState) -> None:
         control = self._control
-        if self._estimating:
+        if self._estimating and state.time >= self._last_time:
             control.observe(state, state.time, driven=self.mode is Mode.RUN)
-        elif state.is_usable:
+        elif state.is_usable:  # the first one, also of a robot that was restarted: its clock is back at 0
             self._estimating = True
             control.locate(state, state.time)
         self.estimate = control.estimate if self._estimating else state
@@ -145,7 +146,7 @@ class Pilot:
     def _fault(self, message: StateMessage) -> str | None:
         """Return the fault of the body or of the time between two states; None if there is none."""
         fault = self._watch.fault(message)
-        gap = 0.0 if self._last_time is None else message.state.time - self._last_time
+        gap = message.state.time - self._last_time
         if fault is None and gap > self.limits.silence + _ROUNDING:
             return f"no state for {gap * 1e3:.0f} ms by their ticks"
         return fault

@@ -98,6 +98,8 @@ def test_a_late_capture_does_not_replace_a_newer_one() -> None:
     picture = world.picture()
     assert picture is not None and picture.age == pytest.approx(0.03)
     assert world.names == ("parcel",) and world.held("right") == "parcel"
+    world.take(Capture.of(json.dumps(SOUND | {"tick": 10, "objects": {}})))  # of a robot that was restarted
+    assert world.names == ()
 
 
 def simulated() -> tuple[SimulatedRobot, object, list[str]]:

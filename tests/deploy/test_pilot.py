@@ -54,6 +54,15 @@ def test_stop_damps_from_every_mode(pilot, standing, mode) -> None:
     assert pilot.mode is Mode.DAMPING and decision.command is not None and not np.any(decision.command.kp)
 
 
+def test_a_robot_that_was_restarted_is_estimated_anew(pilot, standing) -> None:
+    standing.tick = 10_000
+    bring_to(Mode.ZERO_TORQUE, pilot, standing)
+    standing.tick = 0
+    for _ in range(30):
+        pilot.observe(standing.next())
+    assert pilot.estimate is not None and pilot.estimate.time == pytest.approx(1e-3 * standing.tick, abs=0.011)
+
+
 def test_requests_that_a_mode_does_not_know_are_refused(pilot, standing) -> None:
     bring_to(Mode.DAMPING, pilot, standing)
     for request in (Request.START, Request.RUN):
