@@ -25,15 +25,15 @@ def release_modes(endpoint: Endpoint, *, required: bool) -> str:
     released: list[str] = []
     for attempt in range(_TRIES):
         code, data = endpoint.call(CHECK_MODE, "{}", _TIMEOUT)
-        if code == UNREACHABLE:
+        if code != DONE:
+            outcome = "does not answer" if code == UNREACHABLE else f"answers with error {code}"
             if required:
                 raise DeploymentError(
-                    "the robot's motion switcher does not answer; check network and domain, or give --no-release if "
-                    "the robot is in its debug mode"
+                    f"the robot's motion switcher {outcome}; check network and domain, or give --no-release if the "
+                    "robot is in its debug mode"
                 )
-            return "no motion switcher answers"
-        name = _active(data) if code == DONE else ""
-        if not name:
+            return f"the motion switcher {outcome}"
+        if not (name := _active(data)):
             return f"released {', '.join(released)}" if released else "no motion mode is active"
         released.append(name)
         endpoint.call(RELEASE_MODE, "{}", _TIMEOUT)

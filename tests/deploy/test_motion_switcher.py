@@ -23,7 +23,15 @@ def test_a_robot_without_a_switcher_is_an_error_only_where_it_is_required() -> N
     _, client = local_pair()
     with pytest.raises(DeploymentError, match="does not answer"):
         release_modes(client, required=True)
-    assert release_modes(client, required=False) == "no motion switcher answers"
+    assert release_modes(client, required=False) == "the motion switcher does not answer"
+
+
+def test_an_error_of_the_switcher_does_not_mean_that_no_mode_is_active() -> None:
+    robot, client = local_pair()
+    robot.serve(lambda number, parameter: (3204, ""))
+    with pytest.raises(DeploymentError, match="error 3204"):
+        release_modes(client, required=True)
+    assert release_modes(client, required=False) == "the motion switcher answers with error 3204"
 
 
 def test_a_mode_that_stays_is_an_error(monkeypatch) -> None:
