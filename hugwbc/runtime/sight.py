@@ -168,6 +168,7 @@ class Sight:
         self._kinematics = Kinematics(robot)
         self._robot = SeenRobot()
         self._average = Average(SMOOTHING_TIME)
+        self._names: tuple[str, ...] = ()  # of the objects whose poses follow
         self._poses: np.ndarray | None = None
 
     def reset(self) -> None:
@@ -207,8 +208,8 @@ class Sight:
         if not self._noisy:
             return SeenObjects(names, picture.poses, picture.age)
         share = self._average.share(picture.time)
-        if self._poses is None:
-            self._poses = picture.poses
+        if self._poses is None or names != self._names:  # a motion capture may lose objects and find others
+            self._names, self._poses = names, picture.poses
         elif share > 0.0:
             seen = picture.poses.copy()
             opposite = np.einsum("ij,ij->i", seen[:, 3:], self._poses[:, 3:]) < 0.0

@@ -7,9 +7,11 @@ import pytest
 
 from hugwbc import rotations
 from hugwbc.commands import Command
+from hugwbc.deploy.capture import Capture, CapturedWorld
+from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController, load_controller
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.runtime.sight import SeenRobot, carry_out
+from hugwbc.runtime.sight import SeenRobot, Sight, carry_out
 from hugwbc.scripts.view import Grip, View
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Box, Scene
@@ -98,6 +100,17 @@ def test_a_view_is_near_the_truth_in_a_scene() -> None:
     hands = np.array([simulation.hand_position(side) for side in ("left", "right")])
     assert np.linalg.norm(view.hands - hands, axis=1).max() < 0.03
     assert view.held == (None, None)
+
+
+def test_objects_that_come_and_go_are_told_apart() -> None:
+    """A motion capture may lose an object, find another one, or list them in another order."""
+    near, far = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    world = CapturedWorld()
+    sight, state = Sight(world, load_robot()), _state(0.0, np.zeros(3), 0.0, np.zeros(3))
+    for time, seen in enumerate(({"a": near, "b": far}, {"b": far, "a": near}, {"a": near}, {"c": far, "a": near})):
+        world.take(Capture(float(time), near, tuple(seen), np.array(list(seen.values())), (None, None)))
+        objects = sight.look(float(time), state).objects
+        assert {name: thing.position[0] for name, thing in objects.items()} == {n: pose[0] for n, pose in seen.items()}
 
 
 def test_with_exact_sensors_a_view_is_the_truth() -> None:
