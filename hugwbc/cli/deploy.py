@@ -1,5 +1,6 @@
 """`hugwbc deploy`: control a robot over the network."""
 
+import contextlib
 import dataclasses
 import functools
 import pathlib
@@ -79,15 +80,15 @@ def run(words: Sequence[str]) -> int:
     header = {name: getattr(options, name) for name in _RECORDED} | {"age": settings.age}
     header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
     robot, pilot = _build(header)
-    recorder = None if options.record is None else Recorder(options.record, header)
     domain = options.domain if options.domain is not None else 1 if options.net == LOOPBACK else 0
     connect = functools.partial(DdsEndpoint, robot=False, net=options.net, domain=domain)
-    endpoint = connect()
-    try:
-        return _deploy(options, pilot, robot, endpoint, recorder, connect)
-    finally:
-        endpoint.close()
-        if recorder is not None:
+    with contextlib.closing(connect()) as endpoint:
+        if options.record is None:
+            return _deploy(options, pilot, robot, endpoint, None, connect)
+        recorder = Recorder(options.record, header)
+        try:
+            return _deploy(options, pilot, robot, endpoint, recorder, connect)
+        finally:
             recorder.close()
             if recorder.failure is not None:
                 say(f"the recording is not complete: {recorder.failure}")

@@ -28,6 +28,13 @@ def test_deploy_refuses_what_it_cannot_do(words, message, capsys) -> None:
     assert message in capsys.readouterr().err
 
 
+def test_a_deployment_that_cannot_begin_leaves_the_last_recording(tmp_path, capsys) -> None:
+    path = tmp_path / "run.bin"
+    path.write_text("what was recorded before")
+    assert main(["deploy", "--controller", "hold", "--net", "eth77", "--record", str(path)]) == 2
+    assert path.read_text() == "what was recorded before"
+
+
 @pytest.mark.parametrize(
     "header",
     [
