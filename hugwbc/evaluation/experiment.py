@@ -57,7 +57,7 @@ class Experiment(Generic[S]):
         figures: makes figures of the settings and the rows of all episodes, a polars data frame; and of the rows of
             `beside`, a data frame or None, if there is such an experiment.
         following: returns the next episodes of a search, given all rows so far; none ends it.
-        beside: name of another experiment whose stored rows of the same controller and settings `figures` takes.
+        beside: another experiment whose stored rows of the same controller and settings `figures` takes.
         adapt: returns the settings for a controller.
         note: a sentence below the tables in the terminal.
         section: of the report; None leaves the experiment out.
@@ -71,7 +71,7 @@ class Experiment(Generic[S]):
     figures: Callable[..., list[Figure]]
     _: dataclasses.KW_ONLY
     following: Callable[[S, Sequence[Row]], Sequence[Plan]] = lambda settings, rows: ()
-    beside: str = ""
+    beside: "Experiment[Any] | None" = None
     adapt: Callable[[S, ControllerSpec], S] = lambda settings, spec: settings
     note: str = ""
     section: Section[S] | None = None
@@ -104,7 +104,7 @@ def run_experiment(
     """
     settings = experiment.adapt(settings, spec)
     told, store = spec.told(settings.conditions.told_arena), store or Store(None)
-    table = store.table(experiment.name, settings, told)
+    table = store.table(experiment.name, experiment.episode, settings, told)
     rows: list[Row] = []
     plans = list(experiment.plan(settings))
     while plans:
@@ -115,8 +115,12 @@ def run_experiment(
             on_progress((len(rows) + len(found)) / (len(rows) + len(plans)))
         rows += [found[index] for index in range(len(plans))]
         plans = list(experiment.following(settings, rows))
-    beside = store.rows_beside(experiment.beside, settings, told) if experiment.beside else []
-    frames = (frame_of(rows), *([frame_of(beside) if beside else None] if experiment.beside else ()))
+    frames: list[pl.DataFrame | None] = [frame_of(rows)]
+    if experiment.beside is not None:
+        common = {field.name: getattr(settings, field.name) for field in dataclasses.fields(Settings)}
+        other = experiment.beside
+        beside = store.rows_of(other.name, other.episode, other.settings(**common), told)
+        frames.append(frame_of(beside) if beside else None)
     figures = [
         dataclasses.replace(figure, controller=spec.label) if figure.estimate is not None else figure
         for figure in experiment.figures(settings, *frames)

@@ -9,19 +9,22 @@ import inspect
 import json
 import os
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import hugwbc
+from hugwbc import extensions
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
-from hugwbc.files import digest, writing
+from hugwbc.files import digest, write_whole, writing
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.source import source_commit
 
 DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
 _EPISODE = "_episode"
+Episode = Callable[..., Row]
+"""What runs one episode: a function of a module."""
 
 
 class StoredTable:
@@ -62,27 +65,29 @@ class Store:
         """Use a folder."""
         self.folder, self.fresh = None if folder is None else pathlib.Path(folder), fresh
 
-    def table(self, experiment: str, settings: Settings, spec: ControllerSpec) -> StoredTable:
+    def table(self, experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> StoredTable:
         """Return the table of an experiment with a controller."""
-        key = table_key(experiment, settings, spec)
+        key = table_key(experiment, episode, settings, spec)
         if self.folder is None:
             return StoredTable(None, key)
         name = f"{experiment}-{spec.label}-{digest(json.dumps(key))[:16]}.jsonl"
         return StoredTable(self.folder / name.replace(" ", "_").replace(":", "-"), key, fresh=self.fresh)
 
-    def rows_beside(self, experiment: str, settings: Settings, spec: ControllerSpec) -> list[Row]:
-        """Return all rows of another experiment with the same controller, commit and common settings."""
-        mine, names = table_key(experiment, settings, spec), [field.name for field in dataclasses.fields(Settings)]
-        found: list[Row] = []
+    def rows_of(self, experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> list[Row]:
+        """Return all stored rows of an experiment with a controller, whatever the number of episodes."""
+        wanted, found = _without_count(table_key(experiment, episode, settings, spec)), []
         for path in [] if self.folder is None else sorted(self.folder.glob(f"{experiment}-*.jsonl")):
             key = _key_of(path)
-            same = [key.get(part) == mine[part] for part in ("digest", "commit", "files")]
-            if all(same) and all(key["settings"].get(name) == mine["settings"][name] for name in names):
+            if _without_count(key) == wanted:
                 found += _read(path, key).values()
         return found
 
 
-def table_key(experiment: str, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
+def _without_count(key: dict[str, Any]) -> dict[str, Any]:
+    return key | {"settings": {name: value for name, value in key["settings"].items() if name != "episodes"}}
+
+
+def table_key(experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
     """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files."""
     return json.loads(
         json.dumps(
@@ -92,7 +97,7 @@ def table_key(experiment: str, settings: Settings, spec: ControllerSpec) -> dict
                 "digest": controller_digest(spec),
                 "commit": source_commit(),
                 "settings": dataclasses.asdict(settings),
-                "files": {str(path): digest(path.read_bytes()) for path in _files(settings)},
+                "files": {str(path): digest(path.read_bytes()) for path in _files(episode, settings)},
             },
             default=str,
         )
@@ -104,12 +109,14 @@ def controller_digest(spec: ControllerSpec) -> str:
     return digest(json.dumps(spec.identity(), sort_keys=True, default=str))
 
 
-def _files(settings: Settings) -> Iterator[pathlib.Path]:
-    """Yield the files that settings name, motions in a folder included, and that of an experiment of the user's own."""
-    source = pathlib.Path(inspect.getfile(type(settings)))
-    if not source.is_relative_to(pathlib.Path(hugwbc.__file__).parent):
-        yield source
-    for path in map(pathlib.Path, _texts(dataclasses.asdict(settings))):
+def _files(episode: Episode, settings: Settings) -> Iterator[pathlib.Path]:
+    """Yield the files that settings name, motions in a folder included, and those of a user's own experiment."""
+    for part in (type(settings), episode):
+        source = pathlib.Path(inspect.getfile(part))
+        if source.is_file() and not source.is_relative_to(pathlib.Path(hugwbc.__file__).parent):
+            yield source
+    for text in _texts(dataclasses.asdict(settings)):
+        path = extensions.split_object(text)[0] if extensions.names_object(text) else pathlib.Path(text)
         if path.suffix and path.is_file():
             yield path
         elif path.is_dir():
@@ -149,13 +156,9 @@ def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
 
 def _append(path: pathlib.Path, key: dict[str, Any], row: Row) -> None:
     """Append a line, and before the first one the key; a line that was cut off before it stays a line of its own."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(json.dumps(key) + "\n")
-    except FileExistsError:
-        pass
-    with path.open("rb+") as file:
+    if not path.exists():
+        write_whole(path, json.dumps(key) + "\n")
+    with path.open("rb") as file:
         file.seek(-1, os.SEEK_END)
         cut_off = file.read(1) != b"\n"
     with path.open("a", encoding="utf-8") as file:

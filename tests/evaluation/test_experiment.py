@@ -9,9 +9,12 @@ from hugwbc import Command
 from hugwbc.errors import HugwbcError, ResultFileError
 from hugwbc.evaluation import episode, store
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.episode import CountedSettings, Settings, ending, simulate
+from hugwbc.evaluation.episode import CountedSettings, ending, simulate
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, run_experiment
+from hugwbc.evaluation.experiments import behaviours, experiment_of, single_command
+from hugwbc.evaluation.experiments.behaviours import BehavioursSettings
+from hugwbc.evaluation.experiments.single_command import SingleCommandSettings
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.plans import Plan
@@ -39,6 +42,17 @@ def figures(settings, rows):
     return [Figure("Places", "x", "m", bootstrap_mean(place[0] for place in rows["place"]))]
 
 
+OWN = """from hugwbc.behaviours import stand
+from hugwbc.evaluation.episode import CountedSettings
+from hugwbc.evaluation.experiment import Experiment, numbered
+
+
+def still(view):
+    return (yield from stand(view, 1.0))
+
+
+"""
+OWN_EXPERIMENT = "MINE = Experiment('mine', '', CountedSettings, numbered, measure, lambda settings, rows: [])\n"
 WAISTS = Experiment("waists", "turn the waist", CountedSettings, plan, measure, figures)
 
 
@@ -85,17 +99,30 @@ def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_pat
     (tmp_path / "clip.npz").write_bytes(b"one")
     moved = dataclasses.replace(SETTINGS, conditions=Conditions(intervention="motion", motions=str(tmp_path)))
     keys = [
-        table_key("waists", SETTINGS, HOLD),
-        table_key("other", SETTINGS, HOLD),
-        table_key("waists", SETTINGS, ControllerSpec("qp")),
-        table_key("waists", dataclasses.replace(SETTINGS, seed=1), HOLD),
-        table_key("waists", moved, HOLD),
+        table_key("waists", measure, SETTINGS, HOLD),
+        table_key("other", measure, SETTINGS, HOLD),
+        table_key("waists", measure, SETTINGS, ControllerSpec("qp")),
+        table_key("waists", measure, dataclasses.replace(SETTINGS, seed=1), HOLD),
+        table_key("waists", measure, moved, HOLD),
     ]
     (tmp_path / "clip.npz").write_bytes(b"two")
-    keys.append(table_key("waists", moved, HOLD))
+    keys.append(table_key("waists", measure, moved, HOLD))
     monkeypatch.setattr(store, "source_commit", lambda: "another")
-    keys.append(table_key("waists", SETTINGS, HOLD))
+    keys.append(table_key("waists", measure, SETTINGS, HOLD))
     assert len({json.dumps(key) for key in keys}) == len(keys) and source_commit()
+
+
+def test_a_table_is_of_the_contents_of_the_users_files(tmp_path):
+    file = tmp_path / "mine.py"
+    keys = []
+    for value in (1.0, 2.0):
+        file.write_text(
+            f"{OWN}def measure(controller, settings, plan):\n    return {{'x': {value}}}\n\n\n{OWN_EXPERIMENT}"
+        )
+        experiment = experiment_of(f"{file}:MINE")
+        assert run_experiment(experiment, SETTINGS, HOLD, store=Store(tmp_path)).rows[0]["x"] == value
+        keys.append(table_key("behaviours", behaviours.episode, BehavioursSettings(behaviour=f"{file}:still"), HOLD))
+    assert keys[0] != keys[1]
 
 
 def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):
@@ -108,13 +135,25 @@ def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):
         assert path.read_text() == text
 
 
-def test_rows_of_another_experiment_count_for_the_same_settings_only(tmp_path):
+def test_stored_rows_are_those_of_the_same_settings_but_for_their_number(tmp_path):
     run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
-    common = Settings(duration=0.2, settle=0.1, conditions=SETTINGS.conditions)
-    assert len(Store(tmp_path).rows_beside("waists", common, HOLD)) == 4
-    for other in (dataclasses.replace(common, seed=3), dataclasses.replace(common, gait="standing")):
-        assert Store(tmp_path).rows_beside("waists", other, HOLD) == []
-    assert Store(tmp_path).rows_beside("waists", common, ControllerSpec("qp")) == []
+    more = dataclasses.replace(SETTINGS, episodes=9)
+    assert len(Store(tmp_path).rows_of("waists", measure, more, HOLD)) == 4
+    for other in (dataclasses.replace(more, seed=3), dataclasses.replace(more, gait="standing")):
+        assert Store(tmp_path).rows_of("waists", measure, other, HOLD) == []
+    assert Store(tmp_path).rows_of("waists", measure, more, ControllerSpec("qp")) == []
+
+
+def test_rows_of_commands_at_their_ends_are_not_put_beside_others(tmp_path):
+    store, found = Store(tmp_path), []
+    for ends in (False, True):
+        chosen = SingleCommandSettings(episodes=8, ends=ends)
+        store.table("single-command", single_command.episode, chosen, HOLD).add(Plan(0), {"ends": ends})
+    beside = dataclasses.replace(
+        WAISTS, beside=single_command.EXPERIMENT, figures=lambda chosen, rows, single: found.append(single) or []
+    )
+    run_experiment(beside, CountedSettings(), HOLD, store=store)
+    assert found[0]["ends"].to_list() == [False]
 
 
 def test_a_search_goes_on_until_nothing_follows(tmp_path):
