@@ -58,7 +58,8 @@ def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> R
     trace, command = simulate(controller, settings, plan).trace, plan.command
     contact = trace.foot_contact[trace.time >= settings.settle - 1e-9]
     offset, agreement = fit_clock(contact, command.gait, command.f) if len(contact) else (0.0, None)
-    cost = metrics.cost_of_transport(trace, trace.mass + settings.conditions.payload, settings.settle)
+    carried = settings.conditions.payload + 2.0 * settings.conditions.hand_payload
+    cost = metrics.cost_of_transport(trace, trace.mass + carried, settings.settle)
     return {
         "gait": command.gait.label,
         "frequency": command.f,
