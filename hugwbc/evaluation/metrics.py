@@ -30,6 +30,11 @@ _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
 # Tracking
 
 
+def command_errors(trace: Trace) -> np.ndarray:
+    """Return the absolute errors of v_x, v_y, omega, h, p and w at every sample, shape (T, 6)."""
+    return np.abs(trace.command[:, _MEASURED_COLUMNS] - trace.measured)
+
+
 def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     """Return the mean absolute error of v_x, v_y, omega, h, p and w over the control steps after `settle` [s].
 
@@ -38,8 +43,7 @@ def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     kept = trace.time >= settle
     if not kept.any():
         return dict.fromkeys(MEASURED_NAMES, float("nan"))
-    errors = np.abs(trace.command[kept][:, _MEASURED_COLUMNS] - trace.measured[kept])
-    return dict(zip(MEASURED_NAMES, errors.mean(axis=0).tolist(), strict=True))
+    return dict(zip(MEASURED_NAMES, command_errors(trace)[kept].mean(axis=0).tolist(), strict=True))
 
 
 def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
+from hugwbc.commands import COMMAND_UNITS
 from hugwbc.evaluation.comparison import HAND_NOTE
-from hugwbc.evaluation.metrics import hand_travel
+from hugwbc.evaluation.metrics import command_errors, hand_travel
 from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.runtime.trace import Trace
@@ -41,7 +41,7 @@ def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
                 row += [f"fell at {trace.survived_s:.1f} s", None, None, None][: len(parts)]
                 continue
             fell = trace.fell and begin <= trace.survived_s < end
-            errors = np.abs(_errors(trace)[kept]).mean(axis=0)
+            errors = command_errors(trace)[kept].mean(axis=0)
             worst = int(np.argmax(errors / _SCALES))
             hands = hand_travel(trace, kept)
             text = f"{NAMES[MEASURED_NAMES[worst]]} {errors[worst]:.2f} {COMMAND_UNITS[MEASURED_NAMES[worst]]}"
@@ -57,11 +57,6 @@ def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
 
 # What counts as an equally large error in each measured command, to name the largest one.
 _SCALES = np.array([0.5, 0.5, 0.8, 0.1, 0.2, 0.4])
-
-
-def _errors(trace: Trace) -> np.ndarray:
-    columns = [COMMAND_NAMES.index(name) for name in MEASURED_NAMES]
-    return trace.measured - trace.command[:, columns]
 
 
 def _centimetres(value: float | None) -> float | None:

@@ -17,7 +17,7 @@ from hugwbc.evaluation.episode import CountedSettings, Row, ending
 from hugwbc.gait import Gait
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
-from hugwbc.settings import NotNegative, settings
+from hugwbc.settings import Count, NotNegative, settings
 from hugwbc.sim import Engine, Force
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -43,7 +43,7 @@ class HandForceSettings(CountedSettings):
     """
 
     gait: str = "standing"  # standing or walking
-    episodes: Annotated[int, Field(ge=1)] = 2  # number of episodes; of pull and push for each direction
+    episodes: Count = 2  # number of episodes; of pull and push for each direction
     v_x: float = 0.4  # forward velocity of a walk [m/s]
     settle: NotNegative = BEGIN
     varied = frozenset({"intervention", "motions", "hand_payload"})

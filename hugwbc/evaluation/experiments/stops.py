@@ -5,11 +5,9 @@ end of a connection. The change of gait waits for the brake of the safety filter
 """
 
 import dataclasses
-from typing import Annotated
 
 import numpy as np
 import polars as pl
-from pydantic import Field
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
@@ -18,7 +16,7 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
-from hugwbc.settings import Positive, settings
+from hugwbc.settings import Count, Positive, settings
 
 SPEEDS = (0.6, 1.0, 1.5)  # [m/s]
 WAYS = {
@@ -35,7 +33,7 @@ class StopsSettings(CountedSettings):
     """Settings of stops, in addition to `CountedSettings`."""
 
     # number of episodes of each speed and way; speeds beyond the range of a command are left out
-    episodes: Annotated[int, Field(ge=1)] = 6
+    episodes: Count = 6
     speeds: tuple[Positive, ...] = SPEEDS  # commanded speeds [m/s]
     settle: Positive = 3.0  # time of moving before the robot is told to stand [s]
     duration: Positive = 9.0
