@@ -59,10 +59,10 @@ def run_task(
     if simulation.scene is None:
         raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
     source = task.source(simulation.scene)
-    watch, start, ended = TaskWatch(simulation), simulation.time, math.inf
+    watch, ended = TaskWatch(simulation), math.inf
 
     def sample(moment: Moment) -> None:
-        watch.sample(simulation.time - start)
+        watch.sample(simulation.time)
         if on_moment is not None:
             on_moment(moment)
 
