@@ -13,6 +13,7 @@ from hugwbc.behaviours import Action, Course, View
 from hugwbc.behaviours.hands import in_frame, points_in
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Simulation
@@ -159,6 +160,8 @@ def demonstrate(
 
     run = run_task(dataclasses.replace(task, behaviour=watched), controller, simulation, on_progress=on_progress)
     count = len(watch.actions)  # a fall or the time limit leaves a last frame without its action
+    if not count:
+        raise ConfigError(f"task '{task.name}', seed {seed}, has nothing to record: {run.verdict.words}")
     bodies = len(task.scene.body_names)
     return Demonstration(
         task=task,

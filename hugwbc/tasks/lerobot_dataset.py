@@ -148,10 +148,10 @@ class DatasetWriter:
             episode: the episode.
             films: a film by camera, if the data set has images.
         """
-        if episode.task.name not in self._tasks or episode.robot != self._robot.name or not len(episode.state):
+        if episode.task.name not in self._tasks or episode.robot != self._robot.name:
             raise ConfigError(
-                f"an episode of task '{episode.task.name}' with robot {episode.robot} and {len(episode.state)} frames "
-                f"is for another data set: this one has {', '.join(self._tasks)} with robot {self._robot.name}"
+                f"an episode of task '{episode.task.name}' with robot {episode.robot} is for another data set: this "
+                f"one has {', '.join(self._tasks)} with robot {self._robot.name}"
             )
         columns, place = self._columns(episode), _place(len(self._episodes))
         arrays = [_arrow(columns[key], self._schema.field(key).type) for key in self._schema.names]
