@@ -29,10 +29,8 @@ _CARRIED = 0.5  # [m] from the goal
 
 def goal_of(record: TaskRecord) -> np.ndarray:
     """Return where the box should stand, x and y in the world [m]."""
-    bench = record.poses["bench"][0]
-    yaw = record.yaw("bench")[0]
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    return bench[:2] + turn @ np.array(GOAL)
+    turn = rotations.rotation_z(record.yaw("bench")[0])
+    return record.poses["bench"][0, :2] + turn[:2, :2] @ np.array(GOAL)
 
 
 MILESTONES = (

@@ -38,14 +38,13 @@ MILESTONES = (
 _DISTANCE = 0.50  # [m], from the pelvis to the middle of the box
 _LOW = Command(h=-0.3, p=0.4)
 _LIFT, _SPEED = 0.06, 0.05  # [m], [m/s], up from the stool
-_HELD_AT = np.array([0.36, 0.0, 0.27])  # [m], in the heading frame
 
 
 @step
 def lift_from_stool(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Crouch as low as the robot can, grasp the upper half of the box, and stand up with it."""
     box = BoxGrip(settled(shapes["box"]["size"][1]), at=(0.0, 0.08))  # type: ignore[index]
-    view = yield from box.take(view, "box", distance=_DISTANCE, posture=_LOW, height=_LIFT, speed=_SPEED, goal=_HELD_AT)
+    view = yield from box.take(view, "box", distance=_DISTANCE, posture=_LOW, height=_LIFT, speed=_SPEED)
     return (yield from doing("hold the box", wait(view, HELD + 2.0)))
 
 

@@ -33,13 +33,12 @@ def path_points() -> np.ndarray:
 def covered(record: TaskRecord) -> float:
     """Return the share of the path over which a hand pressed on the table with a force within `FORCE`."""
     table = record.thing("table")
-    pose, yaw = record.poses["table"][0], record.yaw("table")[0]
-    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    pose, turn = record.poses["table"][0], rotations.rotation_z(record.yaw("table")[0])[:2, :2]
     edge = np.array([settled(table.size[0]) / 2, 0.0])  # type: ignore[attr-defined]
     done = np.zeros(len(path_points()), dtype=bool)
     for hand in range(2):
         pressing = (record.hand_force[:, hand, 2] >= FORCE[0]) & (record.hand_force[:, hand, 2] <= FORCE[1])
-        at = (record.hands[pressing, hand, :2] - pose[:2]) @ turn.T + edge
+        at = (record.hands[pressing, hand, :2] - pose[:2]) @ turn + edge
         for point in at:
             done |= np.linalg.norm(path_points() - point, axis=1) <= WIDTH
     return float(done.mean())
