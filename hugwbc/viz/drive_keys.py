@@ -112,7 +112,7 @@ def actions(presses: object, tasks: Sequence[str] = ()) -> list[str]:
 def _unit(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
         return 0.0
-    return min(max(float(value), -1.0), 1.0)
+    return float(min(max(value, -1.0), 1.0))
 
 
 def _beyond_dead_zone(value: float) -> float:

@@ -179,12 +179,10 @@ class DriveLink:
 
     def _hear(self, number: int, message: str | bytes) -> None:
         """Take a page's message; a malformed one only shows that the page is alive."""
-        said: Any = {}
+        said: Any = None
         if len(message) <= LONGEST_MESSAGE:
-            try:
+            with contextlib.suppress(ValueError, RecursionError):
                 said = json.loads(message)
-            except ValueError:
-                said = {}
         if not isinstance(said, dict):
             said = {}
         with self._using:

@@ -72,15 +72,12 @@ def write_video(
         settings = {"hide": list(hide), "chapters": [dataclasses.asdict(chapter) for chapter in chapters]}
         command = [sys.executable, "-m", "hugwbc.viz.video", json.dumps(settings), str(film)]
         # The log goes to a file: a driver that prints a lot would block on a pipe that nobody reads.
-        with log.open("w", encoding="utf-8") as errors:
-            process = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=renderer_environment(), cwd=folder
-            )
-        assert process.stdout is not None
-        for line in process.stdout:
-            if on_progress is not None and line.strip().isdigit():
-                on_progress(int(line) / frame_count(traces))
-        if process.wait() == 0:
+        told: Any = {"stdout": subprocess.PIPE, "text": True, "env": renderer_environment(), "cwd": folder}
+        with log.open("w", encoding="utf-8") as errors, subprocess.Popen(command, stderr=errors, **told) as process:
+            for line in process.stdout or ():
+                if on_progress is not None and line.strip().isdigit():
+                    on_progress(int(line) / frame_count(traces))
+        if process.returncode == 0:
             return _put(film, path)
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return f"no video: {lines[-1] if lines else f'the renderer ended with code {process.returncode}'}; {HINT}"

@@ -37,6 +37,7 @@ def test_sticks_are_velocities_beyond_their_dead_zone():
     assert Touched.parse({"squat": 1.0}).commands() == {"h": -0.3}
     assert Touched.parse({"axes": [0, -9, 0, 0], "squat": "deep"}).commands() == {**REST, "v_x": FULL_TILT["v_x"]}
     assert Touched.parse({"axes": [float("nan"), True, "a", {}]}).commands() == {}
+    assert Touched.parse({"axes": [0, -(10**400), 0, 0]}).commands() == {**REST, "v_x": FULL_TILT["v_x"]}
 
 
 def test_all_that_is_asked_for_is_a_command_of_the_walk():

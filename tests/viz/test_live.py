@@ -109,6 +109,15 @@ def test_the_camera_follows_turns_along_and_lets_go():
     page.close()
 
 
+@pytest.mark.parametrize(
+    "message", ["", "[" * 4000, "[]", "{", b"\xff", "{" * 5000, '{"axes": 1, "held": {}, "presses": 2}']
+)
+def test_a_malformed_message_only_shows_that_the_page_is_alive(message):
+    link = DriveLink({})
+    link._hear(1, message)
+    assert link.commands() == {} and link.take_actions() == [] and link.silence() is not None
+
+
 def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
     simulation, now = Simulation(sensing="exact"), [100.0]
     page = LivePage(simulation, name="test")

@@ -1,6 +1,7 @@
 """Video, or the reason why there is none; marks as geoms of MuJoCo, against the marks themselves."""
 
 import dataclasses
+import os
 import pathlib
 from collections.abc import Callable
 
@@ -73,6 +74,21 @@ def test_a_renderer_that_dies_in_the_middle_leaves_the_old_video(make_run, tmp_p
     reason = video.write_video(path, [make_run(seconds=0.1)])
     assert reason is not None and reason.startswith("no video: out of memory")
     assert path.read_bytes() == b"the video of an earlier run"
+
+
+def test_no_renderer_goes_on_after_an_error_of_the_caller(make_run, tmp_path, monkeypatch):
+    renderer, number = tmp_path / "renderer", tmp_path / "number"
+    renderer.write_text(f"#!/bin/sh\necho $$ > {number}\nwhile echo 1; do sleep 0.05; done\n")
+    renderer.chmod(0o755)
+    monkeypatch.setattr(video.sys, "executable", str(renderer))
+
+    def stop(part: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        video.write_video(tmp_path / "runs.mp4", [make_run(seconds=0.1)], on_progress=stop)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(number.read_text()), 0)
 
 
 def geoms_of(run: object, sample: int, *layers: str) -> np.ndarray:
