@@ -46,10 +46,8 @@ def read_path(path: str | pathlib.Path) -> Recorded:
 
     Empty lines are skipped.
     """
-    try:
-        with path.open(
-            newline="", encoding="utf-8-sig"
-        ) as file:  # spreadsheets start their files with a byte order mark
+    try:  # spreadsheets start their files with a byte order mark
+        with pathlib.Path(path).open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise TargetError(f"cannot read the hand path {path}: {error}; give a CSV file with columns t,x,y,z") from error

@@ -7,7 +7,8 @@ from hugwbc.scripts.recorded_path import Recorded, read_path
 def test_a_recorded_path_is_read_from_csv(tmp_path):
     file = tmp_path / "path.csv"
     file.write_text("t,x,y,z\n0,0.3,0.2,0.1\n2,0.5,0.2,0.3\n")
-    path = read_path(file)
+    path = read_path(str(file))
+    assert path == read_path(file)
     assert path.at(-1.0) == pytest.approx([0.3, 0.2, 0.1])
     assert path.at(1.0) == pytest.approx([0.4, 0.2, 0.2])
     assert path.at(9.0) == pytest.approx([0.5, 0.2, 0.3])
