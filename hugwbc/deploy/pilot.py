@@ -96,8 +96,8 @@ class Pilot:
 
     @property
     def grips(self) -> tuple[Grip, ...]:
-        """What the source requested of the idealised grippers at the last call of the controller."""
-        return self._world.grips
+        """What the source requested of the idealised grippers at the last call of the controller, in a run."""
+        return self._world.grips if self.mode is Mode.RUN else ()
 
     def see(self, capture: Capture) -> None:
         """Take a motion capture of robot and objects, for a source that uses it."""

@@ -4,7 +4,6 @@ import dataclasses
 import io
 import json
 import pathlib
-import zipfile
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.files import write_whole, writing
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.motion import UNREADABLE
 from hugwbc.settings_file import parse
 from hugwbc.sim.scenes.scene import Scene
 
@@ -78,7 +78,7 @@ def read_trace(path: str | pathlib.Path) -> Trace:
         ) from error
     except HugwbcError:
         raise
-    except (ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+    except (*UNREADABLE, TypeError, AttributeError) as error:
         raise ConfigError(f"{path} is not a recorded run ({error}); give a file that write_trace wrote") from error
 
 

@@ -11,6 +11,7 @@ import dataclasses
 import io
 import logging
 import pathlib
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -33,9 +34,9 @@ _LISTED = 20  # names in one message
 _TIME = "t"  # the column of a .csv
 _UNEVEN = 0.02  # share of a step by which the times of a .csv may differ from equal steps, being rounded
 # What NumPy and zipfile raise on truncated, corrupted or encrypted archives.
-_UNREADABLE = (
+UNREADABLE = (
     OSError, EOFError, KeyError, ValueError, OverflowError, MemoryError, NotImplementedError, RuntimeError,
-    zipfile.BadZipFile, zlib.error,
+    SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 # Ranges of the uniform intervention noise for the left arm [rad], as the paper's authors have them; those of the right
 # arm are their mirror image.
@@ -208,7 +209,7 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
             raise MotionFileError(f"cannot read {path}: {others[0]!r} is not a NumPy array; write it with np.savez")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise MotionFileError(f"cannot read {path}: {error}; give an .npz file without pickled objects") from error
 
 

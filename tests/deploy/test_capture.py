@@ -145,6 +145,8 @@ def test_a_behaviour_sees_what_was_captured(standing: Standing) -> None:
     assert view.objects["parcel"].age == pytest.approx(0.022, abs=1e-6)
     assert view.held == (None, "parcel") and pilot.grips == Looker.grips
     np.testing.assert_allclose(view.state.position[:2], POSE[:2], atol=0.01)
+    pilot.observe(standing.next(), fault="a fault")
+    assert pilot.grips == ()
 
 
 def test_a_run_among_objects_is_replayed_bit_for_bit(tmp_path, standing, jumping_pilot):

@@ -1,5 +1,6 @@
 """A record that was saved is the same record when it is loaded, and other files are refused."""
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -61,3 +62,15 @@ def test_other_files_are_refused(tmp_path, make_run):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="give a path that can be written"):
         write_trace(tmp_path / "file" / "run.npz", make_run())
+
+
+def test_a_damaged_record_is_refused_or_read(tmp_path, make_run):
+    path, rng = write_trace(tmp_path / "run.npz", make_run(seconds=1.0)), np.random.default_rng(0)
+    whole = path.read_bytes()
+    damaged = [bytearray(whole) for _ in range(400)]
+    for content in damaged:
+        content[rng.integers(len(content))] ^= 0xFF
+    for content in (b"", whole[:100], whole[: len(whole) // 2], *damaged):
+        path.write_bytes(content)
+        with contextlib.suppress(ConfigError):
+            read_trace(path)
