@@ -93,7 +93,7 @@ def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ConfigError(f"there is no file {path}; give the path of a Python file with a {kind}") from error
+        raise ConfigError(f"there is no file {path}; give the path of the Python file with the {kind}") from error
     return _run(path.resolve(), digest(content)[:16], kind)
 
 
@@ -109,10 +109,8 @@ def _run(path: pathlib.Path, digest: str, kind: str) -> types.ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:  # the user's code may raise anything
         del sys.modules[name]
-        if isinstance(error, ModuleNotFoundError):
-            hint = "; modules beside the file are found if its folder is in PYTHONPATH"
-        else:
-            hint = ""
+        missing = isinstance(error, ModuleNotFoundError)
+        hint = "; modules beside the file are found if its folder is in PYTHONPATH" if missing else ""
         raise ConfigError(f"{path} cannot be run: {described(error)}{hint}") from error
     return module
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
 from hugwbc.commands import Command
+from hugwbc.extensions import described
 from hugwbc.gait import Gait
 from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
@@ -111,7 +112,7 @@ class BehaviourSource:
             except Exception as error:  # a mistake in a behaviour must not stop the loop
                 hint = _RUN if "'generator' object" in str(error) else ""
                 self.status = Status.FAILURE
-                self.reason = f"the behaviour raised {type(error).__name__}: {error}{hint}"
+                self.reason = f"the behaviour raised {described(error)}{hint}"
         return at_rest(view)
 
     def command_at(self, t: float) -> Command:

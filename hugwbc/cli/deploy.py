@@ -62,6 +62,7 @@ class DeployOptions:
     record: pathlib.Path | None = None  # Record every message to this file
     # Replay this recording through the controller instead, without a network, and compare the commands bit by bit
     replay: pathlib.Path | None = None
+    # How fast it runs, for how long, and whether it publishes
     settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(
         default_factory=lambda: Settings(age=ROBOT.latency)
     )

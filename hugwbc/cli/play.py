@@ -144,9 +144,8 @@ def _viewer(options: PlayOptions) -> str:
     if viewer == "live":
         _refuse_beside("--viewer live", "the live page is driven by its own sliders", commanding)
     elif options.page != PageOptions():
-        given = [name for name, value in vars(options.page).items() if value != getattr(PageOptions(), name)]
-        names = ", ".join(f"--{name}" for name in given)
-        raise ConfigError(f"{names} is for the live page; add --viewer live, or leave it out")
+        given = [f"--{name}" for name, value in vars(options.page).items() if value != getattr(PageOptions(), name)]
+        raise ConfigError(f"{', '.join(given)} is for the live page; add --viewer live, or leave it out")
     return viewer
 
 
@@ -169,7 +168,8 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
 def _refuse_beside(option: str, why: str, others: Sequence[str]) -> None:
     """Refuse options that have no effect with another one."""
     if others:
-        raise ConfigError(f"{option} and {', '.join(others)} are both given; {why}")
+        given = ", ".join(f"--{name.replace('_', '-')}" for name in others)
+        raise ConfigError(f"{option} and {given} are both given; {why}")
 
 
 def _scene(options: PlayOptions) -> Scene | None:

@@ -33,7 +33,7 @@ BAD_INPUT = {
     "one hand": (["play", *RIGHT], "give both"),
     "duration": (["play", "--controller", "hold", "--duration", "-1"], "duration is -1.0; it should"),
     "duration of a live page": (["play", "--viewer", "live", "--duration", "-1"], "duration is -1.0; it should"),
-    "live page and command": (["play", "--viewer", "live", "--h", "0"], "--viewer live and h are both given"),
+    "live page and command": (["play", "--viewer", "live", "--h", "0"], "--viewer live and --h are both given"),
     "host": (["play", "--viewer", "live", "--host", "no host"], "cannot serve on host 'no host'"),
     "port": (["play", "--viewer", "live", "--port", "99999"], "it should be less than or equal to 65535"),
     "seed of the noise": (["compare", "--controllers", "hold", "--seed", "-1"], "seed is -1; give 0"),

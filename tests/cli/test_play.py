@@ -66,8 +66,8 @@ def test_a_scene_is_played_and_a_bad_one_is_refused(tmp_path, capsys):
     ("words", "message"),
     [
         (["--task", "push_the_cart"], "press_button"),
-        (["--task", "push_cart", "--script", "walk"], "--task and script are both given"),
-        (["--task", "push_cart", "--v-x", "0"], "--task and v_x are both given"),
+        (["--task", "push_cart", "--script", "walk"], "--task and --script are both given"),
+        (["--task", "push_cart", "--v-x", "0"], "--task and --v-x are both given"),
     ],
 )
 def test_a_task_beside_something_else_is_refused(words, message, capsys):
@@ -119,7 +119,7 @@ def test_a_whole_body_clip_is_danced_and_its_error_told(tmp_path, capsys, monkey
     assert re.search(r"^w +12\.70 deg +\d", out, re.MULTILINE), "70 degrees of the 57.3 that the range allows"
     assert re.search(r"^hands +\d+\.\d\d cm +\d", out, re.MULTILINE)
     assert main(["play", "--viewer", "none", "--motion", str(path), "--v-x", "0.3"]) == 2
-    assert "--motion *.bvh and v_x are both given" in capsys.readouterr().err
+    assert "--motion *.bvh and --v-x are both given" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "pybvh", None)
     assert main(["play", "--viewer", "none", "--motion", str(path)]) == 2
     assert "run `pip install 'hugwbc[motion]'`" in capsys.readouterr().err
