@@ -48,7 +48,7 @@ $(STAMP): pyproject.toml constraints.txt
 compare: $(STAMP)
 	$(BIN)/hugwbc compare --script loco_manipulation --seed 0 $(ARGS)
 
-# Minutes of computing each, because the QP is asked 500 times for each second: `compare` stays without them.
+# Minutes of computing each, because the QP is asked 250 times for each second: `compare` stays without them.
 compare-tasks: $(STAMP)
 	$(BIN)/hugwbc compare --task fetch_box --seed 0 --out out/compare-fetch_box $(ARGS)
 	$(BIN)/hugwbc compare --task press_button --seed 0 --out out/compare-press_button $(ARGS)
