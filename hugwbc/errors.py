@@ -24,7 +24,7 @@ class UnknownNameError(HugwbcError):
         names = list(valid)
         close = difflib.get_close_matches(str(name), names, n=1)
         hint = f" Did you mean '{close[0]}'?" if close else ""
-        super().__init__(f"unknown {kind} '{name}'.{hint} Valid: {', '.join(names)}.", at=at)
+        super().__init__(f"unknown {kind} '{name}'.{hint} Valid: {', '.join(names) or 'none'}.", at=at)
         self._made_of = (kind, name, tuple(names))
 
     def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, object, tuple[str, ...]]]:

@@ -29,7 +29,7 @@ def substeps_of(period: float, timestep: float, name: str) -> int:
     if substeps < 1 or abs(substeps * timestep - period) > 1e-9:
         raise ConfigError(
             f"the period of controller '{name}' is {period:g} s, not a multiple of the physics time step "
-            f"{timestep:g} s; choose a time step that divides it, such as 0.002 s"
+            f"{timestep:g} s; give {max(1, substeps) * timestep:g} s, or choose a time step that divides it"
         )
     return substeps
 
