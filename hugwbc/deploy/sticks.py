@@ -31,7 +31,7 @@ class Sticks:
         step = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         self._asked = {
-            "v_x": _ahead(remote.ly),
+            "v_x": _scaled("v_x", remote.ly) * (0.5 if remote.ly > 0.0 else 1.0),
             "v_y": _scaled("v_y", -remote.lx),
             "omega": _scaled("omega", -remote.rx),
         }
@@ -55,7 +55,3 @@ class Sticks:
 def _scaled(name: str, stick: float) -> float:
     low, high = command_ranges(Gait.WALKING)[name].finishing
     return stick * (high if stick > 0.0 else -low)
-
-
-def _ahead(stick: float) -> float:
-    return _scaled("v_x", stick) * (0.5 if stick > 0.0 else 1.0)

@@ -67,7 +67,7 @@ def read_trace(path: str | pathlib.Path) -> Trace:
             raise ConfigError(f"{path} was written by another version of hugwbc; run it again to record it anew")
         for name in about.pop("pairs"):
             arrays[name] = (arrays.pop(f"{name}/0"), arrays.pop(f"{name}/1"))
-        about["safety"] = _report(about["safety"])
+        about["safety"] = SafetyReport(**about["safety"] | {"messages": tuple(about["safety"]["messages"])})
         about["problems"] = tuple(about["problems"])
         if about["scene"] is not None:
             about["scene"] = parse(Scene, about["scene"], path)
@@ -80,10 +80,6 @@ def read_trace(path: str | pathlib.Path) -> Trace:
         raise
     except (*UNREADABLE, TypeError, AttributeError) as error:
         raise ConfigError(f"{path} is not a recorded run ({error}); give a file that write_trace wrote") from error
-
-
-def _report(values: dict[str, Any]) -> SafetyReport:
-    return SafetyReport(**{**values, "messages": tuple(values["messages"])})
 
 
 def scene_text(scene: Scene) -> str:

@@ -140,7 +140,7 @@ def _read_motion(path: str | pathlib.Path) -> ArmMotion:
             f"{path} has positions of shape {positions.shape}, {positions.dtype}; valid: at least 2 frames of "
             f"{len(found)} joint angles, one for each joint name"
         )
-    if not is_frame_rate(fps):
+    if fps.size != 1 or not is_real(fps) or not FRAME_RATES[0] <= fps.item() <= FRAME_RATES[1]:
         raise MotionFileError(f"{path} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
     if not np.all(np.isfinite(positions)):
         raise MotionFileError(f"{path} has positions that are not finite; repair or cut the motion")
@@ -186,11 +186,6 @@ def _read_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
 def is_real(array: np.ndarray) -> bool:
     """Return whether an array holds real numbers, neither text nor complex ones."""
     return array.dtype.kind in "fiu"
-
-
-def is_frame_rate(value: np.ndarray) -> bool:
-    """Return whether an array holds one number within `FRAME_RATES`."""
-    return value.size == 1 and is_real(value) and FRAME_RATES[0] <= value.item() <= FRAME_RATES[1]
 
 
 def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:

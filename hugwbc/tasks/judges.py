@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.sim.scenes import Cart, Step, Table, Thing
+from hugwbc.sim.scenes import Step, Table, Thing
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.verdict import Milestone, at_end
@@ -64,18 +64,6 @@ def trunk_clear(body: str, missed: str) -> Milestone:
     return Milestone(missed, lambda record: 0.0 if record.touches(TRUNK, body) else 1.0)
 
 
-def top_of(record: TaskRecord, support: str) -> float:
-    """Return the height of the top of a table, step or cart in the world [m]."""
-    return float(base_height(record, support)) + record.thing(support).surface(None)
-
-
-def base_height(record: TaskRecord, name: str) -> float:
-    """Return the height of the lowest side of a thing that stands still [m]."""
-    thing = record.thing(name)
-    offset = settled(thing.size[2]) / 2 if isinstance(thing, Cart) else 0.0
-    return float(record.poses[name][0, 2]) - offset if isinstance(thing, Table | Step | Cart) else 0.0
-
-
 def half_height(thing: Thing) -> float:
     """Return half the height of a box [m]."""
     return settled(thing.size[2]) / 2  # type: ignore[attr-defined]
@@ -86,12 +74,10 @@ def stands_on(record: TaskRecord, body: str, support: str) -> bool:
     below = record.thing(support)
     if hasattr(below, "boards") or not hasattr(below, "size"):
         return False
-    top = top_of(record, support) if isinstance(below, Table | Step) else _top_of_box(record, support)
+    height = record.poses[support][:, 2]
+    still = isinstance(below, Table | Step)
+    top = float(height[0]) + below.surface(None) if still else at_end(height) + half_height(below)
     return abs(at_end(record.poses[body][:, 2]) - half_height(record.thing(body)) - top) <= 0.02
-
-
-def _top_of_box(record: TaskRecord, name: str) -> float:
-    return at_end(record.poses[name][:, 2]) + half_height(record.thing(name))
 
 
 def apart(record: TaskRecord, body: str, goal: np.ndarray) -> float:

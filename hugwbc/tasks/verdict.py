@@ -67,7 +67,8 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     score = reached / len(milestones)
     detail = record.ending.reason
     if record.problems:
-        return Verdict(False, _without_numbers(record.problems[0]), "; ".join(record.problems), min(score, 0.99))
+        problem, _, _ = record.problems[0].partition(" at ")  # without its time
+        return Verdict(False, problem, "; ".join(record.problems), min(score, 0.99))
     if record.fell:
         return Verdict(False, FELL, f"{reason or 'at the end'}; {detail}".rstrip("; "), min(score, 0.99))
     return Verdict(not reason, reason, detail if reason else "", score)
@@ -76,11 +77,6 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
 def _share(value: float) -> float:
     """Return a progress clamped to [0, 1]; NaN counts as 0."""
     return float(np.clip(value, 0.0, 1.0)) if np.isfinite(value) else 0.0
-
-
-def _without_numbers(problem: str) -> str:
-    """Return a problem of the objects without its time."""
-    return problem.partition(" at ")[0]
 
 
 def within(value: float, allowed: float) -> float:
