@@ -17,14 +17,19 @@ def source_commit() -> str:
     try:
         if not _git("ls-files", "hugwbc/__init__.py"):
             return hugwbc.__version__
-        changes = _git("diff", "HEAD", "--", "hugwbc", "models")
+        changes, others = _git("diff", "HEAD", "--", "hugwbc", "models"), ("--others", "--exclude-standard", "-z")
+        for name in sorted(filter(None, _git("ls-files", *others, "--", "hugwbc/*.py").decode().split("\0"))):
+            changes += name.encode() + (_root() / name).read_bytes()
         last = _git("log", "-1", "--format=%H", "--", "hugwbc", "models").decode().strip()
         return last + (f"+{digest(changes)[:16]}" if changes else "")
     except (OSError, subprocess.CalledProcessError):
         return hugwbc.__version__
 
 
+def _root() -> pathlib.Path:
+    return pathlib.Path(hugwbc.__file__).parents[1]
+
+
 def _git(*words: str) -> bytes:
-    root = pathlib.Path(hugwbc.__file__).parents[1]
-    command = ["git", "-C", str(root), *words]
+    command = ["git", "-C", str(_root()), *words]
     return subprocess.run(command, check=True, capture_output=True).stdout

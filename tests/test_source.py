@@ -1,0 +1,23 @@
+"""The commit that says which code has run."""
+
+import subprocess
+
+import hugwbc
+from hugwbc.source import source_commit
+
+
+def test_a_change_of_any_module_changes_the_commit(tmp_path, monkeypatch):
+    package = tmp_path / "hugwbc"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=one", "-c", "user.email=one@example.org"]
+    for words in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "one"]):
+        subprocess.run([*git, *words], check=True)
+    monkeypatch.setattr(hugwbc, "__file__", str(package / "__init__.py"))
+    commits = [source_commit.__wrapped__()]
+    for name, text in (("__init__.py", "a = 1\n"), ("added.py", "a = 1\n"), ("added.py", "a = 2\n")):
+        (package / name).write_text(text)
+        commits.append(source_commit.__wrapped__())
+    (tmp_path / "notes.py").write_text("nothing that runs")
+    assert len(set(commits)) == 4 and commits[-1] == source_commit.__wrapped__()
+    assert all(commit.startswith(commits[0]) for commit in commits)
