@@ -20,7 +20,7 @@ help:
 	@echo "make test           linter, formatter, type checker and tests, as CI runs them"
 	@echo "make test-slow      the tests that take longer"
 	@echo "make lint           linter, formatter and type checker only"
-	@echo "make play           watch a controller in the browser"
+	@echo "make play           drive a robot in the browser"
 	@echo "make evaluate       the paper's single-command experiment"
 	@echo "make bench          speed of the parts"
 	@echo "make soak           reliability: faults, random commands, absurd states, memory (docs/reliability.md)"
