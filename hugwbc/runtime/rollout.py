@@ -67,7 +67,8 @@ def rollout(
     for tick in range(ticks):
         t = tick * loop.period
         joint_command = loop.decide(t)
-        recorder.tick_ms.append(loop.safe.last_tick_s * 1e3)
+        if loop.safe.last_tick_s > 0.0:
+            recorder.tick_ms.append(loop.safe.last_tick_s * 1e3)
         if upper_body is not None:
             recorder.ik_ms.append(loop.control.ik_s * 1e3)
         if recorder.due(t):

@@ -188,7 +188,6 @@ class SafetyFilter:
         self.motors = MotorWatch(self.robot)
         self._servo: ArmServo | None = None  # built by the first external control of the arms
         self._clock = clock
-        self.last_tick_s = 0.0
         self.command = Command()
         self._start(self.robot.nominal)
 
@@ -217,6 +216,7 @@ class SafetyFilter:
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
+        self.last_tick_s = 0.0  # of a controller that is not called
         joints = self._filtered(state, command, upper_body)
         self.motors.note(joints)
         return joints

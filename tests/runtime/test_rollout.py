@@ -9,6 +9,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Ground, Simulation
+from hugwbc.sim.faults import Fault
 from hugwbc.sim.scenes import Box, Scene, Uniform
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
@@ -116,6 +117,12 @@ def test_a_fast_controller_is_called_at_its_own_period_and_recorded_at_50_hz(sim
 
     trace = rollout(Fast(), Constant(Command()), simulation, duration=0.2)
     assert trace.steps == trace.tick_ms.size == 100 and trace.time.size == 10
+
+
+def test_only_calls_of_the_controller_are_timed():
+    simulation = Simulation(faults=(Fault.parse("imu-gone@0.1"),))
+    trace = rollout(HoldController(), Command(), simulation, duration=0.8, past_falls=True)
+    assert 0 < trace.safety.lowered == trace.steps - trace.tick_ms.size
 
 
 def test_touch_downs_are_timed_and_bounces_ignored(simulation):
