@@ -58,7 +58,7 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
     except (SafetensorError, ValueError, KeyError, RecursionError) as error:
         raise PolicyFileError(
             f"{path} is not a readable safetensors file ({error}); it is truncated or of another kind. "
-            "Copy it again, or train a new one with 'hugwbc train'"
+            "Copy it again; for another project's network, give its contract as --controller (docs/evaluation.md)"
         ) from error
     found = header.get("format", "no format mark")
     if found != FORMAT:
