@@ -59,14 +59,16 @@ def plan(settings: StopsSettings) -> list[Plan]:
 
 
 def episode(controller: Controller, settings: StopsSettings, plan: Plan) -> Row:
-    """Return the time from the word to stand until the pelvis is slow for good [s], and the way until the end [m]."""
+    """Return the time from the word to stand until the pelvis is slow for good [s], and its way [m]; None if never."""
     trace, at = simulate(controller, settings, plan).trace, float(plan.tags["at"])
     speed = np.linalg.norm(trace.measured[:, :2], axis=1)
-    fast = np.flatnonzero(speed > STILL)
-    stopped = trace.time[fast[-1]] if fast.size else 0.0
-    after = trace.time >= at
-    moved = np.linalg.norm(np.diff(trace.qpos[after, :2], axis=0), axis=1).sum() if after.any() else 0.0
-    return {"stop_s": max(0.0, float(stopped) - at), "moved": float(moved), **ending(trace)}
+    begin = int(np.searchsorted(trace.time, at))
+    fast = begin + np.flatnonzero(speed[begin:] > STILL)
+    still = int(fast[-1]) + 1 if fast.size else begin
+    if still >= len(trace.time):
+        return {"stop_s": None, "moved": None, **ending(trace)}
+    moved = np.linalg.norm(np.diff(trace.qpos[begin : still + 1, :2], axis=0), axis=1).sum()
+    return {"stop_s": float(trace.time[still]) - at, "moved": float(moved), **ending(trace)}
 
 
 def figures(settings: StopsSettings, rows: pl.DataFrame) -> list[Figure]:
