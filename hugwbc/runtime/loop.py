@@ -7,6 +7,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.control_period import ArmSource, ControlPeriod
+from hugwbc.runtime.controllers import load_controller
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
@@ -47,7 +48,7 @@ class ControlLoop:
 
     def __init__(
         self,
-        controller: Controller,
+        controller: Controller | str,
         source: CommandSource | Command,
         simulation: Engine,
         upper_body: ArmSource | None = None,
@@ -59,13 +60,14 @@ class ControlLoop:
         hand IK and the estimator are told is up to them.
 
         Args:
-            controller: any object with the members of `Controller`.
+            controller: any object with the members of `Controller`, or what `load_controller` takes.
             source: gives commands and hand targets over time; or one command for all times.
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none
                 where the sensors tell the state.
         """
+        controller = load_controller(controller) if isinstance(controller, str) else controller
         source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
         sight = Sight(

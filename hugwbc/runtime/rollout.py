@@ -20,7 +20,7 @@ from hugwbc.state import RobotState
 
 
 def rollout(
-    controller: Controller,
+    controller: Controller | str,
     source: CommandSource | Command,
     simulation: Engine,
     upper_body: ArmSource | None = None,
@@ -40,7 +40,7 @@ def rollout(
     `RECORD_PERIOD`. The controller reads the estimated state; the record holds the true one.
 
     Args:
-        controller: any object with the members of `Controller`.
+        controller: any object with the members of `Controller`, or what `load_controller` takes.
         source: gives commands and hand targets over time; or one command for all times.
         simulation: the robot; it is reset to the nominal stand at the origin.
         upper_body: turns hand targets into arm targets (`UpperBodySource`); without it, hand targets are ignored.

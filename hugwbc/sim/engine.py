@@ -5,6 +5,7 @@ import collections
 import dataclasses
 import importlib.util
 import math
+import pathlib
 from typing import ClassVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import Objects
 from hugwbc.sim.scenes.scene import Scene
+from hugwbc.sim.scenes.scene_file import load_scene
 from hugwbc.sim.sensors import ROBOT, Reading, SensorProfile, Sensors, sensor_profile
 from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
@@ -80,10 +82,10 @@ class Engine(abc.ABC):
         latency: float | None = None,
         seed: int = 0,
         variation: Variation | None = None,
-        robot: Robot | None = None,
+        robot: Robot | str | None = None,
         actuators: Actuators | None = None,
-        ground: Ground | None = None,
-        scene: Scene | None = None,
+        ground: Ground | str | None = None,
+        scene: Scene | str | pathlib.Path | None = None,
         faults: tuple[Fault, ...] = (),
     ) -> None:
         """Build the model and place the robot on the ground in the nominal pose.
@@ -95,12 +97,15 @@ class Engine(abc.ABC):
             latency: age of the results of `sense`, rounded to whole time steps [s]; None for the profile's.
             seed: random seed of the sensors' noise, biases and offsets, and of what varies in the scene.
             variation: difference of the robot from its description; None for no difference.
-            robot: robot to simulate; None for the scene's, or the H1.
+            robot: robot to simulate, or its name; None for the scene's, or the H1.
             actuators: drives of the joints; None for real ones.
-            ground: firmness of the ground; None for the scene's, or firm, the only one of PhysX.
-            scene: objects around the robot, in MuJoCo only; None for none.
+            ground: firmness of the ground, or its name; None for the scene's, or firm, the only one of PhysX.
+            scene: objects around the robot, or what `load_scene` takes, in MuJoCo only; None for none.
             faults: of the sensors and motors, in every episode.
         """
+        robot = load_robot(robot) if isinstance(robot, str) else robot
+        ground = Ground.named(ground) if isinstance(ground, str) else ground
+        scene = load_scene(scene) if isinstance(scene, str | pathlib.Path) else scene
         robot, ground = self._surroundings(terrain, robot, ground, scene)
         check_timestep(timestep)
         profile = sensor_profile(sensing) if isinstance(sensing, str) else sensing

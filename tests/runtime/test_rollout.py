@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Ground, Simulation
@@ -193,3 +193,14 @@ def test_a_record_says_that_an_object_left_the_world():
     simulation.model.opt.gravity[2] = 200.0  # everything falls upwards
     trace = rollout(HoldController(), Constant(Command()), simulation, duration=0.5)
     assert len(trace.problems) == 1 and trace.problems[0].startswith("object 'parcel' left the world at 0.3")
+
+
+def test_names_stand_for_controller_robot_ground_and_scene():
+    simulation = Simulation(robot="h1-2023", ground="soft", scene="parcel")
+    trace = rollout("hold", Command(), simulation, duration=0.1)
+    assert (trace.name, trace.robot, simulation.ground) == ("hold", "h1-2023", Ground.named("soft"))
+    assert trace.scene is not None and "parcel" in simulation.objects.names
+    with pytest.raises(UnknownNameError, match=r"unknown scene 'parcl'\. Did you mean 'parcel'"):
+        Simulation(scene="parcl")
+    with pytest.raises(UnknownNameError, match=r"unknown controller 'qpp'\. Did you mean 'qp'"):
+        rollout("qpp", Command(), simulation, duration=0.1)
