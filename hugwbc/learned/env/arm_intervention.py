@@ -39,6 +39,8 @@ class NoiseTargets:
                 paper.
         """
         self.interval, self._paired = interval, paired
+        self._robot = load_robot()
+        self._mirror = Mirror.of(self._robot)
         self._generator = generator
         self._low, self._high = (torch.tensor(bound, dtype=torch.float32) for bound in arm_noise_range())
         self._initial = _nominal_arms(count)
@@ -49,8 +51,7 @@ class NoiseTargets:
         sample = torch.rand((count, _ARMS), generator=self._generator)
         targets = self._low + sample * (self._high - self._low)
         if self._paired > 0.0:
-            robot = load_robot()
-            image = torch.from_numpy(Mirror.of(robot).arms(targets.numpy(), robot)).float()
+            image = torch.from_numpy(self._mirror.arms(targets.numpy(), self._robot)).float()
             chosen = torch.rand(count, generator=self._generator) < self._paired
             right = slice(_ARMS // 2, _ARMS)
             targets[chosen, right] = image[chosen, right]

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import operator
 import pathlib
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -87,13 +88,12 @@ def calibrate(
 
     place = folder / ROUNDS
     rounds: list[tuple[Curves, Errors]] = json.loads(place.read_text()) if place.exists() else []
-    curves = corrected(*rounds[-1], config.rate) if rounds else knots_of(config)
     for number in range(len(rounds), config.rounds + 1):
+        curves = corrected(*rounds[-1], config.rate) if rounds else knots_of(config)
         write(_TRIAL, curves)
         errors = _errors(config, folder / _TRIAL, curves, executed)
         rounds.append((curves, errors))
         write_whole(place, json.dumps(rounds, indent=1) + "\n")
-        curves = corrected(curves, errors, config.rate)
         on_round(number, _mean([error for of_gait in errors.values() for found in of_gait.values() for error in found]))
     kept, figures = _best_curves(rounds)
     write("policy.safetensors", kept)
@@ -129,8 +129,8 @@ def _best_curves(rounds: Sequence[tuple[Curves, Errors]]) -> tuple[Curves, dict[
             chosen, left = [], []
             for index, knot in enumerate(pairs):
                 tried = [(errors[label][name][index], curves[label][name][index]) for curves, errors in rounds]
-                known = [(abs(error), place, pair) for place, (error, pair) in enumerate(tried) if error is not None]
-                error, _, pair = min(known, default=(None, 0, knot))
+                known = [(abs(error), pair) for error, pair in tried if error is not None]
+                error, pair = min(known, key=operator.itemgetter(0), default=(None, knot))
                 chosen.append(pair)
                 left.append(error)
             kept.setdefault(label, {})[name] = chosen
