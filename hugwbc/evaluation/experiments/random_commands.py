@@ -15,8 +15,7 @@ from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
-from hugwbc.evaluation.experiments import single_command
-from hugwbc.evaluation.experiments.single_command import episode_error, sampled_commands
+from hugwbc.evaluation.experiments.single_command import EXPERIMENT as SINGLE_COMMAND, episode_error, sampled_commands
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known, wilson_of
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name
@@ -126,7 +125,7 @@ EXPERIMENT = Experiment(
     plan,
     episode,
     figures,
-    beside=single_command.EXPERIMENT,
+    beside=SINGLE_COMMAND,
     note="Errors over those alone: run `hugwbc evaluate single-command` with the same options first.",
     section=Section(
         "All commands at once",
