@@ -7,20 +7,23 @@ import subprocess
 import hugwbc
 from hugwbc.files import digest
 
+_POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  # as patterns of git
 
 @functools.cache
-def source_commit() -> str:
+def source_commit(*, policies: bool = True) -> str:
     """Return the last commit that changed code or models, then "+" and a digest of what differs from it, if anything.
 
-    Outside of a checkout, return the version. What was made stays valid when only documents or tests change.
+    Outside of a checkout, return the version. What was made stays valid when only documents or tests change. Without
+    policies, changes of shipped policies and recipes do not count: for what depends on no policy or knows its digest.
     """
+    paths = ("hugwbc", "models", *(() if policies else _POLICIES))
     try:
         if not _git("ls-files", "hugwbc/__init__.py"):
             return hugwbc.__version__
-        changes, others = _git("diff", "HEAD", "--", "hugwbc", "models"), ("--others", "--exclude-standard", "-z")
+        changes, others = _git("diff", "HEAD", "--", *paths), ("--others", "--exclude-standard", "-z")
         for name in sorted(filter(None, _git("ls-files", *others, "--", "hugwbc/*.py").decode().split("\0"))):
             changes += name.encode() + (_root() / name).read_bytes()
-        last = _git("log", "-1", "--format=%H", "--", "hugwbc", "models").decode().strip()
+        last = _git("log", "-1", "--format=%H", "--", *paths).decode().strip()
         return last + (f"+{digest(changes)[:16]}" if changes else "")
     except (OSError, subprocess.CalledProcessError):
         return hugwbc.__version__

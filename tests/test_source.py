@@ -21,3 +21,22 @@ def test_a_change_of_any_module_changes_the_commit(tmp_path, monkeypatch):
     (tmp_path / "notes.py").write_text("nothing that runs")
     assert len(set(commits)) == 4 and commits[-1] == source_commit.__wrapped__()
     assert all(commit.startswith(commits[0]) for commit in commits)
+
+
+def test_results_of_one_controller_outlive_the_policy_of_another(tmp_path, monkeypatch):
+    for folder in ("hugwbc", "models/h1/policies/one", "models/h1/recipes"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "hugwbc" / "__init__.py").write_text("")
+    (tmp_path / "models" / "h1" / "h1.xml").write_text("a robot")
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=one", "-c", "user.email=one@example.org"]
+    for words in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "one"]):
+        subprocess.run([*git, *words], check=True)
+    monkeypatch.setattr(hugwbc, "__file__", str(tmp_path / "hugwbc" / "__init__.py"))
+    commit, without = source_commit.__wrapped__(), source_commit.__wrapped__(policies=False)
+    for name in ("policies/one/policy.safetensors", "recipes/one.yaml"):
+        (tmp_path / "models" / "h1" / name).write_text("a policy")
+    for words in (["add", "."], ["commit", "-q", "-m", "two"]):
+        subprocess.run([*git, *words], check=True)
+    assert source_commit.__wrapped__() != commit == without == source_commit.__wrapped__(policies=False)
+    (tmp_path / "models" / "h1" / "h1.xml").write_text("another robot")
+    assert source_commit.__wrapped__(policies=False) != without

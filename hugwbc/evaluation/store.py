@@ -95,7 +95,7 @@ def table_key(experiment: str, episode: Episode, settings: Settings, spec: Contr
                 "experiment": experiment,
                 "controller": spec.label,
                 "digest": controller_digest(spec),
-                "commit": source_commit(),
+                "commit": source_commit(policies=False),  # a policy counts by its digest
                 "settings": dataclasses.asdict(settings),
                 "files": {str(path): digest(path.read_bytes()) for path in _files(episode, settings)},
             },

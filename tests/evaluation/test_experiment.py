@@ -107,7 +107,7 @@ def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_pat
     ]
     (tmp_path / "clip.npz").write_bytes(b"two")
     keys.append(table_key("waists", measure, moved, HOLD))
-    monkeypatch.setattr(store, "source_commit", lambda: "another")
+    monkeypatch.setattr(store, "source_commit", lambda **which: "another")
     keys.append(table_key("waists", measure, SETTINGS, HOLD))
     assert len({json.dumps(key) for key in keys}) == len(keys) and source_commit()
 
