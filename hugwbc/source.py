@@ -9,6 +9,7 @@ from hugwbc.files import digest
 
 _POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  # as patterns of git
 
+
 @functools.cache
 def source_commit(*, policies: bool = True) -> str:
     """Return the last commit that changed code or models, then "+" and a digest of what differs from it, if anything.

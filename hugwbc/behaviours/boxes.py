@@ -123,15 +123,14 @@ class BoxGrip:
         """Bring the box to a point of the heading frame [m] and stand upright; from then on it moves with the robot."""
         points = self._sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
         view = yield from self._glide(view, points, 0.0, Command(), "heading", speed=0.12, settle=0.5)
-        away = float(np.linalg.norm(from_hands(view, name)))
-        if away > _LOST:
-            raise Failure(f"the box is {100 * away:.0f} cm from the hands: it slipped out of them")
+        _check_held(view, name)
         return view
 
     def put(self, view: View, name: Name, goal: np.ndarray, yaw: float, posture: Command | None = None) -> Course:
         """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
         posture = posture or squat(float(goal[2]) + self.at[1])
         ahead = rotations.rotation_z(yaw)
+        _check_held(view, name)
         for height, speed in ((0.05, 0.12), (-0.005, 0.05)):
             box = seen(view, name)
             # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
@@ -190,6 +189,13 @@ class BoxGrip:
             posture=posture,
             settle=settle,
         )
+
+
+def _check_held(view: View, name: str) -> None:
+    """Fail if the hands have lost the box."""
+    away = float(np.linalg.norm(from_hands(view, name)))
+    if away > _LOST:
+        raise Failure(f"'{name}' is {100 * away:.0f} cm from the hands: it slipped out of them")
 
 
 def up(height: float) -> np.ndarray:

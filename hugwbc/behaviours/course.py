@@ -90,15 +90,17 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
 
 
 def _watched(name: str, view: View, start: Callable[[], Course], timeout: float) -> Course:
-    begin, progress, course = view.time, "", None
+    begin, at, progress, course = view.time, "", "", None
     try:
         course = start()
         action = next(course)
         while True:
-            progress = action.progress or progress
+            if action.progress or action.doing != at:
+                at, progress = action.doing, action.progress
             view = yield action if action.doing else dataclasses.replace(action, doing=name)
             if view.time - begin > timeout:
-                raise Failure(f"timeout of {timeout:g} s: {progress or 'nothing happened'}")
+                last = progress or (f"still at {at}" if at else "nothing happened")
+                raise Failure(f"timeout of {timeout:g} s: {last}")
             action = course.send(view)
     except StopIteration:
         return view

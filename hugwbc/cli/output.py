@@ -6,6 +6,7 @@ import inspect
 import json
 import os
 import pathlib
+import re
 import sys
 import tempfile
 import threading
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 import tyro
 
+from hugwbc.errors import ConfigError
 from hugwbc.files import finite_json, write_whole, writing
 
 if TYPE_CHECKING:
@@ -35,7 +37,12 @@ def parse(
     """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
     description = inspect.cleandoc(description) if description else description
     given: dict[str, Any] = {} if default is None else {"default": default}
-    return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=list(words), **given)
+    # A shell expands only a `~` at the start of a word.
+    args = [re.sub("^(--[^=]+=)(~.*)", lambda it: it[1] + os.path.expanduser(it[2]), word) for word in words]
+    try:
+        return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=args, **given)
+    except ConfigError as error:  # a user knows options, not the classes behind them
+        raise ConfigError(re.sub(r"^[A-Z]\w+\.", "", str(error))) from None
 
 
 def parse_settings(

@@ -11,11 +11,13 @@ from hugwbc.behaviours import (
     Action,
     Behaviour,
     BehaviourSource,
+    BoxGrip,
     Course,
     Failure,
     Status,
     View,
     doing,
+    glide,
     lift,
     parallel,
     press,
@@ -78,6 +80,13 @@ def test_a_step_ends_at_its_timeout_and_says_how_far_it_was() -> None:
     assert run(lambda view: count(view, 100, timeout=0.1))[1].reason == "count: timeout of 0.1 s: 5 of 100"
     waiting = lambda view: wait_until(view, lambda view: False, "a bell", timeout=1.0)  # noqa: E731
     assert run(waiting)[1].reason == "wait until: timeout of 1 s: a bell: 0.0 of 0 s"
+
+    @step
+    def job(view: View, *, timeout: float = 1.0) -> Course:
+        view = yield from doing("count", count(view, 3))
+        return (yield from doing("glide", glide(view, np.full((2, 3), 1.0), speed=0.1)))
+
+    assert run(job)[1].reason == "job: timeout of 1 s: still at glide"
 
 
 def test_what_the_robot_is_at_is_the_step_or_what_is_said() -> None:
@@ -145,3 +154,10 @@ def test_an_unknown_argument_is_told_with_the_valid_ones() -> None:
 def test_a_hand_target_out_of_the_world_is_refused_with_its_distance() -> None:
     far = lambda view: reach(view, left=(3.0, 0.0, 1.0), frame="world")  # noqa: E731
     assert run(far)[1].reason == "reach: the left hand's target is 3.0 m away (limit 1.5 m); walk there"
+
+
+def test_a_box_that_the_hands_have_lost_is_not_put_down() -> None:
+    put = partial(BoxGrip(0.3).put, name="box", goal=np.array([0.35, 0.0, 0.95]), yaw=0.0)
+    held, lost = objects(box=(0.3, 0.0, 1.0)), objects(box=(0.3, 0.0, 0.6))
+    assert run(put, objects=held)[1].status is Status.SUCCESS
+    assert run(put, objects=lost)[1].reason == "'box' is 40 cm from the hands: it slipped out of them"
