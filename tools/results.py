@@ -119,6 +119,7 @@ TABLES = {
         },
     ),
     "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
+    "engines": Table(("docs/physx.md",), _both("engines --controller {}")),
     "tasks": Table(("docs/tasks.md",), _both("tasks --controller {} --episodes 50")),
     "boxes": Table(
         ("docs/tasks.md",),
