@@ -20,7 +20,9 @@ class PayloadObserver:
     The learned payload is fed forward by the servo, which takes the sag out of the arms as an integral term would: as
     long as a joint sticks, its spring's torque counts as load.
 
-    A hand whose stiffness is wanted must give way, so nothing is learned for it. A wanted force is not a payload.
+    A hand whose stiffness is wanted must give way, so nothing is learned for it. Nor is anything for a hand that
+    presses up or down: where it meets nothing, the force that is missing would count as a payload, and the hand would
+    float.
 
     Attributes:
         payload: mass in the left and the right hand [kg], shape (2,).
@@ -52,7 +54,8 @@ class PayloadObserver:
             return upper_body
         weight = GRAVITY * self.payload
         excess = -(state.hand_force + upper_body.hand_force)[:, 2] - weight
-        beyond = np.sign(excess) * np.maximum(np.abs(excess) - BAND, 0.0)
+        pressing = np.abs(upper_body.hand_force[:, 2]) > BAND
+        beyond = np.where(pressing, 0.0, np.sign(excess) * np.maximum(np.abs(excess) - BAND, 0.0))
         weight = weight + (1.0 - math.exp(-RATE * dt)) * beyond
         self.payload = np.minimum(np.maximum(weight / GRAVITY, 0.0), HEAVIEST)
         return dataclasses.replace(upper_body, payload=self.payload.copy()) if self.payload.any() else upper_body

@@ -49,6 +49,10 @@ def test_a_wanted_force_is_no_payload():
     pressing = dataclasses.replace(BODY, hand_force=np.array([[0.0, 0.0, 20.0], [0.0, 0.0, 0.0]]))
     observer = PayloadObserver()
     assert learn(observer, pressing, pulled(-20.0)) is pressing
+    down = dataclasses.replace(BODY, hand_force=np.array([[0.0, 0.0, -40.0], [0.0, 60.0, 0.0]]))
+    body = learn(observer, down, pulled(0.0, -30.0))
+    assert body.payload is not None and body.payload[0] == 0.0, "a hand that meets nothing would float"
+    assert body.payload[1] == pytest.approx((30.0 - BAND) / 9.81, abs=0.01), "what both hands squeeze has a weight"
 
 
 def test_a_told_payload_counts_and_a_soft_hand_gives_way():
