@@ -102,9 +102,11 @@ class BoxGrip:
         last, command = view.last.hands, view.last.command
         before = seen(view, name).position[2]
         assert last is not None
+        points = hands_in(view, "world")
+        points[:, 2] = np.maximum(points[:, 2], view.hands[:, 2])  # a low box may be held above its targets
         view = yield from glide(
             view,
-            hands_in(view, "world") + up(height),
+            points + up(height),
             frame="world",
             speed=speed,
             together=True,
