@@ -6,13 +6,17 @@ import hugwbc
 from hugwbc.source import source_commit
 
 
+def commit_all(folder):
+    git = ["git", "-C", str(folder), "-c", "user.name=one", "-c", "user.email=one@example.org"]
+    for words in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "one"]):
+        subprocess.run([*git, *words], check=True)
+
+
 def test_a_change_of_any_module_changes_the_commit(tmp_path, monkeypatch):
     package = tmp_path / "hugwbc"
     package.mkdir()
     (package / "__init__.py").write_text("")
-    git = ["git", "-C", str(tmp_path), "-c", "user.name=one", "-c", "user.email=one@example.org"]
-    for words in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "one"]):
-        subprocess.run([*git, *words], check=True)
+    commit_all(tmp_path)
     monkeypatch.setattr(hugwbc, "__file__", str(package / "__init__.py"))
     commits = [source_commit.__wrapped__()]
     for name, text in (("__init__.py", "a = 1\n"), ("added.py", "a = 1\n"), ("added.py", "a = 2\n")):
@@ -28,15 +32,12 @@ def test_results_of_one_controller_outlive_the_policy_of_another(tmp_path, monke
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "hugwbc" / "__init__.py").write_text("")
     (tmp_path / "models" / "h1" / "h1.xml").write_text("a robot")
-    git = ["git", "-C", str(tmp_path), "-c", "user.name=one", "-c", "user.email=one@example.org"]
-    for words in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "one"]):
-        subprocess.run([*git, *words], check=True)
+    commit_all(tmp_path)
     monkeypatch.setattr(hugwbc, "__file__", str(tmp_path / "hugwbc" / "__init__.py"))
     commit, without = source_commit.__wrapped__(), source_commit.__wrapped__(policies=False)
     for name in ("policies/one/policy.safetensors", "recipes/one.yaml"):
         (tmp_path / "models" / "h1" / name).write_text("a policy")
-    for words in (["add", "."], ["commit", "-q", "-m", "two"]):
-        subprocess.run([*git, *words], check=True)
+    commit_all(tmp_path)
     assert source_commit.__wrapped__() != commit == without == source_commit.__wrapped__(policies=False)
     (tmp_path / "models" / "h1" / "h1.xml").write_text("another robot")
     assert source_commit.__wrapped__(policies=False) != without

@@ -88,16 +88,21 @@ def _without_count(key: dict[str, Any]) -> dict[str, Any]:
 
 
 def table_key(experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
-    """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files."""
+    """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files.
+
+    A shipped policy counts by its digest for the controller that it drives. A user's own code may load any of them.
+    """
+    files = {str(path): digest(path.read_bytes()) for path in _files(episode, settings)}
+    own = spec.is_own or any(path.endswith(".py") for path in files)
     return json.loads(
         json.dumps(
             {
                 "experiment": experiment,
                 "controller": spec.label,
                 "digest": controller_digest(spec),
-                "commit": source_commit(policies=False),  # a policy counts by its digest
+                "commit": source_commit(policies=own),
                 "settings": dataclasses.asdict(settings),
-                "files": {str(path): digest(path.read_bytes()) for path in _files(episode, settings)},
+                "files": files,
             },
             default=str,
         )

@@ -247,7 +247,7 @@ class ControllerSpec:
         return controller
 
     @property
-    def _is_own(self) -> bool:
+    def is_own(self) -> bool:
         """Whether it is a controller of the user's own, registered or in a Python file."""
         return self.name not in _OURS and (self.name in plugins() or extensions.names_object(self.name))
 
@@ -258,7 +258,7 @@ class ControllerSpec:
         Raises:
             PolicyFileError: if a policy file is missing or damaged.
         """
-        if self._is_own or (self.name in _OURS and self.name != "learned"):
+        if self.is_own or (self.name in _OURS and self.name != "learned"):
             return None
         from hugwbc.learned.policy.records import trained_with
 
@@ -283,7 +283,7 @@ class ControllerSpec:
         known = self.label if in_file else "file"
         # A policy that is no path is a word that only a controller of the user's own knows.
         word = (
-            None if self.policy is None or not self._is_own or pathlib.Path(self.policy).exists() else str(self.policy)
+            None if self.policy is None or not self.is_own or pathlib.Path(self.policy).exists() else str(self.policy)
         )
         robot = {"robot": self.robot or DEFAULT_ROBOT, "drives": self.drives or DEFAULT_DRIVES}
         return {
@@ -297,7 +297,7 @@ class ControllerSpec:
     def files(self) -> list[pathlib.Path]:
         """Return the files that the controller is built from: contract and network, policy, or the user's code."""
         given = None if self.policy is None else pathlib.Path(self.policy)
-        if self._is_own:
+        if self.is_own:
             code = [extensions.split_object(self.name)[0]] if extensions.names_object(self.name) else []
             if given is not None and given.is_dir():
                 return code + sorted(path for path in given.rglob("*") if path.is_file())

@@ -125,6 +125,19 @@ def test_a_table_is_of_the_contents_of_the_users_files(tmp_path):
     assert keys[0] != keys[1]
 
 
+def test_a_users_own_code_may_load_any_shipped_policy(tmp_path, monkeypatch):
+    file = tmp_path / "mine.py"
+    file.write_text("class Mine:\n    pass\n\n\ndef still(view):\n    yield None\n")
+    monkeypatch.setattr(store, "source_commit", lambda *, policies: f"policies count: {policies}")
+    ours, own = BehavioursSettings(behaviour="fetch_cup"), BehavioursSettings(behaviour=f"{file}:still")
+    for settings, spec, counts in (
+        (ours, HOLD, False),
+        (own, HOLD, True),
+        (ours, ControllerSpec(f"{file}:Mine"), True),
+    ):
+        assert table_key("behaviours", behaviours.episode, settings, spec)["commit"] == f"policies count: {counts}"
+
+
 def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):
     run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
     (path,) = tmp_path.iterdir()
