@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Processes that share the tests, file by file.
 TEST_PROCESSES ?= 2
 
-.PHONY: help install compare compare-tasks play evaluate bench soak train check test lint test-slow docs models picture task-pictures animation results curve clean
+.PHONY: help install compare compare-tasks play evaluate bench soak train check test lint test-slow docs models picture task-pictures animation results response curve clean
 
 help:
 	@echo "make compare        play loco_manipulation with both controllers; results in out/compare"
@@ -32,6 +32,7 @@ help:
 	@echo "make task-pictures  take the pictures of the tasks, docs/tasks.md"
 	@echo "make animation      take the README's animation of both controllers at a task; minutes of computing"
 	@echo "make results        run what the tables of the documents show, and write them; hours, goes on after a kill"
+	@echo "make response       draw how both controllers answer commands, docs/comparison.md"
 	@echo "make curve          draw the training curve of docs/results.md, with RUN=FOLDER that of a run"
 	@echo "make clean          remove .venv, caches, site and out"
 	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
@@ -99,6 +100,9 @@ animation: $(STAMP)
 
 results: $(STAMP)
 	$(BIN)/python tools/results.py $(ARGS)
+
+response: $(STAMP)
+	$(BIN)/python docs/draw_response.py
 
 curve: $(STAMP)
 	$(BIN)/python docs/draw_curve.py $(RUN)
