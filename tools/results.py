@@ -37,6 +37,7 @@ FEET = (
 )
 GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
 QUICK = 8  # episodes of a run with --quick
+ONE_OF_EACH = ("tasks", "boxes", "faults", "engines")  # with --quick, one episode of each case
 BOTH = {"QP": "qp", "learned": "learned"}
 
 
@@ -119,7 +120,7 @@ TABLES = {
         },
     ),
     "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
-    "engines": Table(("docs/physx.md",), _both("engines --controller {}")),
+    "engines": Table(("docs/physx.md",), _both("engines --controller {} --episodes 10")),
     "tasks": Table(("docs/tasks.md",), _both("tasks --controller {} --episodes 50")),
     "boxes": Table(
         ("docs/tasks.md",),
@@ -158,7 +159,7 @@ class Run:
         """Parse the words of `hugwbc evaluate`, at the seed of the options, and with few episodes if they are quick."""
         words = words.format(public=options.public)
         if options.quick:
-            words = re.sub(r"--episodes \d+", f"--episodes {QUICK}", words)
+            words = re.sub(r"--episodes \d+", f"--episodes {1 if words.startswith(ONE_OF_EACH) else QUICK}", words)
         words += f" --seed {options.seed}"
         experiment, spec, parsed = parse_experiment(shlex.split(words))
         return cls(label, words, experiment, spec, parsed.experiment)
@@ -257,9 +258,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2, help="processes that share the episodes")
     parser.add_argument("--cluster", help="address of a Dask scheduler whose workers run the episodes instead")
     parser.add_argument("--seed", type=int, default=REPORT_SEED)
-    parser.add_argument(
-        "--quick", action="store_true", help=f"{QUICK} episodes a run; print the tables instead of writing"
-    )
+    parser.add_argument("--quick", action="store_true", help="few episodes; print the tables instead of writing")
     parser.add_argument("--check", action="store_true", help="run nothing; fail if a table is of another commit")
     parser.add_argument("--public", help="folder with other people's networks: unitree.pt, leggedlab.pt")
     options = parser.parse_args()
