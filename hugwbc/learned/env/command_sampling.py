@@ -30,7 +30,8 @@ def draw_commands(
 
     Each command is uniform over its initial range. v_x and omega of the agile group are uniform over the range that
     the curriculum has reached. Each behaviour command is at its default with probability `default_fraction`, but
-    in `combined_fraction` of the commands none is. Standing and stepping in place have no velocity.
+    in `combined_fraction` of the commands, or `combined_stands` of the stands, none is. Standing and stepping in place
+    have no velocity.
 
     Hopping has the paper's smaller command space: v_x, v_y, omega and h. The other commands stay at their defaults, so
     that their tracking rewards act as regularisers.
@@ -58,7 +59,8 @@ def draw_commands(
     turn = torch.where(agile, curriculum.max_yaw_rate, MAX_YAW_RATE[0])
     columns[_OMEGA] = uniform(generator, count, -turn, turn)
     command = torch.stack(columns, dim=1)
-    single = torch.rand(count, generator=generator) >= config.combined_fraction
+    combined = torch.where(standing, config.combined_stands, config.combined_fraction)
+    single = torch.rand(count, generator=generator) >= combined
     for i in _BEHAVIOUR:
         at_default = torch.rand(count, generator=generator) < config.default_fraction
         command[single & at_default, i] = ranges[COMMAND_NAMES[i]].default

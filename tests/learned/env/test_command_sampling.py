@@ -56,6 +56,12 @@ def test_a_fraction_of_the_commands_combines_all_of_them() -> None:
     assert (drawn == 0).float().mean().item() == pytest.approx(0.75 * 0.9**5, abs=0.03)
 
 
+def test_stands_combine_h_p_and_w_in_a_fraction_of_their_own() -> None:
+    stands = CommandConfig(standing_fraction=1.0, walking_fraction=0.0, default_fraction=0.9, combined_stands=0.6)
+    command, _ = draw(dataclasses.replace(stands, combined_fraction=0.1))
+    assert (command[:, 5:] != 0.0).all(1).float().mean().item() == pytest.approx(0.6, abs=0.03)
+
+
 def test_small_velocities_are_drawn_as_they_are() -> None:
     """Nothing between standing still and the range's ends is left out or zeroed."""
     command, gait = draw(CommandConfig())
