@@ -3,6 +3,8 @@
 `hold.squeeze` finds the width of an object by touch; here the hands go where the box must be.
 """
 
+import math
+
 import numpy as np
 
 from hugwbc import rotations
@@ -25,6 +27,7 @@ _RISEN = 0.03  # [m], of a box that is lifted
 _LOST = 0.25  # [m], from the middle of a box to the middle of the hands that have lost it
 _HUNG = 0.015  # [m], between a hand and the box that hangs from it
 _STRONG = 300.0  # [N], of a hook: both hold one rigid box, and press on each other
+_SHORT, _NEARER = 0.03, 0.15  # [m], by which the hands may be short of the box, and the robot come nearer for it
 _LET_GO = 0.10  # [m], how far the hands open
 
 
@@ -77,21 +80,24 @@ class BoxGrip:
             speed: of the lift [m/s].
             goal: where it is held, in the heading frame [m], shape (3,).
         """
-        view = yield from doing("walk to the box", self._spread(view, name))
-        view = yield from doing("walk to the box", walk_to(view, before=name, distance=distance))
+        posture = posture or squat(float(seen(view, name).position[2]) + self.at[1])
+        nearest = distance - _NEARER
+        while True:
+            view = yield from doing("walk to the box", self._spread(view, name))
+            view = yield from doing("walk to the box", walk_to(view, before=name, distance=distance))
+            view = yield from doing(f"reach for '{name}'", self._reach(view, name, posture))
+            short = self._short(view, name)
+            if short < _SHORT or distance <= nearest:
+                break
+            distance = max(distance - short, nearest)  # such as a robot that moves its pelvis back when it crouches
         view = yield from doing(f"grasp '{name}'", self.grasp(view, name, posture))
         view = yield from doing(f"lift '{name}'", self.lift(view, name, height, speed))
         return (yield from doing("bring the box to the chest", self.bring(view, name, goal)))
 
-    def grasp(self, view: View, name: Name, posture: Command | None) -> Course:
-        """Crouch, put the hands beside the box, and squeeze it."""
+    def grasp(self, view: View, name: Name, posture: Command) -> Course:
+        """Squeeze the box between the hands, which are beside it."""
         box = seen(view, name)
-        posture = posture or squat(float(box.position[2]) + self.at[1])
-        for gap, speed in ((_BESIDE, 0.2), (max(self.gap, 0.01), 0.1)):
-            points, way = self._on(box, gap), _inwards(box.yaw)
-            view = yield from glide(
-                view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6
-            )
+        view = yield from self._reach(view, name, posture, max(self.gap, 0.01), speed=0.1)
         view = yield from self._glide(view, self._on(box, self.gap), box.yaw, posture, settle=0.7)
         if self.hooks:
             view = yield from grip(view, *(Grip(side, name, hook=True, breaking_force=_STRONG) for side in SIDES))
@@ -162,10 +168,22 @@ class BoxGrip:
         return box.position + self._sides(gap) @ rotations.rotation_z(box.yaw).T
 
     def _spread(self, view: View, name: str) -> Course:
-        """Hold the hands apart and high enough to come near with."""
+        """Stand upright, and hold the hands apart and high enough to come near with."""
         height = float(seen(view, name).position[2]) + self.at[1] - _STANDING
         points = self._sides(_BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
-        return glide(view, points)
+        return glide(view, points, posture=Command())
+
+    def _reach(self, view: View, name: str, posture: Command, gap: float = _BESIDE, *, speed: float = 0.2) -> Course:
+        """Crouch, and put the hands beside the box, with a gap between hand and box [m]."""
+        box = seen(view, name)
+        points, way = self._on(box, gap), _inwards(box.yaw)
+        return glide(view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6)
+
+    def _short(self, view: View, name: str) -> float:
+        """Return how far the hands, which went beside the box, are before and above their points [m]."""
+        box = seen(view, name)
+        left = (self._on(box, _BESIDE) - view.hands).mean(axis=0) @ rotations.rotation_z(box.yaw)
+        return math.hypot(max(left[0], 0.0), min(left[2], 0.0))
 
     def _glide(
         self,

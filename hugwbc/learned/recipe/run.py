@@ -292,7 +292,7 @@ class _Spent:
     def __init__(self, folder: pathlib.Path, settings: str) -> None:
         self._path, self._settings = folder / SPENT, settings
         before = json.loads(self._path.read_text()) if self._path.exists() else {"commits": [], "core_seconds": 0.0}
-        self.commits = list(dict.fromkeys([*before["commits"], source_commit()]))
+        self.commits = list(dict.fromkeys([*before["commits"], source_commit(policies=False)]))
         self._before, self._began, self._written = before["core_seconds"], _cpu_seconds(), 0.0
         self.write()
 
