@@ -27,7 +27,7 @@ _RISEN = 0.03  # [m], of a box that is lifted
 _LOST = 0.25  # [m], from the middle of a box to the middle of the hands that have lost it
 _HUNG = 0.015  # [m], between a hand and the box that hangs from it
 _STRONG = 300.0  # [N], of a hook: both hold one rigid box, and press on each other
-_SHORT, _NEARER = 0.03, 0.15  # [m], by which the hands may be short of the box, and the robot come nearer for it
+_SHORT, _NEARER = 0.08, 0.12  # [m], by which the hands may be short of the box, and the robot come nearer for it
 _LET_GO = 0.10  # [m], how far the hands open
 
 
@@ -89,7 +89,7 @@ class BoxGrip:
             short = self._short(view, name)
             if short < _SHORT or distance <= nearest:
                 break
-            distance = max(distance - short, nearest)  # such as a robot that moves its pelvis back when it crouches
+            distance = max(distance - short, nearest)
         view = yield from doing(f"grasp '{name}'", self.grasp(view, name, posture))
         view = yield from doing(f"lift '{name}'", self.lift(view, name, height, speed))
         return (yield from doing("bring the box to the chest", self.bring(view, name, goal)))
