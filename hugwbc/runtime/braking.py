@@ -68,7 +68,7 @@ class Braking:
     def _slower(self, command: Command, dt: float) -> Command:
         """Return the present gait with less velocity, and with the body posture of the command."""
         last = self._last
-        velocity = np.array([getattr(last, name) for name in VELOCITY_NAMES])
+        velocity = np.array([getattr(last, name) for name in VELOCITY_NAMES], dtype=float)
         velocity -= np.clip(velocity, -DECELERATION * dt, DECELERATION * dt)
         ranges = command_ranges(last.gait)
         posture = {

@@ -19,7 +19,7 @@ MILESTONES = (
 )
 
 
-_REACH, _ASIDE = 0.42, 0.18  # [m], of the pelvis from the handle, which is in front of the right shoulder
+_REACH, _ASIDE = 0.38, 0.18  # [m], of the pelvis from the handle, which is in front of the right shoulder
 _BAR = 0.06  # [m], from the front of the cabinet to the handle
 # [m], from the hand frame to the handle when it is hooked: a hand that touches it would press against its own hook.
 _TIP = 0.068

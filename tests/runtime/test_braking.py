@@ -40,6 +40,12 @@ def test_a_robot_that_moves_slows_down_in_its_gait(state):
     assert slow[0].gait is Gait.WALKING and slow[-1] == STAND and not braking.active
 
 
+def test_whole_numbers_brake_as_others_do(state):
+    braking = Braking()
+    braking(Command(v_x=1, v_y=0, omega=0, gait=Gait.WALKING), moving(state, 1.0), DT)
+    assert braking(STAND, moving(state, 1.0), DT).v_x == pytest.approx(1.0 - DECELERATION[0] * DT)
+
+
 def test_a_sway_within_a_stride_is_no_speed(state):
     braking, stride = Braking(), 1.0 / WALK.f
     for tick in range(100):
