@@ -70,7 +70,7 @@ def walk_to(
     speed: WalkSpeed = 0.4,
     stand: bool = True,
     tolerance: Tolerance = POSITION_TOLERANCE,
-    timeout: Seconds = 30.0,
+    timeout: Seconds = 45.0,
 ) -> Course:
     """Walk to a place in the world, or in front of an object: give `position` or `before`.
 

@@ -33,7 +33,7 @@ _SEEN_IN = 0.85  # share of the travel that is seen
 
 
 @step
-def press_button(view: View, shapes: Shapes, *, timeout: Seconds = 45.0) -> Course:
+def press_button(view: View, shapes: Shapes, *, timeout: Seconds = 57.0) -> Course:
     """Walk to the button, press it with the right hand until it is seen to be in, and draw the hand back."""
     walk = walk_to(view, before="button", distance=_DISTANCE, aside=_ASIDE)
     view = yield from doing("walk to the button", walk)
