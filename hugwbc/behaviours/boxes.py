@@ -71,6 +71,9 @@ class BoxGrip:
     ) -> Course:
         """Walk to the box, grasp it, lift it, and bring it to the chest.
 
+        A robot whose hands end far from the box, since it moves back as it crouches, stands up and comes nearer; others
+        stay, since walking knees knock at what the box stands on.
+
         Args:
             view: now.
             name: of the box.
