@@ -37,8 +37,8 @@ class CommandConfig:
     """Probability that f, l, h, p or w, each by itself, is at its default instead of drawn from its range."""
     combined_fraction: Share = 0.0
     """Fraction of the commands in which all of them are drawn, whatever the probability above."""
-    combined_stands: Share = 0.0
-    """The same for stands, which have only h, p and w."""
+    combined_stands: Share | None = None
+    """The same for stands, which have only h, p and w; None for the same fraction."""
     zero_velocity_fraction: Share = 0.1
     """Probability of stepping in place."""
     resample_steps: Count = 300

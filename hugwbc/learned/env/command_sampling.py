@@ -59,7 +59,8 @@ def draw_commands(
     turn = torch.where(agile, curriculum.max_yaw_rate, MAX_YAW_RATE[0])
     columns[_OMEGA] = uniform(generator, count, -turn, turn)
     command = torch.stack(columns, dim=1)
-    combined = torch.where(standing, config.combined_stands, config.combined_fraction)
+    stands = config.combined_fraction if config.combined_stands is None else config.combined_stands
+    combined = torch.where(standing, stands, config.combined_fraction)
     single = torch.rand(count, generator=generator) >= combined
     for i in _BEHAVIOUR:
         at_default = torch.rand(count, generator=generator) < config.default_fraction

@@ -57,9 +57,11 @@ def test_a_fraction_of_the_commands_combines_all_of_them() -> None:
 
 
 def test_stands_combine_h_p_and_w_in_a_fraction_of_their_own() -> None:
-    stands = CommandConfig(standing_fraction=1.0, walking_fraction=0.0, default_fraction=0.9, combined_stands=0.6)
-    command, _ = draw(dataclasses.replace(stands, combined_fraction=0.1))
-    assert (command[:, 5:] != 0.0).all(1).float().mean().item() == pytest.approx(0.6, abs=0.03)
+    stands = CommandConfig(standing_fraction=1.0, walking_fraction=0.0, default_fraction=0.9)
+    for own, expected in ((0.6, 0.6), (0.0, 0.0), (None, 0.3)):
+        command, _ = draw(dataclasses.replace(stands, combined_fraction=0.3, combined_stands=own))
+        combined = (command[:, 5:] != 0.0).all(1).float().mean().item()
+        assert combined == pytest.approx(expected, abs=0.03)
 
 
 def test_small_velocities_are_drawn_as_they_are() -> None:
