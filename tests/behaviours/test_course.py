@@ -161,3 +161,14 @@ def test_a_box_that_the_hands_have_lost_is_not_put_down() -> None:
     held, lost = objects(box=(0.3, 0.0, 1.0)), objects(box=(0.3, 0.0, 0.6))
     assert run(put, objects=held)[1].status is Status.SUCCESS
     assert run(put, objects=lost)[1].reason == "'box' is 40 cm from the hands: it slipped out of them"
+
+
+@pytest.mark.parametrize(("short", "nearer"), [(0.05, False), (0.15, True)])
+def test_a_robot_whose_hands_end_far_from_a_box_comes_nearer(short: float, nearer: bool) -> None:
+    """The robot stands where it should; only its hands are short of the box."""
+    points = [(0.385 - short, side, 0.9) for side in (0.2, -0.2)]
+    source, walked = BehaviourSource(partial(BoxGrip(0.3).take, name="box")), False
+    for tick in range(1500):
+        action = source.act(view(0.02 * tick, objects=objects(box=(0.41, 0.0, 0.9)), hands=points))
+        walked = walked or action.command.v_x > 0.0
+    assert walked == nearer
