@@ -218,9 +218,12 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
 
 
 def markdown(cells: Sequence[Sequence[str]], runs: Sequence[Run]) -> str:
-    """Return cells as a table, above the commands that made it."""
+    """Return cells as a table, above the commands that made it: one for all controllers, `qp|learned`."""
     lines = [cells[0], ["---"] * len(cells[0]), *cells[1:]]
-    commands = ", ".join(f"`hugwbc evaluate {run.words}`" for run in runs)
+    controllers: dict[str, list[str]] = {}
+    for run in runs:
+        controllers.setdefault(re.sub(r"(?<=--controller )\S+", "{}", run.words), []).append(run.spec.name)
+    commands = ", ".join(f"`hugwbc evaluate {words.format('|'.join(each))}`" for words, each in controllers.items())
     return "\n".join(["| " + " | ".join(line) + " |" for line in lines]) + f"\n\n{commands}"
 
 

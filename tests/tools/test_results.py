@@ -63,3 +63,10 @@ def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
         for words in "; ".join(table.runs.values()).split("; "):
             run = tool.Run.of("", words, options)
             assert run.settings.seed == 7 and run.work > 0.0
+
+
+def test_a_command_that_both_controllers_run_is_given_once(tool) -> None:
+    options = argparse.Namespace(public=None, quick=False, seed=7)
+    runs = [tool.Run.of("", f"push --controller {name}", options) for name in ("qp", "learned")]
+    text = tool.markdown([["", "falls"], ["QP", "0 of 3"]], runs)
+    assert text.endswith("| 0 of 3 |\n\n`hugwbc evaluate push --controller qp|learned --seed 7`")
