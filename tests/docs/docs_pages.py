@@ -84,7 +84,9 @@ def follow(
                 if words[:2] == ["hugwbc", "train"] and "--recipe" not in words:
                     words += SHORT_EVALUATION
                 if words:
-                    here = words[0] == "hugwbc" and package == ROOT and not in_processes
+                    # A training of several processes takes the place of the one that starts it.
+                    apart = in_processes or "--processes" in words
+                    here = words[0] == "hugwbc" and package == ROOT and not apart
                     printed = (_verb if here else _command)(words, folder, package, where)
         elif block.language == "text":
             assert shape_of(printed) == shape_of(block.text), f"{where}: {printed}"

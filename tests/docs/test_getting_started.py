@@ -17,4 +17,4 @@ def test_every_quick_block_runs(folder: pathlib.Path) -> None:
 @pytest.mark.slow
 def test_every_block_runs(folder: pathlib.Path) -> None:
     follow(PAGE, folder, slow=True)
-    assert (folder / "runs" / "heights" / "policy.safetensors").exists()
+    assert (folder / "runs" / "soft" / "policy.safetensors").exists()
