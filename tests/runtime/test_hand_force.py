@@ -6,12 +6,14 @@ import pytest
 
 from hugwbc import Command, Gait, load_robot
 from hugwbc.kinematics import Kinematics
+from hugwbc.runtime import UpperBodySource
 from hugwbc.runtime.controllers import load_controller
 from hugwbc.runtime.hand_force import HandForceObserver
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
 from hugwbc.sim.variation import Variation
+from hugwbc.targets import HandTargets
 from tests.conftest import make_state
 
 DT = 0.002
@@ -75,7 +77,10 @@ def test_friction_of_a_still_joint_is_the_limit(kinematics):
 @pytest.mark.parametrize("payload", [0.0, 3.0])
 def test_the_weight_in_the_hands_of_a_walking_robot(payload):
     simulation = Simulation(seed=3, variation=Variation(hand_payload=payload))
-    loop = ControlLoop(load_controller("learned"), Constant(Command(v_x=0.3, gait=Gait.WALKING)), simulation, None)
+    # The policy's own arms lean on its torso, a force that the observer finds; targets keep them away from it.
+    source = Constant(Command(v_x=0.3, gait=Gait.WALKING), HandTargets.of((0.3, 0.25, 0.1), (0.3, -0.25, 0.1)))
+    arms = UpperBodySource(robot=simulation.known_robot)
+    loop = ControlLoop(load_controller("learned"), source, simulation, arms)
     loop.reset()
     forces = []
     while simulation.time < 6.0:
