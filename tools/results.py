@@ -207,7 +207,10 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
             if table.tall:
                 name, title = ": ".join(filter(None, (title, name))), ""
             if figure.paper is not None:
-                paper = ", ".join(filter(None, ("paper", figure.table.rpartition(", ")[2], figure.reference)))
+                kind = (label if ", " in label else figure.table).rpartition(", ")[
+                    2
+                ]  # of the gait, or of the arm motion
+                paper = ", ".join(filter(None, ("paper", kind, figure.reference)))
                 rows.setdefault(paper, {})[name] = f"{figure.paper:.3f}"
             rows.setdefault(": ".join(filter(None, (title, label))), {})[name] = cell(figure)
     order = list(dict.fromkeys(name for row in rows.values() for name in row))

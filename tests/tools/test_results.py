@@ -40,6 +40,8 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
         ["paper, walking", "0.054", "0.085", ""],
         ["learned", "*0.115 ± 0.010*", "0.080 ± 0.010", "2 of 16 (4 to 36 %)"],
     ]
+    motion = tool.lay_out(table, {"learned, noise": figures, "learned, motion": figures})
+    assert [row[0] for row in motion[1:]] == ["paper, noise", "learned, noise", "paper, motion", "learned, motion"]
     tall = tool.lay_out(tool.Table((), {}, tall=True), {"learned": figures})
     assert tall[-1] == ["touch-down speed, median [m/s]", "", "0.900"]
     two = tool.lay_out(
