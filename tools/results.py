@@ -207,10 +207,8 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
             if table.tall:
                 name, title = ": ".join(filter(None, (title, name))), ""
             if figure.paper is not None:
-                kind = (label if ", " in label else figure.table).rpartition(", ")[
-                    2
-                ]  # of the gait, or of the arm motion
-                paper = ", ".join(filter(None, ("paper", kind, figure.reference)))
+                kind = label if ", " in label else figure.table  # ends with the gait, or with the arm motion
+                paper = ", ".join(filter(None, ("paper", kind.rpartition(", ")[2], figure.reference)))
                 rows.setdefault(paper, {})[name] = f"{figure.paper:.3f}"
             rows.setdefault(": ".join(filter(None, (title, label))), {})[name] = cell(figure)
     order = list(dict.fromkeys(name for row in rows.values() for name in row))
@@ -225,8 +223,11 @@ def markdown(cells: Sequence[Sequence[str]], runs: Sequence[Run]) -> str:
     lines = [cells[0], ["---"] * len(cells[0]), *cells[1:]]
     controllers: dict[str, list[str]] = {}
     for run in runs:
-        controllers.setdefault(re.sub(r"(?<=--controller )\S+", "{}", run.words), []).append(run.spec.name)
-    commands = ", ".join(f"`hugwbc evaluate {words.format('|'.join(each))}`" for words, each in controllers.items())
+        others = run.words.replace(f"--controller {run.spec.name}", "--controller CONTROLLER")
+        controllers.setdefault(others, []).append(run.spec.name)
+    commands = ", ".join(
+        f"`hugwbc evaluate {words.replace('CONTROLLER', '|'.join(each))}`" for words, each in controllers.items()
+    )
     return "\n".join(["| " + " | ".join(line) + " |" for line in lines]) + f"\n\n{commands}"
 
 
