@@ -35,6 +35,18 @@ FEET = (
     "hops per second, difference to the clock",
     "held foot on the ground",
 )
+HEADLINES = (
+    "E_vx_low",
+    "E_omega",
+    "E_l",
+    "cost of transport",
+    "hand error, mean",
+    "arrived",
+    "time",
+    "median of all",
+    "success",
+    FALLS,
+)
 GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
 QUICK = 8  # episodes of a run with --quick
 ONE_OF_EACH = ("tasks", "boxes", "faults", "engines")  # with --quick, one episode of each case
@@ -76,6 +88,7 @@ RESULTS = ("docs/results.md",)
 COMPARED = (
     "single-command --controller {0} --gait walking --episodes 128",
     "random-commands --controller {0} --episodes 64",
+    "contacts --controller {0} --gait walking --episodes 20",
     "hands --controller {0} --gait walking --episodes 3",
     "arrive --controller {0} --episodes 20",
     "stops --controller {0}",
@@ -130,7 +143,7 @@ TABLES = {
     "comparison": Table(
         ("docs/comparison.md",),
         _both("; ".join(COMPARED)),
-        ("E_vx_low", "E_omega", "E_l", "hand error, mean", "arrived", "time", "median of all", "success", FALLS),
+        HEADLINES,
         tall=True,
     ),
     "carry": Table(("docs/forces.md",), _both("carry --controller {} --episodes 4"), tall=True),
