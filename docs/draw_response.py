@@ -5,7 +5,6 @@ It runs `hugwbc evaluate response` for both, or reads the episodes that `make re
 
 import pathlib
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from hugwbc.commands import COMMAND_UNITS
@@ -31,9 +30,8 @@ def main() -> None:
     for axes, name in zip(figure.subplots(2, len(names) // 2).flat, names, strict=True):
         for (label, frame), colour in zip(rows.items(), LABEL_COLOURS, strict=False):
             part = frame.filter(frame["command"] == name).sort("value")
+            axes.plot(part["value"], part["value"], color="black", linestyle="--", linewidth=1.0)
             axes.plot(part["value"], part["executed"], color=colour, marker="o", markersize=4, label=label)
-        ends = np.array([part["value"].min(), part["value"].max()])
-        axes.plot(ends, ends, color="black", linestyle="--", linewidth=1.0)
         axes.set(xlabel=f"commanded {name} [{COMMAND_UNITS[name]}]", ylabel="executed")
         axes.grid(alpha=0.3)
     figure.axes[0].legend(frameon=False)

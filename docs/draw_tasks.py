@@ -1,6 +1,6 @@
-"""Draw the pictures of docs/tasks.md, and the first one of the README; `make task-pictures` runs this.
+"""Draw the pictures of docs/tasks.md; `make task-pictures` runs this.
 
-The QP does each task once. Its records are kept in out/tasks, so that the next drawing takes seconds.
+The QP does each task once. Its records are kept in out/tasks, so that another drawing of the same commit takes seconds.
 """
 
 import dataclasses
@@ -14,12 +14,13 @@ from PIL import Image
 
 from hugwbc.runtime import Trace, load_controller, read_trace, write_trace
 from hugwbc.sim import Simulation
+from hugwbc.source import source_commit
 from hugwbc.tasks import load_task, run_task
 from hugwbc.viz.marks import LAYERS
 from hugwbc.viz.video import write_video
 
 ROOT = pathlib.Path(__file__).parents[1]
-RECORDS, IMAGES = ROOT / "out" / "tasks", ROOT / "docs" / "images"
+RECORDS, IMAGES = ROOT / "out" / "tasks", ROOT / "docs" / "images" / "tasks"
 SHOTS = {  # seed, and time of the picture [s]
     "press_button": (0, 11.0),
     "fetch_box": (0, 18.2),
@@ -33,15 +34,15 @@ SHOTS = {  # seed, and time of the picture [s]
     "carry_tray": (0, 20.0),
     "stack_boxes": (0, 21.0),
 }
-STORY = (9.1, 18.2, 27.3, 36.2)  # [s] of fetch_box: take, carry, turn and walk, let go
-BELOW_CAPTION = 60  # [pixel]
+BELOW_CAPTION, MIDDLE = 60, slice(240, 1000)  # [pixel], rows and columns of a frame
+WIDTH = 380  # [pixel]
 QUALITY = 90  # of the pictures, from 1 to 100
 
 
 def record(name: str) -> Trace:
     """Return the record of a task, from its file or by doing the task."""
     seed, _ = SHOTS[name]
-    path = RECORDS / f"{name}-{seed}.npz"
+    path = RECORDS / f"{name}-{seed}-{source_commit()[:12]}.npz"
     if not path.is_file():
         task = load_task(name)
         run = run_task(task, load_controller("qp"), Simulation(scene=task.scene, seed=seed))
@@ -51,8 +52,8 @@ def record(name: str) -> Trace:
     return read_trace(path)
 
 
-def still(trace: Trace, moment: float, edges: tuple[int, int]) -> np.ndarray:
-    """Return a picture of one moment [s] between two columns of pixels, shape (height, width, 3), uint8.
+def still(trace: Trace, moment: float) -> np.ndarray:
+    """Return the middle of a picture of one moment [s], shape (height, width, 3), uint8.
 
     Raises:
         RuntimeError: if this machine cannot render.
@@ -70,26 +71,21 @@ def still(trace: Trace, moment: float, edges: tuple[int, int]) -> np.ndarray:
         if obstacle is not None:
             raise RuntimeError(obstacle)
         with imageio.get_reader(film) as reader:
-            return np.asarray(reader.get_data(0))[BELOW_CAPTION:, slice(*edges)]
+            return np.asarray(reader.get_data(0))[BELOW_CAPTION:, MIDDLE]
 
 
-def save(path: pathlib.Path, picture: np.ndarray, width: int) -> None:
-    """Write a picture, scaled to a width [pixel]."""
+def save(path: pathlib.Path, picture: np.ndarray) -> None:
+    """Write a picture, scaled to `WIDTH`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     image = Image.fromarray(picture)
-    image = image.resize((width, round(width * image.height / image.width)), Image.Resampling.LANCZOS)
+    image = image.resize((WIDTH, round(WIDTH * image.height / image.width)), Image.Resampling.LANCZOS)
     image.save(path, quality=QUALITY, optimize=True)
 
 
 def main() -> None:
     """Draw the pictures of the tasks that the command line names, or of all."""
-    names = sys.argv[1:] or list(SHOTS)
-    for name in names:
-        save(IMAGES / "tasks" / f"{name}.jpg", still(record(name), SHOTS[name][1], (240, 1000)), 380)
-    if "fetch_box" not in names:
-        return
-    story = [still(record("fetch_box"), moment, (290, 910)) for moment in STORY]
-    save(IMAGES / "fetch_box.jpg", np.concatenate(story, axis=1), 1240)
+    for name in sys.argv[1:] or SHOTS:
+        save(IMAGES / f"{name}.jpg", still(record(name), SHOTS[name][1]))
 
 
 if __name__ == "__main__":
