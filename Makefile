@@ -12,9 +12,10 @@ export OMP_NUM_THREADS ?= 1
 # Processes that share the tests, file by file.
 TEST_PROCESSES ?= 2
 
-.PHONY: help install compare compare-tasks play evaluate bench soak train check test lint test-slow docs models picture task-pictures animation results response curve clean
+.PHONY: help install compare compare-tasks play evaluate bench soak try train check test lint test-slow docs models picture task-pictures animation results response curve clean
 
 help:
+	@echo "make install        set up .venv with the versions of constraints.txt; the other targets do it too"
 	@echo "make compare        play loco_manipulation with both controllers; results in out/compare"
 	@echo "make compare-tasks  do fetch_box and press_button with both, side by side; results in out/compare-TASK"
 	@echo "make test           linter, formatter, type checker and tests, as CI runs them"
@@ -24,6 +25,7 @@ help:
 	@echo "make evaluate       the paper's single-command experiment"
 	@echo "make bench          speed of the parts"
 	@echo "make soak           reliability: faults, random commands, absurd states, memory (docs/reliability.md)"
+	@echo "make try            try every capability by a command, each as small as it goes; an hour"
 	@echo "make check          verify the installation"
 	@echo "make train          train a policy"
 	@echo "make docs           build the documentation into site/, failing on a broken link"
@@ -68,6 +70,9 @@ soak: $(STAMP)
 	$(BIN)/hugwbc evaluate random-commands --controller qp --gait walking --episodes $(ROUNDS) $(ARGS)
 	$(BIN)/python tools/soak.py --minutes $(MINUTES)
 
+try: $(STAMP)
+	tools/try_all.sh
+
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -86,7 +91,7 @@ docs: $(STAMP)
 models: $(STAMP)
 	$(BIN)/python models/h1/build.py
 
-picture: ARGS += --hide balance
+picture: override ARGS += --hide balance
 picture: compare
 	$(BIN)/python docs/picture.py
 
@@ -108,5 +113,5 @@ curve: $(STAMP)
 	$(BIN)/python docs/draw_curve.py $(RUN)
 
 clean:
-	rm -rf $(VENV) out site build dist .pytest_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf $(VENV) out site build dist .pytest_cache .ruff_cache .hypothesis *.egg-info MUJOCO_LOG.TXT
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,11 +1,11 @@
 #!/bin/sh
 # Try every capability by a command, each as small as it goes, and print which ones work. An hour on two cores.
 #
-#     tools/keep.sh [FOLDER [PATTERN]]     # outputs go to FOLDER (out/keep); PATTERN chooses by name, such as 'play*'
+#     tools/try_all.sh [FOLDER [PATTERN]]    # outputs go to FOLDER (out/try); PATTERN chooses by name, such as 'play*'
 #
 # What needs an extra (PhysX, onnxruntime, Dask, rsl_rl, stable-baselines3, the live page) is said to be skipped where
 # the extra is missing, and does not count as working.
-OUT=${1:-out/keep}
+OUT=${1:-out/try}
 ONLY=${2:-*}
 mkdir -p "$OUT"
 : "${HUGWBC:=.venv/bin/hugwbc}" "${PYTHON:=.venv/bin/python}"
@@ -67,7 +67,9 @@ QUIET="--viewer none"
 # Compare, report
 try compare-script $HUGWBC compare --script "$OUT/walk.yaml" --seed 1 --out "$OUT/compare"
 try compare-task $HUGWBC compare --task press_button --seed 1 --controllers qp --out "$OUT/compare-task"
-try compare-files test -s "$OUT/compare/report.html" -a -s "$OUT/compare/replay.html" -a -s "$OUT/compare/summary.json" -a -s "$OUT/compare/compare.mp4"
+for file in report.html replay.html summary.json compare.mp4; do
+    try "compare-$file" test -s "$OUT/compare/$file"
+done
 try report $HUGWBC report --controllers hold --experiments single-command --ablation --out "$OUT/report"
 
 # Evaluate
@@ -139,8 +141,9 @@ needs onnxruntime other-policy $HUGWBC play --controller "$OUT/h1.onnx" --v-x 0.
 try other-controller $HUGWBC play --controller examples/10_write_a_controller.py:Squatter --duration 2 $QUIET
 
 # A robot over DDS
+SCHEDULE="1 Start, 4 lower, 7 A, 8 release, 9 ly=0.3, 11 ly=0, 13 Select"
 needs cyclonedds deploy sh -c "
-    $HUGWBC simulate-robot --lockstep --schedule '1 Start, 4 lower, 7 A, 8 release, 9 ly=0.3, 11 ly=0, 13 Select' --duration 14 & robot=\$!
+    $HUGWBC simulate-robot --lockstep --schedule '$SCHEDULE' --duration 14 & robot=\$!
     $HUGWBC deploy --controller learned --lockstep --duration 14 --record $OUT/robot.rec; status=\$?
     wait \$robot; exit \$status"
 needs cyclonedds deploy-replay $HUGWBC deploy --controller learned --replay "$OUT/robot.rec"

@@ -4,10 +4,11 @@ import math
 import pathlib
 import sys
 
+import numpy as np
 import pytest
 import torch
 
-ROOT = pathlib.Path(__file__).parents[2]
+SNAPSHOT = pathlib.Path(__file__).parents[2] / "models" / "h1" / "policies" / "h1" / "snapshot.safetensors"
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +26,18 @@ def test_an_error_is_its_bias_its_repeating_part_and_the_rest(probe):
         assert part.flatten().tolist() == pytest.approx([expected] * 3, abs=0.005)
 
 
+def test_the_shipped_snapshot_walks_as_it_is_told(probe, capsys):
+    probe.walks(probe.Subject(SNAPSHOT, 0.1, None), each=1, seconds=3.0)
+    *cells, whole = capsys.readouterr().out.splitlines()[1:]
+    assert len(cells) == sum(map(len, probe.WALKS.values())) and all(": " in line for line in cells)
+    assert f"{len(cells)} upright" in whole
+    bias = [float(number) for number in whole.split("/s,")[1].split("|")[0].split()]
+    assert np.abs(bias).max() < 0.1
+
+
 def test_the_gradient_is_looked_at_by_gait_and_along_two_directions(probe, capsys, monkeypatch):
-    snapshot = ROOT / "models" / "h1" / "policies" / "h1" / "snapshot.safetensors"
     settings = ["--each", "0", "--robots", "16", "--steps", "6", "--batch", "32"]
-    monkeypatch.setattr(sys, "argv", ["learner_probe.py", str(snapshot), *settings])
+    monkeypatch.setattr(sys, "argv", ["learner_probe.py", str(SNAPSHOT), *settings])
     probe.main()
     lines = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
     assert lines == ["walking", "cosine", "all", "walking", "standing", "jumping", "hopping", "slope", "v_x", "omega"]

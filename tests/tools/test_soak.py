@@ -1,8 +1,12 @@
 """The program behind `make soak`."""
 
+import sys
+import types
+
 import pytest
 
 from hugwbc import Gait
+from hugwbc.runtime import load_controller
 
 
 @pytest.fixture(scope="module")
@@ -13,8 +17,21 @@ def soak(load_tool):
 def test_a_line_for_each_kind_of_state_and_for_each_gait(soak, capsys, monkeypatch):
     monkeypatch.setattr(soak, "EPISODE_S", 0.1)
     soak.strange_states(3, seed=1)
-    soak.long_run("hold", minutes=0.004, seed=1)
+    growth = soak.long_run("hold", minutes=0.004, seed=1)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:2]] == ["absurd", "hard"]
     assert [line.split(":")[0] for line in lines[2:]] == [f"hold, {gait.label}" for gait in Gait]
     assert all("15 ticks" in line and "memory +" in line for line in lines[2:])
+    assert 0.0 <= growth < soak.GROWTH
+
+
+def test_a_robot_that_keeps_memory_fails(soak, monkeypatch):
+    kept = iter(range(100, 200, 10))
+    monkeypatch.setattr(soak.resource, "getrusage", lambda who: types.SimpleNamespace(ru_maxrss=next(kept)))
+    monkeypatch.setattr(soak, "EPISODE_S", 0.1)
+    monkeypatch.setattr(soak, "strange_states", lambda ticks, seed: None)
+    monkeypatch.setattr(soak, "Gait", [Gait.STANDING])
+    monkeypatch.setattr(soak, "load_controller", lambda name: load_controller("hold"))
+    monkeypatch.setattr(sys, "argv", ["soak.py", "--minutes", "0.001"])
+    with pytest.raises(SystemExit, match=r"the memory grew by 10\.0%"):
+        soak.main()
