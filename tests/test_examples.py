@@ -8,6 +8,8 @@ import runpy
 import subprocess
 import sys
 
+import nbclient
+import nbformat
 import pytest
 
 from hugwbc.learned.policy import load_policy
@@ -119,7 +121,6 @@ def test_replay_a_motion(run):
 
 
 def test_drive_live(run):
-    pytest.importorskip("viser")
     out = run("09_drive_live.py", "--duration", "0.5")
     assert re.search(r"drive at http://127\.0\.0\.1:\d+", out)
     assert "stayed up for 0.5 s" in out
@@ -135,7 +136,6 @@ def test_write_a_controller(run, h, w, push):
 
 @pytest.mark.slow
 def test_the_notebook_shows_a_trace_plots_and_replays(tmp_path):
-    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     notebook = nbformat.read(EXAMPLES / "tour.ipynb", as_version=4)
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
@@ -154,7 +154,6 @@ def test_the_notebook_comes_without_outputs():
 
 
 def test_onnx_only(tmp_path):
-    pytest.importorskip("onnxruntime")
     path = tmp_path / "h1.onnx"
     export_onnx(load_policy(), path)
     words = ("--policy", str(path), "--model", str(load_robot().xml_path), "--v-x", "0.5", "--duration", "4")
@@ -162,7 +161,7 @@ def test_onnx_only(tmp_path):
     assert result.returncode == 0, result.stderr
     assert 1.5 < number(r"walked ([\d.]+) m in 4.0 s and stayed up", result.stdout) < 2.5
     assert "hugwbc" not in re.findall(
-        r"^(?:import|from) (\w+)", (EXAMPLES / "11_onnx_only.py").read_text(), re.MULTILINE
+        r"^\s*(?:import|from) (\w+)", (EXAMPLES / "11_onnx_only.py").read_text(), re.MULTILINE
     )
 
 
@@ -177,7 +176,7 @@ def test_a_task_of_your_own(run):
 def test_every_example_is_tested_and_short():
     here = pathlib.Path(__file__).read_text(encoding="utf-8")
     for path in EXAMPLES.glob("*.py"):
-        assert f'"{path.name}"' in here, f"{path.name} has no test"
+        assert re.search(rf'run\("{re.escape(path.name)}"', here), f"{path.name} has no test"
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 115
 
 
@@ -199,8 +198,6 @@ BAD_VALUES = {
 
 @pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.py")))
 def test_a_bad_value_ends_every_example_with_a_message(name, tmp_path, monkeypatch, capsys):
-    if name.startswith("09"):
-        pytest.importorskip("viser")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [name, *BAD_VALUES[name]])
     with pytest.raises(SystemExit) as info:

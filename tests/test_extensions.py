@@ -54,7 +54,7 @@ def install(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_a_controller_of_a_package_is_found_by_name_and_runs(install, capsys):
+def test_a_controller_of_a_package_is_found_by_name_and_runs(install):
     install("own_hold", HOLD, controllers="mine = own_hold:Mine")
     assert "mine" in controller_names()
     assert ControllerSpec("mine", "a word").build().policy == "a word"
@@ -62,7 +62,7 @@ def test_a_controller_of_a_package_is_found_by_name_and_runs(install, capsys):
     assert main(["play", "--controller", "mine", "--viewer", "none", "--duration", "0.1"]) == 0
 
 
-def test_a_controller_is_a_class_in_a_file(tmp_path, capsys):
+def test_a_controller_is_a_class_in_a_file(tmp_path):
     path = tmp_path / "balance.py"
     path.write_text(HOLD)
     spec = ControllerSpec.parse(f"{path}:Mine")

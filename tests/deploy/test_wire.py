@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
+from unitree_sdk2py.utils import crc
 
 from hugwbc.deploy import wire
-
-crc = pytest.importorskip("unitree_sdk2py.utils.crc")
-default = pytest.importorskip("unitree_sdk2py.idl.default")
 
 
 def first_command() -> np.ndarray:

@@ -96,7 +96,6 @@ def test_an_engine_is_refused_where_it_cannot_be_used(monkeypatch):
 
 
 def test_an_evaluation_in_physx_runs_in_physx():
-    pytest.importorskip("sapien", reason="the second engine is an extra: pip install 'hugwbc[physx]'")
     conditions = Conditions(engine="physx", payload=4.0, robot="h1-2023", ground="firm")
     simulation = conditions.simulation(1.0, (0,))
     assert simulation.engine == "physx" and simulation.robot.name == "h1-2023"

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import threading
 
+import distributed
 import pytest
 
 from hugwbc.errors import ConfigError, WorkerError
@@ -65,7 +66,6 @@ def test_each_thread_has_its_own_controller_as_long_as_its_files_stay_the_same()
 
 @pytest.mark.slow
 def test_a_cluster_whose_worker_is_killed_in_mid_run_loses_nothing(tmp_path):
-    distributed = pytest.importorskip("distributed")
     settings, spec = RandomCommandsSettings(episodes=12, duration=0.6, settle=0.3), ControllerSpec("qp")
     alone = run_experiment(EXPERIMENT, settings, spec)
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "host": "127.0.0.1"}

@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hugwbc.commands import Command
 from hugwbc.evaluation.metrics import executed_means
 from hugwbc.evaluation.recipe_services import RecipeServices
+from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import policy_file
 from hugwbc.mbc import WholeBodyController
@@ -28,11 +30,12 @@ def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:
 
 
 def test_the_means_of_a_trace(synthetic_trace: Callable[..., Any]) -> None:
-    trace = synthetic_trace()
+    walk = Command(v_x=0.4, gait=Gait.WALKING)
+    trace = synthetic_trace(walk, bias={"v_x": 0.1}, frequency=2.2, apex=0.12)
+    trace.measured[trace.time < 1.0] = 9.0
     means = executed_means(trace)
-    kept = trace.time >= 1.0
-    assert means["v_x"] == pytest.approx(float(trace.measured[kept, 0].mean()))
-    assert means["l"] > 0.0
+    assert [means["v_x"], means["f"], means["h"]] == pytest.approx([0.5, 2.2, walk.h])
+    assert means["l"] == pytest.approx(0.12, abs=0.002)
 
 
 def test_a_fall_executes_nothing(synthetic_trace: Callable[..., Any]) -> None:

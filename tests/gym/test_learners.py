@@ -12,6 +12,8 @@ import pytest
 import torch
 
 from hugwbc.gym.h1_env import H1VectorEnv
+from hugwbc.gym.rsl_rl_env import H1RslRlEnv
+from hugwbc.gym.stable_baselines_env import H1StableBaselinesEnv
 from hugwbc.learned.config import EnvConfig
 
 HOW_TO = pathlib.Path(__file__).parents[2] / "docs" / "how-to" / "use-gymnasium.md"
@@ -23,13 +25,7 @@ def actions(count: int, seed: int = 0) -> np.ndarray:
 
 
 class TestRslRl:
-    @pytest.fixture(autouse=True)
-    def installed(self):
-        pytest.importorskip("rsl_rl", reason="pip install 'hugwbc[rsl-rl]'")
-
     def environment(self, count, **options):
-        from hugwbc.gym.rsl_rl_env import H1RslRlEnv
-
         return H1RslRlEnv(count, **options)
 
     def test_it_is_the_environment_of_the_training(self):
@@ -116,13 +112,7 @@ class TestRslRl:
 
 
 class TestStableBaselines:
-    @pytest.fixture(autouse=True)
-    def installed(self):
-        pytest.importorskip("stable_baselines3", reason="pip install 'hugwbc[sb3]'")
-
     def environment(self, count, **options):
-        from hugwbc.gym.stable_baselines_env import H1StableBaselinesEnv
-
         return H1StableBaselinesEnv(count, **options)
 
     def test_it_is_the_environment_of_the_training(self):

@@ -4,15 +4,13 @@ from collections.abc import Iterator
 
 import pytest
 import torch
-
-from hugwbc.learned import distributed
-from hugwbc.learned.rl import ppo
-
-pytest.importorskip("rsl_rl")
 from rsl_rl import algorithms
 from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
+
+from hugwbc.learned import distributed
+from hugwbc.learned.rl import ppo
 
 ROBOTS, HORIZON, ACTIONS = 16, 12, 5
 GAMMA, LAM, CLIP = 0.97, 0.9, 0.2

@@ -106,7 +106,8 @@ def test_infeasible_joint_limits_are_dropped_and_said_so(standing_state):
     qp = _qp(dynamics)
     terms = TaskTerms(np.eye(25), np.zeros(25), np.zeros(25), np.ones(25), np.zeros(25))
     solution = qp.solve(dynamics, [terms], ALL)
-    assert solution.status in (QpStatus.RELAXED, QpStatus.FAILED)
+    assert solution.status is QpStatus.RELAXED
+    assert np.all(np.abs(solution.torque) <= ROBOT.torque_limit * (1.0 + 1e-3))
     assert solution.iterations < 1000  # tens of milliseconds, not seconds
     # The next ordinary problem is solved as if nothing had happened.
     dynamics.update(standing_state)

@@ -63,7 +63,7 @@ def test_inertias_are_possible_and_mirror_images() -> None:
         if name.startswith("left_"):
             other = links[name.replace("left_", "right_", 1)]
             np.testing.assert_allclose(np.multiply(other["com"], [1, -1, 1]), link["com"], atol=1e-12)
-            for key, sign in {"mass": 1, "ixx": 1, "iyy": 1, "izz": 1, "ixz": 1}.items():
+            for key, sign in {"mass": 1, "ixx": 1, "iyy": 1, "izz": 1, "ixz": 1, "ixy": -1, "iyz": -1}.items():
                 assert other[key] == sign * link[key], (name, key)
 
 

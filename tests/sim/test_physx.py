@@ -18,8 +18,6 @@ from hugwbc.sim import Actuators, Engine, Force, Ground, HeightField, Simulation
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.state import pelvis_from_torso_imu
 
-pytest.importorskip("sapien", reason="the second engine is an extra: pip install 'hugwbc[physx]'")
-
 ROBOT = load_robot()
 WEIGHT = ROBOT.mass * 9.81
 HOLD = JointCommand.position(ROBOT, ROBOT.nominal)

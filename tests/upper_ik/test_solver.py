@@ -88,7 +88,7 @@ def test_a_hand_without_a_target_rests(ik, robot, nominal_state):
     assert ik.rejected == 0
 
 
-def test_a_target_out_of_reach_gives_the_stretched_arm(robot, nominal_state):
+def test_a_target_out_of_reach_gives_the_stretched_arm(nominal_state):
     directions = np.array([[1.0, 0.3, 0.1], [0.8, -0.6, -0.3]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     shoulders = -shoulder_to_targets(np.zeros((2, 3)))

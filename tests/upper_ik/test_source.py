@@ -168,7 +168,7 @@ def test_targets_that_are_not_finite_are_held_off(source, robot, nominal_state):
     assert source.watch.counts.bad == 3
 
 
-def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(robot, nominal_state):
+def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(nominal_state):
     source, own = UpperBodySource(), np.full(8, 0.2)
     state, body = nominal_state, UpperBody.targets(own)
     for tick in range(100):

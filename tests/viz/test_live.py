@@ -1,6 +1,5 @@
-"""The live page: what a person does there reaches the robot, what a page of another site sends does not."""
+"""The live page: what a person does there reaches the robot, and what the robot does is shown."""
 
-import http.client
 import re
 import shutil
 import signal
@@ -11,13 +10,10 @@ import time
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser")
-
-from websockets.datastructures import Headers
+from playwright import sync_api as playwright
 
 from hugwbc import Command, Gait, rotations
-from hugwbc.errors import ConfigError, SceneError
+from hugwbc.errors import SceneError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, UpperBodySource
 from hugwbc.sim import Simulation
@@ -26,21 +22,13 @@ from hugwbc.viz.drive import drive
 from hugwbc.viz.drive_link import DriveLink
 from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage
 from hugwbc.viz.live_meshes import colour_meshes
-from hugwbc.viz.page_guard import check_host, page_address, refusal
+from hugwbc.viz.page_guard import page_address
 from hugwbc.viz.shapes import shapes_of
 
-BROWSER = shutil.which("chromium")
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZE = {"width": 1000, "height": 700}
 FIELD_OF_VIEW = np.radians(75.0)  # viser's, vertical
-
-
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "example.org", "::"])
-def test_hosts_that_others_can_reach_are_refused_unless_a_flag_says_so(host):
-    with pytest.raises(ConfigError, match="other machines could drive the robot"):
-        check_host(host, expose=False)
-    assert check_host(host, expose=True) == host
-    assert check_host("127.0.0.1", expose=False) == "127.0.0.1"
 
 
 def test_the_page_listens_on_this_machine_only_and_leaves_it_to_the_caller_to_say_where(capsys):
@@ -260,7 +248,6 @@ def driven():
 
 @pytest.fixture
 def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="pip install 'hugwbc[dev]' brings playwright")
     if BROWSER is None:
         pytest.skip("no chromium on this machine; install it (Debian: apt install chromium) to drive the page")
     with playwright.sync_playwright() as api:
@@ -403,97 +390,6 @@ def test_a_push_button_pushes(driven, browser_page):
     simulation = driven.simulation
     browser_page.get_by_role("button", name="push from the left").click()
     assert driven.until(lambda: simulation.data.qvel[1] < -0.1)
-
-
-@pytest.mark.parametrize(
-    ("host", "origin", "answered"),
-    [
-        ("127.0.0.1:8080", None, True),
-        ("localhost:8080", "http://localhost:8080", True),
-        ("[::1]:8080", "http://[::1]:8080", True),
-        ("evil.example:8080", "http://evil.example:8080", False),  # a name of theirs that points to this machine
-        ("127.0.0.1.evil.example", None, False),
-        ("127.0.0.1:8080", "http://evil.example", False),
-        ("127.0.0.1:8080", "http://127.0.0.1:3000", False),  # another program's page on this machine
-        ("127.0.0.1:8080", "null", False),
-        ("[", None, False),
-        ("", None, False),
-    ],
-)
-def test_only_this_machine_by_its_own_name_and_its_own_page_are_answered(host, origin, answered):
-    headers = Headers(Host=host)
-    if origin is not None:
-        headers["Origin"] = origin
-    assert (refusal(headers, any_host=False) is None) is answered
-
-
-@pytest.mark.parametrize(
-    ("headers", "answered"),
-    [
-        ([("Host", "lab.example")], True),
-        ([("Host", "lab.example"), ("Origin", "http://lab.example")], True),
-        ([("Host", "lab.example"), ("Origin", "http://evil.example")], False),
-        ([("Host", "localhost"), ("Host", "evil.example")], False),
-        ([], False),
-    ],
-)
-def test_exposed_it_answers_to_any_one_name_but_still_to_its_own_page_only(headers, answered):
-    assert (refusal(Headers(headers), any_host=True) is None) is answered
-
-
-def test_a_server_that_the_guard_does_not_see_is_refused():
-    with pytest.raises(ConfigError, match="another way"), DriveLink({}).serving(any_host=False):
-        pass
-
-
-@pytest.fixture(scope="module")
-def port():
-    page = LivePage(Simulation(sensing="exact"), name="test")
-    yield page.server.get_port()
-    page.close()
-
-
-SOCKET = {
-    "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
-    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Protocol": "viser-v0",
-}  # fmt: skip
-
-
-def ask(port, path="/", **headers):
-    """Return the status and the text of what a server on this machine answers."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-    try:
-        connection.putrequest("GET", path, skip_host=True, skip_accept_encoding=True)
-        for name, value in headers.items():
-            connection.putheader(name.replace("_", "-"), value)
-        connection.endheaders()
-        answer = connection.getresponse()
-        return answer.status, "" if answer.status == 101 else answer.read().decode()
-    finally:
-        connection.close()
-
-
-def test_the_page_of_viser_has_our_part_in_it_and_our_files_are_served(port):
-    own = f"127.0.0.1:{port}"
-    status, index = ask(port, Host=own, Accept_Encoding="gzip")
-    assert status == 200 and '<head><link rel="stylesheet" href="/drive.css"><script src="/drive.js"></script>' in index
-    assert '<meta name="viewport" content="width=device-width' in index, "phones"
-    status, script = ask(port, "/drive.js", Host=own)
-    assert status == 200 and '"KeyW"' in script and '"hopping_left"' in script and "@" not in script
-    assert ask(port, "/drive.css", Host=own)[0] == 200 and ask(port, "/nothing.js", Host=own)[0] == 404
-    assert ask(port, "/drive.js", Host="evil.example")[0] == 403
-
-
-def test_the_running_server_refuses_other_names_and_other_pages(port):
-    own = f"127.0.0.1:{port}"
-    assert ask(port, Host=own)[0] == 200
-    assert ask(port, Host=f"evil.example:{port}")[0] == 403
-    assert ask(port, Host=own, Origin=f"http://{own}", **SOCKET)[0] == 101
-    assert ask(port, Host=own, Origin="http://evil.example", **SOCKET)[0] == 403
-    assert ask(port, Host=f"evil.example:{port}", Origin=f"http://evil.example:{port}", **SOCKET)[0] == 403
-    ours = {name: value for name, value in SOCKET.items() if name != "Sec-WebSocket-Protocol"}
-    assert ask(port, path="/drive", Host=own, Origin=f"http://{own}", **ours)[0] == 101
-    assert ask(port, path="/drive", Host=own, Origin="http://evil.example", **ours)[0] == 403
 
 
 def test_the_page_shows_objects_and_says_the_forces_on_the_hands():

@@ -1,6 +1,7 @@
 import pathlib
 
 import numpy as np
+import onnxruntime
 import pytest
 import torch
 
@@ -9,8 +10,6 @@ from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import LearnedController, load_policy
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.onnx_export import export_onnx
-
-onnxruntime = pytest.importorskip("onnxruntime")
 
 
 @pytest.fixture(scope="module")

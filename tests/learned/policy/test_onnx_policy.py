@@ -1,6 +1,7 @@
 import json
 
 import numpy as np
+import onnx
 import pytest
 
 from hugwbc.cli import main
@@ -13,9 +14,6 @@ from hugwbc.learned.policy.network_policy import load_onnx_policy
 from hugwbc.learned.policy.onnx_export import export_onnx
 from hugwbc.runtime import ControllerSpec
 from hugwbc.state import RobotState
-
-onnx = pytest.importorskip("onnx")
-pytest.importorskip("onnxruntime")
 
 
 @pytest.fixture(scope="module")

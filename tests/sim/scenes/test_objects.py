@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import SceneError, UnknownNameError
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Box, Button, Cart, Cylinder, Door, Drawer, Shelf, Step, Table, Tray, Wall
 from hugwbc.sim.scenes.thing import Thing
@@ -166,7 +166,7 @@ def test_a_cylinder_stands_on_a_shelf_and_a_robot_stands_on_a_step() -> None:
         state = on_step.step(HOLD, 0.002)
     assert state.foot_force[:, 2].sum() > 0.5 * ROBOT.mass * 9.81
     assert on_step.data.sensor("left_sole_position").data[2] == pytest.approx(0.05, abs=2e-3)
-    with pytest.raises(Exception, match="the robot stands in object 'platform' at the start"):
+    with pytest.raises(SceneError, match="the robot stands in object 'platform' at the start"):
         among(step)
 
 

@@ -17,7 +17,6 @@ from hugwbc.sim.scenes.scene import KINDS
 
 ROBOT = load_robot()
 BOX: dict[str, Any] = {"size": (0.2, 0.2, 0.2)}
-NAN = float("nan")
 VARIED = Scene((
     Table(name="desk", position=(1.2, 0.0), height=Uniform(0.7, 0.95)),
     Box(name="parcel", on="desk", position=(Uniform(-0.1, 0.1), 0.0), mass=Uniform(0.5, 3.0),
