@@ -131,6 +131,7 @@ TABLES = {
             for gait in ("standing", "walking")
             for label, name in BOTH.items()
         },
+        ("hand error, mean", "hand error, 95th percentile", "arm joints' error", FALLS),
     ),
     "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
     "engines": Table(("docs/physx.md",), _both("engines --controller {} --episodes 10")),
