@@ -47,6 +47,9 @@ HEADLINES = (
     "success",
     FALLS,
 )
+FAILED = "failed"  # one column for all reasons, which are figures of their own
+OUTCOMES = ("success", "time of a success", "score", "hand acceleration", "energy", FAILED)
+GROUND = ("went well", "noticed after, at most", "speed at the ground", "speed at the ground, at most")
 GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
 QUICK = 8  # episodes of a run with --quick
 ONE_OF_EACH = ("tasks", "boxes", "faults", "engines")  # with --quick, one episode of each case
@@ -135,7 +138,7 @@ TABLES = {
     ),
     "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
     "engines": Table(("docs/physx.md",), _both("engines --controller {} --episodes 10")),
-    "tasks": Table(("docs/tasks.md",), _both("tasks --controller {} --episodes 50")),
+    "tasks": Table(("docs/tasks.md",), _both("tasks --controller {} --episodes 50"), OUTCOMES),
     "boxes": Table(
         ("docs/tasks.md",),
         _both("boxes --controller {} --episodes 20"),
@@ -152,7 +155,7 @@ TABLES = {
     "press": Table(("docs/forces.md",), _both("press --controller {}"), tall=True),
     "push": Table(("docs/forces.md",), _both("push --controller {}"), tall=True),
     "sway": Table(("docs/forces.md",), _both("sway --controller {}"), tall=True),
-    "faults": Table(("docs/reliability.md",), _both("faults --controller {} --episodes 10")),
+    "faults": Table(("docs/reliability.md",), _both("faults --controller {} --episodes 10"), GROUND),
     "stops": Table(("docs/reliability.md",), _both("stops --controller {}"), tall=True),
     "arrive": Table(("docs/reliability.md",), _both("arrive --controller {} --episodes 20"), tall=True),
 }
@@ -208,27 +211,35 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
         table: the table.
         found: the figures of its runs, by label.
     """
-    rows: dict[str, dict[str, str]] = {}
+    rows: dict[tuple[str, str], dict[str, str]] = {}  # by title of the figures, such as a task, and label
     for label, figures in found.items():
         titles = list(dict.fromkeys(figure.table for figure in figures))
         for figure in figures:
+            quantity, text = figure.quantity, cell(figure)
+            if quantity.startswith(f"{FAILED}: "):
+                text = f"{quantity.removeprefix(f'{FAILED}: ')}: {text.partition(' of ')[0]}"
+                quantity = FAILED
             # The papers of other controllers have rows of the same names.
-            if figure.published is not None or (table.quantities and figure.quantity not in table.quantities):
+            if figure.published is not None or (table.quantities and quantity not in table.quantities):
                 continue
-            short = figure.quantity in (*ERRORS, FALLS) or not figure.unit
-            name = figure.quantity if short else f"{figure.quantity} [{figure.unit}]"
+            short = quantity in (*ERRORS, FALLS, FAILED) or not figure.unit
+            name = quantity if short else f"{quantity} [{figure.unit}]"
             title = figure.table if len(titles) > 1 else ""
             if table.tall:
                 name, title = ": ".join(filter(None, (title, name))), ""
             if figure.paper is not None:
                 kind = label if ", " in label else figure.table  # ends with the gait, or with the arm motion
                 paper = ", ".join(filter(None, ("paper", kind.rpartition(", ")[2], figure.reference)))
-                rows.setdefault(paper, {})[name] = f"{figure.paper:.3f}"
-            rows.setdefault(": ".join(filter(None, (title, label))), {})[name] = cell(figure)
+                rows.setdefault(("", paper), {})[name] = f"{figure.paper:.3f}"
+            row = rows.setdefault((title, label), {})
+            row[name] = f"{row[name]}; {text}" if quantity == FAILED and name in row else text
     order = list(dict.fromkeys(name for row in rows.values() for name in row))
     if table.quantities and not table.tall:
         order.sort(key=lambda name: table.quantities.index(name.partition(" [")[0]))
-    cells = [["", *order], *([label, *(row.get(name, "") for name in order)] for label, row in rows.items())]
+    titles = list(dict.fromkeys(title for title, _ in rows))
+    rows = dict(sorted(rows.items(), key=lambda item: titles.index(item[0][0])))  # labels of a title side by side
+    cells = [["", *order]]
+    cells += [[": ".join(filter(None, key)), *(row.get(name, "") for name in order)] for key, row in rows.items()]
     return [list(column) for column in zip(*cells, strict=True)] if table.tall else cells
 
 

@@ -50,6 +50,24 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
     assert [row[0] for row in two] == ["", f"{title}: falls", "Stops: falls"]
 
 
+def test_the_reasons_of_failures_share_a_column(tool) -> None:
+    shares = {"success": 80.0, "failed: the cup fell over": 15.0, "failed: the tray was dropped": 5.0}
+    figures = [
+        Figure("carry_tray", name, "% of episodes", Estimate(share, share - 4.0, share + 10.0, 20))
+        for name, share in shares.items()
+    ]
+    table = tool.Table((), {}, ("success", tool.FAILED))
+    assert tool.lay_out(table, {"QP": figures}) == [
+        ["", "success [% of episodes]", "failed"],
+        ["QP", "16 of 20 (76 to 90 %)", "the cup fell over: 3; the tray was dropped: 1"],
+    ]
+    figures.append(Figure("open_door", "success", "% of episodes", Estimate(100.0, 84.0, 100.0, 20)))
+    cells = tool.lay_out(table, {"QP": figures, "learned": figures})
+    assert [row[0] for row in cells[1:]] == [
+        f"{task}: {label}" for task in ("carry_tray", "open_door") for label in ("QP", "learned")
+    ]
+
+
 def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
     text = "Before.\n\n<!-- results: hands 0123 -->\n| old |\n<!-- end -->\n\nAfter.\n"
     written = tool.replaced(text, "hands", "| new |", "4567")
