@@ -4,9 +4,11 @@ import pathlib
 
 import imageio.v2 as imageio
 import numpy as np
+from PIL import Image
 
 ROOT = pathlib.Path(__file__).parents[1]
 VIDEO = ROOT / "out" / "compare" / "compare.mp4"
+WIDTH = 1440  # [pixel]
 MOMENTS = (4.5, 7.4, 16.5)  # [s], while reaching, walking and squatting
 
 
@@ -16,9 +18,9 @@ def main() -> None:
     fps = reader.get_meta_data()["fps"]
     frames = [np.asarray(reader.get_data(round(moment * fps))) for moment in MOMENTS]
     edge = frames[0].shape[1] // 5
-    path = ROOT / "docs" / "images" / "compare.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    imageio.imwrite(path, np.concatenate([frame[:, edge:-edge] for frame in frames], axis=1))
+    picture = Image.fromarray(np.concatenate([frame[:, edge:-edge] for frame in frames], axis=1))
+    size = (WIDTH, round(WIDTH * picture.height / picture.width))
+    picture.resize(size, Image.Resampling.LANCZOS).save(ROOT / "docs" / "images" / "compare.png", optimize=True)
 
 
 if __name__ == "__main__":
