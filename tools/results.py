@@ -50,6 +50,10 @@ HEADLINES = (
 FAILED = "failed"  # one column for all reasons, which are figures of their own
 OUTCOMES = ("success", "time of a success", "score", "hand acceleration", "energy", FAILED)
 GROUND = ("went well", "noticed after, at most", "speed at the ground", "speed at the ground, at most")
+IN_PHYSX = (
+    *(f"E_{name}, {kind}" for name in ("v_x", "v_y", "omega") for kind in ("mujoco", "ratio")),
+    *(f"{FALLS}, {engine}" for engine in ("mujoco", "physx")),
+)
 GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
 QUICK = 8  # episodes of a run with --quick
 ONE_OF_EACH = ("tasks", "boxes", "faults", "engines")  # with --quick, one episode of each case
@@ -137,7 +141,7 @@ TABLES = {
         ("hand error, mean", "hand error, 95th percentile", "arm joints' error", FALLS),
     ),
     "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
-    "engines": Table(("docs/physx.md",), _both("engines --controller {} --episodes 10")),
+    "engines": Table(("docs/physx.md",), _both("engines --controller {} --episodes 10"), IN_PHYSX),
     "tasks": Table(("docs/tasks.md",), _both("tasks --controller {} --episodes 50"), OUTCOMES),
     "boxes": Table(
         ("docs/tasks.md",),
