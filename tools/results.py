@@ -218,6 +218,8 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
     rows: dict[tuple[str, str], dict[str, str]] = {}  # by title of the figures, such as a task, and label
     for label, figures in found.items():
         titles = list(dict.fromkeys(figure.table for figure in figures))
+        heads = {title.partition(", ")[0] for title in titles}
+        shared = f"{heads.pop()}, " if len(heads) == 1 else ""
         for figure in figures:
             quantity, text = figure.quantity, cell(figure)
             if quantity.startswith(f"{FAILED}: "):
@@ -228,7 +230,7 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
                 continue
             short = quantity in (*ERRORS, FALLS, FAILED) or not figure.unit
             name = quantity if short else f"{quantity} [{figure.unit}]"
-            title = figure.table if len(titles) > 1 else ""
+            title = figure.table.removeprefix(shared) if len(titles) > 1 else ""
             if table.tall:
                 name, title = ": ".join(filter(None, (title, name))), ""
             if figure.paper is not None:
