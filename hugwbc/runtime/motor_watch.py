@@ -16,7 +16,9 @@ ASKED = 7.0  # [N*m]; a working motor that is asked for so much is not quiet for
 MISSING = 0.3  # [N*m*s], integral of the torque that a quiet motor was asked for, from which on it is dead
 _MOST = 20.0  # [N*m], what counts of that torque: one large value of a working motor at a change of sign means nothing
 _FORGET = 0.3  # [s], in which the integral fades while less than `ASKED` is asked for
-_LONGEST_STEP = 0.03  # [s]; a longer gap between two readings counts as this
+_LONGEST_STEP = (
+    0.005  # [s]; a longer gap counts as this: nothing is known of it, and one reading alone finds no motor dead
+)
 _LATE = 0.01  # [s] by which a command may reach a motor too late; of those that may act, the least torque counts
 _AVERAGED = 0.002  # [s] by which torques are older than their reading, since they are averaged from the last one on
 _KEPT = 64  # commands, in case readings stop
@@ -43,6 +45,7 @@ class MotorWatch:
         # Times of commands [s], and what they ask of the legs: stiffness, damping, and torque at zero angle and speed.
         self._commands: collections.deque[tuple[float, tuple[np.ndarray, ...]]] = collections.deque(maxlen=_KEPT)
         self._now = math.inf  # [s]
+        self._torque = np.empty(0)  # of the last reading [N*m]
 
     def note(self, command: JointCommand) -> None:
         """Keep the joint command that follows on the last reading."""
@@ -59,6 +62,9 @@ class MotorWatch:
             self._commands.popleft()
         acting = [asks for issued, asks in self._commands if issued <= acted]
         if not acting or reading.torque is None:
+            return
+        frozen, self._torque = np.array_equal(reading.torque, self._torque), reading.torque
+        if frozen:  # measured torques have noise
             return
         legs = self._legs
         q, speed = reading.q[legs], reading.dq[legs]

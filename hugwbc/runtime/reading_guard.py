@@ -37,7 +37,7 @@ _LEAST_LEAD = 0.3  # [s] between now and the past that is repeated
 _SPEED_WEIGHT = 0.05  # [s], of a velocity against a position where the past is compared with the present
 _LEAP = 0.02  # [rad], what it costs to leave the past where it is being repeated
 _FADE = 0.1  # [s], in which the difference between a joint's last reading and that of the past fades
-_RESYNCHRONISE = 50  # refused time stamps after which the sensors' clock is believed again
+_RESYNCHRONISE = 0.1  # [s] of refused time stamps after which the sensors' clock is believed again
 
 
 class ReadingGuard:
@@ -139,7 +139,7 @@ class ReadingGuard:
             self._time = now
             return now, math.isfinite(time)
         step = time - self._time
-        if 0.0 <= step <= _LONGEST_STEP or self._refused >= _RESYNCHRONISE:
+        if 0.0 <= step <= _LONGEST_STEP or self._refused * self._period >= _RESYNCHRONISE:
             self._refused, self._time = 0, time
             return time, True
         self._refused += 1

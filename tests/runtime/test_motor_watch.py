@@ -48,6 +48,15 @@ def test_working_motors_raise_no_alarm(case):
     assert watched(**{"seconds": 0.3, **case}).dead == ""
 
 
+def test_neither_a_gap_between_readings_nor_the_same_reading_again_is_evidence():
+    watch, quiet = watched(0.0, seconds=0.004), make_state(torque=np.zeros(19))
+    watch.see(quiet, 0.2)
+    assert watch.dead == "", "one reading after a gap"
+    for tick in range(100):
+        watch.see(quiet, 0.2 + tick * PERIOD)
+    assert watch.dead == "", "frozen readings"
+
+
 def test_the_robot_kneels_when_a_motor_is_dead():
     safe = SafetyFilter(HoldController(H1))
     state = make_state()

@@ -108,6 +108,18 @@ def test_frozen_readings_and_wrong_times_are_filled_in(walked):
     assert late.coasted == (ALL,) and late.time == pytest.approx(1051 * PERIOD)
 
 
+@pytest.mark.parametrize("step", [1, 2, 5])
+def test_a_clock_that_jumped_ahead_is_believed_before_all_readings_count_as_lost(step):
+    guard, rng = ReadingGuard(H1), np.random.default_rng(0)
+    guard.reset(reading(0, rng), step * PERIOD)
+    for tick in range(step, 600, step):
+        guard.admit(reading(tick, rng))
+    guard.admit(dataclasses.replace(reading(600, rng), time=600 * PERIOD + 0.08))
+    states = [guard.admit(reading(tick, rng)) for tick in range(600 + step, 800, step)]
+    assert states[0].coasted == (ALL,) and not states[-1].coasted
+    assert not any(state.lost for state in states)
+
+
 def test_a_joint_that_reads_the_same_at_rest_is_not_stuck():
     guard, rng = ReadingGuard(H1), np.random.default_rng(0)
     still = reading(0, rng, walking=False)
