@@ -53,7 +53,7 @@ def wilson_of(times: int, count: int) -> Estimate:
     z, part = statistics.NormalDist().inv_cdf((1.0 + CONFIDENCE) / 2), times / count
     centre = (part + z * z / (2 * count)) / (1.0 + z * z / count)
     half = z / (1.0 + z * z / count) * math.sqrt(part * (1.0 - part) / count + (z / (2 * count)) ** 2)
-    low, high = max(0.0, centre - half), min(1.0, centre + half)
+    low, high = centre - half if times else 0.0, centre + half if times < count else 1.0  # exact at the ends
     return Estimate(100.0 * part, 100.0 * low, 100.0 * high, count)
 
 

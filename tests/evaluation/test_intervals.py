@@ -26,6 +26,7 @@ def test_score_interval_of_a_part():
     assert (some.value, some.low, some.high) == pytest.approx((25.0, 11.19, 46.87), abs=0.01)
     assert (none.value, none.low, none.high) == pytest.approx((0.0, 0.0, 48.99), abs=0.01)
     assert wilson_percentage([]).value is None and wilson_percentage([True]).high == 100.0
+    assert wilson_percentage([False] * 10).low == 0.0, "and nothing that is nearly 0"
 
 
 def test_few_and_missing_samples():
