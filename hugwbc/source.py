@@ -7,6 +7,7 @@ import subprocess
 import hugwbc
 from hugwbc.files import digest
 
+_DOCUMENTS = ":(exclude)*.md"
 _POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  # as patterns of git
 
 
@@ -17,7 +18,7 @@ def source_commit(*, policies: bool = True) -> str:
     Outside of a checkout, return the version. What was made stays valid when only documents or tests change. Without
     policies, changes of shipped policies and recipes do not count: for what depends on no policy or knows its digest.
     """
-    paths = ("hugwbc", "models", *(() if policies else _POLICIES))
+    paths = ("hugwbc", "models", _DOCUMENTS, *(() if policies else _POLICIES))
     try:
         if not _git("ls-files", "hugwbc/__init__.py"):
             return hugwbc.__version__

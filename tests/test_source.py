@@ -25,6 +25,11 @@ def test_a_change_of_any_module_changes_the_commit(tmp_path, monkeypatch):
     (tmp_path / "notes.py").write_text("nothing that runs")
     assert len(set(commits)) == 4 and commits[-1] == source_commit.__wrapped__()
     assert all(commit.startswith(commits[0]) for commit in commits)
+    commit_all(tmp_path)
+    before = source_commit.__wrapped__()
+    (package / "notes.md").write_text("nothing that runs")
+    commit_all(tmp_path)
+    assert source_commit.__wrapped__() == before
 
 
 def test_results_of_one_controller_outlive_the_policy_of_another(tmp_path, monkeypatch):
