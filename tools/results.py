@@ -208,6 +208,22 @@ def cell(figure: Figure | None) -> str:
     return f"*{text}*" if worse else text
 
 
+def entry(figure: Figure) -> tuple[str, str]:
+    """Return quantity and cell of a figure; reasons of failures, which are figures of their own, share a quantity."""
+    quantity, text = figure.quantity, cell(figure)
+    if quantity.startswith(f"{FAILED}: "):
+        return FAILED, f"{quantity.removeprefix(f'{FAILED}: ')}: {text.partition(' of ')[0]}"
+    return quantity, text
+
+
+def short_titles(figures: Sequence[Figure]) -> dict[str, str]:
+    """Return the titles of figures without what all of them begin with; a single one tells nothing and is empty."""
+    titles = list(dict.fromkeys(figure.table for figure in figures))
+    heads = {title.partition(", ")[0] for title in titles}
+    shared = f"{heads.pop()}, " if len(heads) == 1 else ""
+    return {title: title.removeprefix(shared) if len(titles) > 1 else "" for title in titles}
+
+
 def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
     """Return the cells of a table, its heading first.
 
@@ -217,20 +233,14 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
     """
     rows: dict[tuple[str, str], dict[str, str]] = {}  # by title of the figures, such as a task, and label
     for label, figures in found.items():
-        titles = list(dict.fromkeys(figure.table for figure in figures))
-        heads = {title.partition(", ")[0] for title in titles}
-        shared = f"{heads.pop()}, " if len(heads) == 1 else ""
+        short = short_titles(figures)
         for figure in figures:
-            quantity, text = figure.quantity, cell(figure)
-            if quantity.startswith(f"{FAILED}: "):
-                text = f"{quantity.removeprefix(f'{FAILED}: ')}: {text.partition(' of ')[0]}"
-                quantity = FAILED
+            quantity, text = entry(figure)
             # The papers of other controllers have rows of the same names.
             if figure.published is not None or (table.quantities and quantity not in table.quantities):
                 continue
-            short = quantity in (*ERRORS, FALLS, FAILED) or not figure.unit
-            name = quantity if short else f"{quantity} [{figure.unit}]"
-            title = figure.table.removeprefix(shared) if len(titles) > 1 else ""
+            known = quantity in (*ERRORS, FALLS, FAILED) or not figure.unit
+            name, title = quantity if known else f"{quantity} [{figure.unit}]", short[figure.table]
             if table.tall:
                 name, title = ": ".join(filter(None, (title, name))), ""
             if figure.paper is not None:
@@ -243,9 +253,9 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
     if table.quantities and not table.tall:
         order.sort(key=lambda name: table.quantities.index(name.partition(" [")[0]))
     titles = list(dict.fromkeys(title for title, _ in rows))
-    rows = dict(sorted(rows.items(), key=lambda item: titles.index(item[0][0])))  # labels of a title side by side
     cells = [["", *order]]
-    cells += [[": ".join(filter(None, key)), *(row.get(name, "") for name in order)] for key, row in rows.items()]
+    for key in sorted(rows, key=lambda key: titles.index(key[0])):  # the labels of a title side by side
+        cells.append([": ".join(filter(None, key)), *(rows[key].get(name, "") for name in order)])
     return [list(column) for column in zip(*cells, strict=True)] if table.tall else cells
 
 

@@ -72,6 +72,10 @@ def test_a_short_run_gives_rows_figures_and_pictures(name):
         assert all(picture.svg for picture in pictures)
 
 
+def test_every_experiment_is_tried_here():
+    assert SHORT.keys() == EXPERIMENTS.keys()
+
+
 def test_sections_have_runs_in_both_profiles():
     for experiment in EXPERIMENTS.values():
         section = experiment.section
