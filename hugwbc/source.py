@@ -7,7 +7,7 @@ import subprocess
 import hugwbc
 from hugwbc.files import digest
 
-_DOCUMENTS = ":(exclude)*.md"
+_SHOWING = (":(exclude)*.md", ":(exclude)hugwbc/viz")  # changes no number
 _POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  # as patterns of git
 
 
@@ -15,15 +15,17 @@ _POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  #
 def source_commit(*, policies: bool = True) -> str:
     """Return the last commit that changed code or models, then "+" and a digest of what differs from it, if anything.
 
-    Outside of a checkout, return the version. What was made stays valid when only documents or tests change. Without
-    policies, changes of shipped policies and recipes do not count: for what depends on no policy or knows its digest.
+    Outside of a checkout, return the version. What was made stays valid when only documents, tests or `viz` change.
+    Without policies, changes of shipped policies and recipes do not count: for what depends on no policy or knows its
+    digest.
     """
-    paths = ("hugwbc", "models", _DOCUMENTS, *(() if policies else _POLICIES))
+    paths = ("hugwbc", "models", *_SHOWING, *(() if policies else _POLICIES))
     try:
         if not _git("ls-files", "hugwbc/__init__.py"):
             return hugwbc.__version__
-        changes, others = _git("diff", "HEAD", "--", *paths), ("--others", "--exclude-standard", "-z")
-        for name in sorted(filter(None, _git("ls-files", *others, "--", "hugwbc/*.py").decode().split("\0"))):
+        changes = _git("diff", "HEAD", "--", *paths)
+        added = _git("ls-files", "--others", "--exclude-standard", "-z", "--", "hugwbc/*.py", *_SHOWING)
+        for name in sorted(filter(None, added.decode().split("\0"))):
             changes += name.encode() + (_root() / name).read_bytes()
         last = _git("log", "-1", "--format=%H", "--", *paths).decode().strip()
         return last + (f"+{digest(changes)[:16]}" if changes else "")

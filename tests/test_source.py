@@ -28,7 +28,12 @@ def test_a_change_of_any_module_changes_the_commit(tmp_path, monkeypatch):
     commit_all(tmp_path)
     before = source_commit.__wrapped__()
     (package / "notes.md").write_text("nothing that runs")
+    (package / "viz").mkdir()
+    (package / "viz" / "drawn.py").write_text("colour = 1")
+    assert source_commit.__wrapped__() == before
     commit_all(tmp_path)
+    assert source_commit.__wrapped__() == before
+    (package / "viz" / "drawn.py").write_text("colour = 2")
     assert source_commit.__wrapped__() == before
 
 

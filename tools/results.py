@@ -4,7 +4,7 @@
 
 A table stands between two comments, `<!-- results: NAME COMMIT -->` and `<!-- end -->`, and is never typed. Finished
 episodes are stored in out/evaluation: after a kill, the same command goes on. `--check` runs nothing, and fails if a
-table belongs to another commit than the last one that changed hugwbc/ or models/.
+table belongs to another commit than the last one that changed what runs (`hugwbc.source`).
 """
 
 import argparse
