@@ -64,7 +64,7 @@
   // A key that is let go while another window has the keyboard is never reported.
   addEventListener("blur", () => { held.clear(); report(); });
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden) { held.clear(); presses.push("stop"); report(); }
+    if (document.hidden) { held.clear(); presses.push("hide"); report(); }
   });
 
   function build() {

@@ -41,7 +41,8 @@ PRESSED: Mapping[str, str] = {
     "Pad8": "reset",
 }
 TASK = "task:"  # the beginning of the action that does a task
-ACTIONS = tuple(dict.fromkeys(PRESSED.values()))
+HIDE = "hide"  # what a page says as the browser hides or closes it
+ACTIONS = (*dict.fromkeys(PRESSED.values()), HIDE)
 HELP = (
     ("W S", "forward, backward"),
     ("A D", "turn left, right"),

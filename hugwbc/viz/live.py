@@ -21,7 +21,7 @@ from hugwbc.runtime.feasibility import feasible
 from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
-from hugwbc.viz.drive_keys import TASK
+from hugwbc.viz.drive_keys import HIDE, TASK
 from hugwbc.viz.drive_link import SILENT_TIME, DriveLink
 from hugwbc.viz.live_meshes import colour_meshes
 from hugwbc.viz.live_source import LiveSource
@@ -37,6 +37,8 @@ GONE_TIME = 2.0  # [s]; a page that says nothing for longer is given up
 FOLLOW_TIME = 0.3  # [s], time constant with which the camera follows
 HEIGHT_STEP = 0.05  # [m], of one press of the keys for lower and higher
 CAMERA_MODES = ("follows", "turns along", "stays")
+# The actions that end a task, and what is said of it.
+ENDS = {"stop": "stop was pressed", "reset": "reset was pressed", HIDE: "the page was hidden or closed"}
 NAMES = {"v_x": "forward", "v_y": "left", "omega": "turn", "f": "stride", "l": "swing", "h": "height", "p": "pitch",
          "w": "waist"}  # fmt: skip
 # In the light theme and in the dark one.
@@ -246,8 +248,7 @@ class LivePage:
     @property
     def interruption(self) -> str:
         """Why a task must stop: the person asked for it since the page was staged, or is gone; empty to go on."""
-        pressed = next((action for action in ("stop", "reset") if action in self._asked), "")
-        return f"{pressed} was pressed" if pressed else self._missed
+        return next((reason for action, reason in ENDS.items() if action in self._asked), self._missed)
 
     def moved(self) -> None:
         """Show the command on the sliders, after it was changed elsewhere."""
@@ -257,7 +258,7 @@ class LivePage:
         """Do what a key or a button asks for."""
         if action in (gait.label for gait in Gait):
             self._choose_gait(Gait.parse(action))
-        elif action == "stop":
+        elif action in ("stop", HIDE):
             self.stop()
             self._asked.add(action)
         elif action == "camera":
