@@ -55,8 +55,9 @@ IN_PHYSX = (
     *(f"{FALLS}, {engine}" for engine in ("mujoco", "physx")),
 )
 GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
-QUICK = 8  # episodes of a run with --quick
+QUICK = 8  # episodes of a run with --quick, at most
 ONE_OF_EACH = ("tasks", "boxes", "faults", "engines")  # with --quick, one episode of each case
+SHORTENED = ("single-command", "random-commands", "response")  # with --quick, episodes of 4 s
 BOTH = {"QP": "qp", "learned": "learned"}
 
 
@@ -180,7 +181,9 @@ class Run:
         """Parse the words of `hugwbc evaluate`, at the seed of the options, and with few episodes if they are quick."""
         words = words.format(public=options.public)
         if options.quick:
-            words = re.sub(r"--episodes \d+", f"--episodes {1 if words.startswith(ONE_OF_EACH) else QUICK}", words)
+            most = 1 if words.startswith(ONE_OF_EACH) else QUICK
+            words = re.sub(r"(?<=--episodes )\d+", lambda count: str(min(int(count[0]), most)), words)
+            words += " --duration 4" if words.startswith(SHORTENED) else ""
         words += f" --seed {options.seed}"
         experiment, spec, parsed = parse_experiment(shlex.split(words))
         return cls(label, words, experiment, spec, parsed.experiment)
@@ -306,7 +309,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2, help="processes that share the episodes")
     parser.add_argument("--cluster", help="address of a Dask scheduler whose workers run the episodes instead")
     parser.add_argument("--seed", type=int, default=REPORT_SEED)
-    parser.add_argument("--quick", action="store_true", help="few episodes; print the tables instead of writing")
+    parser.add_argument("--quick", action="store_true", help="few, short episodes; print the tables instead of writing")
     parser.add_argument("--check", action="store_true", help="run nothing; fail if a table is of another commit")
     parser.add_argument("--public", help="folder with other people's networks: unitree.pt, leggedlab.pt")
     options = parser.parse_args()
