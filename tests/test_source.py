@@ -12,7 +12,7 @@ def commit_all(folder):
         subprocess.run([*git, *words], check=True)
 
 
-def test_a_change_of_any_module_changes_the_commit(tmp_path, monkeypatch):
+def test_a_change_of_what_runs_changes_the_commit_and_of_what_shows_does_not(tmp_path, monkeypatch):
     package = tmp_path / "hugwbc"
     package.mkdir()
     (package / "__init__.py").write_text("")

@@ -178,7 +178,7 @@ class Run:
 
     @classmethod
     def of(cls, label: str, words: str, options: argparse.Namespace) -> "Run":
-        """Parse the words of `hugwbc evaluate`, at the seed of the options, and with few episodes if they are quick."""
+        """Parse the words of `hugwbc evaluate`, at the seed of the options, few and short episodes if quick."""
         words = words.format(public=options.public)
         if options.quick:
             most = 1 if words.startswith(ONE_OF_EACH) else QUICK

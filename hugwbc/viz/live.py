@@ -295,7 +295,7 @@ class LivePage:
         self.source.pause(on=not gone and silence > SILENT_TIME)
         # A task has no such pause: whoever runs it stops it (`interruption`).
         if gone and not self._missed:
-            self._missed = "the page was closed" if self.link.closed else f"the page was silent for {GONE_TIME:g} s"
+            self._missed = ENDS[HIDE] if self.link.closed else f"the page was silent for {GONE_TIME:g} s"
         self._abandoned = gone
 
     def disturb(self, simulation: Engine) -> None:
