@@ -284,6 +284,11 @@ def on_screen(point):
     return SIZE["width"] / 2.0 + scale * x / depth, SIZE["height"] / 2.0 - scale * y / depth
 
 
+def drawn(page):
+    """Wait for two pictures: one may take a second where the browser draws without a graphics card."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
 @pytest.mark.slow
 def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, browser_page):
     page, simulation = browser_page, driven.simulation
@@ -373,11 +378,11 @@ def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
     for offset in (0.1, 0.15, 0.2, 0.05):  # along the upward arrow
         start, end = (on_screen(target - shown + np.array([0, 0, z])) for z in (offset, offset + 0.2))
         page.mouse.move(*start)
-        page.wait_for_timeout(500)
+        drawn(page)  # the arrow takes hold of a pointer that it has seen above itself
         page.mouse.down()
-        for share in np.linspace(0.1, 1.0, 10):  # a frame may take long where the browser draws without a graphics card
+        for share in np.linspace(0.1, 1.0, 10):
             page.mouse.move(*(start + share * np.subtract(end, start)))
-            page.wait_for_timeout(100)
+            drawn(page)
         page.mouse.up()
         if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 5.0):
             break
