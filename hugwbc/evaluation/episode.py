@@ -61,7 +61,7 @@ class Settings:
 
 @settings(kw_only=True)
 class CountedSettings(Settings):
-    """Settings of an experiment with a number of episodes, in addition to `Settings`."""
+    """Settings of an experiment with a number of episodes."""
 
     episodes: Count = 1  # number of episodes
 

@@ -16,9 +16,8 @@ ASKED = 7.0  # [N*m]; a working motor that is asked for so much is not quiet for
 MISSING = 0.3  # [N*m*s], integral of the torque that a quiet motor was asked for, from which on it is dead
 _MOST = 20.0  # [N*m], what counts of that torque: one large value of a working motor at a change of sign means nothing
 _FORGET = 0.3  # [s], in which the integral fades while less than `ASKED` is asked for
-_LONGEST_STEP = (
-    0.005  # [s]; a longer gap counts as this: nothing is known of it, and one reading alone finds no motor dead
-)
+# A longer gap counts as this: nothing is known of it, and one reading alone finds no motor dead.
+_LONGEST_STEP = 0.005  # [s]
 _LATE = 0.01  # [s] by which a command may reach a motor too late; of those that may act, the least torque counts
 _AVERAGED = 0.002  # [s] by which torques are older than their reading, since they are averaged from the last one on
 _KEPT = 64  # commands, in case readings stop

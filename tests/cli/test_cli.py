@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 import types
@@ -112,6 +113,18 @@ def test_every_experiment_explains_its_options_in_groups(name, capsys):
     for field in dataclasses.fields(EXPERIMENTS[name].settings):
         assert field.name == "conditions" or f"--{field.name.replace('_', '-')}" in text
     assert all(option in text for option in ("--controller", "--workers", "--payload", "--sensing", "--json"))
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_option_of_an_experiment_has_an_explanation_of_its_own(name, capsys):
+    with pytest.raises(SystemExit):
+        main(["evaluate", name, "--help"])
+    words = " ".join(line.strip("│ ") for line in capsys.readouterr().out.splitlines())
+    pieces = [piece for piece in re.split(r"(?:, | )--(?=[a-z])", words) if "(default: " in piece]
+    values = r"(?:\S*[A-Z]{3}\S*(?: \S+ \.\.\.\]+)?|\{\S*\})?"  # FLOAT, {None}|STR, [FLOAT [FLOAT ...]], {None,noise}
+    said = dict(re.match(rf"(\S+) {values} *(.*?) *\(default: ", piece).groups() for piece in pieces)
+    assert {"seed", "duration", "settle", "gait"} <= set(said)
+    assert not [option for option, text in said.items() if not text or list(said.values()).count(text) > 1]
 
 
 def test_the_module_runs_and_loads_nothing_heavy_for_help():

@@ -27,7 +27,7 @@ FAR = Scene((Box(name="far", position=(9.0, 9.0), size=(0.2, 0.2, 0.2), mass=1.0
 
 @settings(kw_only=True)
 class ArriveSettings(CountedSettings):
-    """Settings of arrive, in addition to `CountedSettings`."""
+    """Settings of arrive."""
 
     episodes: Count = 20  # number of goals
     duration: Positive = 60.0  # longest time of an episode [s]

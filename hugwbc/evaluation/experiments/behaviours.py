@@ -19,7 +19,7 @@ from hugwbc.upper_ik import UpperBodySource
 
 @settings(kw_only=True)
 class BehavioursSettings(CountedSettings):
-    """Settings of behaviours, in addition to `CountedSettings`."""
+    """Settings of behaviours."""
 
     # number of episodes; what varies in the scene, and the sensors' errors, differ from one to the next
     episodes: Count = 10

@@ -33,7 +33,7 @@ _BENT, _FAR = Command(h=-0.3, p=0.4), 0.50  # posture, and distance from the pel
 
 @settings(kw_only=True)
 class BoxesSettings(CountedSettings):
-    """Settings of boxes, in addition to `CountedSettings`."""
+    """Settings of boxes."""
 
     episodes: Count = 20  # number of episodes of each mass and height
     masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # of the boxes [kg]

@@ -31,7 +31,7 @@ CARRIED = BEGIN + 3.0  # [s], length of an episode
 
 @settings(kw_only=True)
 class CarrySettings(HandForceSettings):
-    """Settings of carry, in addition to `HandForceSettings`."""
+    """Settings of carry."""
 
     load: Annotated[float, Field(ge=0, le=20)] = 3.0  # mass in each hand [kg]
 

@@ -27,11 +27,11 @@ _SHOWN_S = 2.0  # [s] of a gait diagram
 
 @settings(kw_only=True)
 class ContactsSettings(CountedSettings):
-    """Settings of contacts, in addition to `CountedSettings`."""
+    """Settings of contacts."""
 
     v_x: float = 0.5  # forward velocity of gaits that move [m/s]
-    duration: Positive = 6.0
-    settle: NotNegative = 3.0
+    duration: Positive = 6.0  # duration of an episode [s]
+    settle: NotNegative = 3.0  # start of an episode that is left out of the figures [s]
 
     def __post_init__(self) -> None:
         super().__post_init__()

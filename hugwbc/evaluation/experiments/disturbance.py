@@ -38,15 +38,14 @@ _KIND_NAMES = {"constant": "constant", "second": "for one second"}
 
 @settings(kw_only=True)
 class DisturbanceSettings(Settings):
-    """Settings of disturbance, in addition to `Settings`; a force begins at `settle` or within half a second of it."""
+    """Settings of disturbance; a force begins at `settle` or within half a second of it."""
 
     gait: str = "standing"  # standing, or a gait at its default command
     rollouts: Count = 16  # number of rollouts of each force; the paper's figure has 4096
     first: Positive = 50.0  # force to begin the search with [N]
     limit: Positive = 800.0  # largest force to try [N]
-    resolution: Annotated[float, Field(gt=0.0, lt=1.0)] = (
-        0.05  # relative width of the bracket at which the search for a force ends
-    )
+    # relative width of the bracket at which the search for a force ends
+    resolution: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
     varied = frozenset({"payload", "friction", "gain"})  # drawn for every rollout
 
     def __post_init__(self) -> None:

@@ -42,12 +42,12 @@ _BOTH = tuple(ENGINES)
 
 @settings(kw_only=True)
 class EnginesSettings(CountedSettings):
-    """Settings of engines, in addition to `CountedSettings`."""
+    """Settings of engines."""
 
     episodes: Count = 10  # number of episodes of each command in each engine
     # names of the commands: walk back, walk, walk fast, turn, squat, stand
     commands: tuple[Annotated[str, one_of("command", lambda: COMMANDS)], ...] = tuple(COMMANDS)
-    duration: Positive = 20.0
+    duration: Positive = 20.0  # duration of an episode [s]
     varied = frozenset({"engine", "terrain_roughness", "slope"})
 
 

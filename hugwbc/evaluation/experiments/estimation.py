@@ -52,12 +52,12 @@ COLUMNS = {
 
 @settings(kw_only=True)
 class EstimationSettings(CountedSettings):
-    """Settings of estimation, in addition to `CountedSettings`."""
+    """Settings of estimation."""
 
     episodes: Count = 50  # number of walks
     # forward velocity of all walks, straight ahead [m/s]; None draws velocities and turns at random
     speed: float | None = None
-    duration: Positive = 8.0
+    duration: Positive = 8.0  # duration of an episode [s]
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -66,14 +66,14 @@ _ARM_JOINTS = ("shoulder_pitch", "elbow", "shoulder_roll", "shoulder_yaw")
 
 @settings(kw_only=True)
 class FaultsSettings(CountedSettings):
-    """Settings of faults, in addition to `CountedSettings`.
+    """Settings of faults.
 
     Attributes:
-        episodes: number of episodes of each fault; encoders and times differ.
-        speed: forward velocity of the walks [m/s].
-        only: words; faults whose name contains one of them, such as "for good" or IMU. Without any, all.
-        settle: time from which on the faults start [s].
-        duration: length of an episode [s].
+        episodes: number of episodes of each fault; encoders and times differ
+        speed: forward velocity of the walks [m/s]
+        only: words; faults whose name contains one of them, such as "for good" or IMU; without any, all
+        settle: time from which on the faults start [s]
+        duration: length of an episode [s]
     """
 
     episodes: Count = 20

@@ -21,7 +21,7 @@ from hugwbc.settings import Count, Positive, settings
 
 @settings(kw_only=True)
 class FootDisplacementSettings(InterventionSettings):
-    """Settings of foot-displacement, in addition to `InterventionSettings`."""
+    """Settings of foot-displacement."""
 
     gait: str = "standing"  # standing; other gaits are refused
     # number of episodes in all, split evenly over the interventions, and each share over h, p and w

@@ -37,7 +37,7 @@ Watch = Callable[[RobotState, RobotState], None]
 
 @settings(kw_only=True)
 class HandForceSettings(CountedSettings):
-    """Settings of the experiments with forces at the hands, in addition to `CountedSettings`.
+    """Settings of the experiments with forces at the hands.
 
     The duration is not used; every experiment has its own.
     """
@@ -45,7 +45,7 @@ class HandForceSettings(CountedSettings):
     gait: str = "standing"  # standing or walking
     episodes: Count = 2  # number of episodes; of pull and push for each direction
     v_x: float = 0.4  # forward velocity of a walk [m/s]
-    settle: NotNegative = BEGIN
+    settle: NotNegative = BEGIN  # start of an episode that is left out of the errors [s]
     varied = frozenset({"intervention", "motions", "hand_payload"})
     possible = ("standing", "walking")
 

@@ -35,7 +35,7 @@ STANDING_START = 1.0  # [s] before a walk
 
 @settings(kw_only=True)
 class HandsSettings(CountedSettings):
-    """Settings of hands, in addition to `CountedSettings`."""
+    """Settings of hands."""
 
     episodes: Count = 8  # number of episodes, each with its own targets
     v_x: float = 0.5  # forward velocity of gaits that move [m/s]

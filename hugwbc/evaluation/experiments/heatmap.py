@@ -32,7 +32,7 @@ ORTHOGONAL = 1.5  # times the single-command error
 
 @settings(kw_only=True)
 class HeatmapSettings(Settings):
-    """Settings of heatmap, in addition to `Settings`."""
+    """Settings of heatmap."""
 
     # number of values of each command, evenly spaced over its finishing range, ends included
     points: Annotated[int, Field(ge=2)] = 5

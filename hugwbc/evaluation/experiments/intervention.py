@@ -33,7 +33,7 @@ UNTRAINED_AGAINST = "noise"  # the training of the paper's policy that is compar
 
 @settings(kw_only=True)
 class InterventionSettings(CountedSettings):
-    """Settings of the experiments that move the arms, in addition to `CountedSettings`."""
+    """Settings of the experiments that move the arms."""
 
     episodes: Count = 96  # number of episodes in all, split evenly over the interventions and the commands of the gait
     # training of the paper's policy to compare with: noise, motion or none; by default the one that the policy's own

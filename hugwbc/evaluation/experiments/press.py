@@ -35,7 +35,7 @@ PRESSED, STEADY = 4.0, 1.0  # [s]: press, and how long the hand has to become st
 
 @settings(kw_only=True)
 class PressSettings(HandForceSettings):
-    """Settings of press, in addition to `HandForceSettings`."""
+    """Settings of press."""
 
     force: Newtons = 40.0  # wanted force [N]
     possible = ("standing",)

@@ -29,7 +29,7 @@ PULLED = 5.0  # [s] of the full pull
 
 @settings(kw_only=True)
 class PullSettings(HandForceSettings):
-    """Settings of pull, in addition to `HandForceSettings`."""
+    """Settings of pull."""
 
     force: Newtons = 40.0  # steady force on both hands together [N]
 

@@ -32,7 +32,7 @@ _CURVE_POINTS = 21
 
 @settings(kw_only=True)
 class RampSettings(CountedSettings):
-    """Settings of ramp, in addition to `CountedSettings`."""
+    """Settings of ramp."""
 
     episodes: Count = 5  # number of runs of each command
     duration: Positive = 14.0  # length of an episode, with which the ramp ends [s]

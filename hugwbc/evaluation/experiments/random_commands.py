@@ -29,7 +29,7 @@ _LISTED_PAIRS = 10
 
 @settings(kw_only=True)
 class RandomCommandsSettings(CountedSettings):
-    """Settings of random-commands, in addition to `CountedSettings`."""
+    """Settings of random-commands."""
 
     episodes: Count = 64  # number of episodes in all
 

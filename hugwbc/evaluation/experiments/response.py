@@ -41,7 +41,7 @@ CONDITIONS = {
 
 @settings(kw_only=True)
 class ResponseSettings(Settings):
-    """Settings of response, in addition to `Settings`."""
+    """Settings of response."""
 
     # values of each command, spread evenly over its range; velocities also take 0 and 0.1 and 0.2 both ways
     points: Annotated[int, Field(ge=2)] = 5

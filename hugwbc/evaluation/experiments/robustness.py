@@ -41,7 +41,7 @@ LEVELS = ((NOMINAL, 0.0), *((factor, value) for factor, values in GRID.items() f
 
 @settings(kw_only=True)
 class RobustnessSettings(Settings):
-    """Settings of robustness, in addition to `Settings`."""
+    """Settings of robustness."""
 
     samples: Count = 8  # number of episodes of each value, split evenly over the commands of the gait
 

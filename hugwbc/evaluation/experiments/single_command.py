@@ -38,7 +38,7 @@ SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted sepa
 
 @settings(kw_only=True)
 class SingleCommandSettings(CountedSettings):
-    """Settings of single-command, in addition to `CountedSettings`."""
+    """Settings of single-command."""
 
     episodes: Count = 128  # number of episodes in all, split evenly over the commands: 16 for each of a walk's eight
     ends: bool = False  # draw each command at the two ends of its range, half of the times each, instead of inside

@@ -30,13 +30,13 @@ STILL = 0.1  # [m/s], below which a robot has stopped
 
 @settings(kw_only=True)
 class StopsSettings(CountedSettings):
-    """Settings of stops, in addition to `CountedSettings`."""
+    """Settings of stops."""
 
     # number of episodes of each speed and way; speeds beyond the range of a command are left out
     episodes: Count = 6
     speeds: tuple[Positive, ...] = SPEEDS  # commanded speeds [m/s]
     settle: Positive = 3.0  # time of moving before the robot is told to stand [s]
-    duration: Positive = 9.0
+    duration: Positive = 9.0  # duration of an episode [s]
     possible = MOVING
 
 

@@ -21,7 +21,7 @@ LONGEST = 120.0  # [s]; every task has a limit of its own below it
 
 @settings(kw_only=True)
 class TasksSettings(CountedSettings):
-    """Settings of tasks, in addition to `CountedSettings`."""
+    """Settings of tasks."""
 
     episodes: Count = 50  # number of episodes of each task; the scene of each is drawn with the seed plus its number
     # names of the tasks, or Python files with tasks of your own; all of the suite by default

@@ -38,7 +38,7 @@ _LENGTH, _TURN, _BEARING = (0.8, 1.5), 1.0, 0.6
 
 @settings(kw_only=True)
 class TourSettings(CountedSettings):
-    """Settings of tour, in addition to `CountedSettings`."""
+    """Settings of tour."""
 
     episodes: Count = 8  # number of tours, each with its own waypoints and blows
     # force of the strongest blow on a G1, which is scaled to this robot's mass [N]; 0 for no blows
