@@ -1,4 +1,4 @@
-"""Pinocchio kinematics and dynamics of the H1, and the measured quantities that score both controllers.
+"""Pinocchio kinematics and dynamics of the H1, and the measured quantities that score controllers.
 
 Conventions: MuJoCo's free joint has the linear velocity in the world and the angular velocity in the body, quaternion
 (w, x, y, z); Pinocchio has both velocities in the body, quaternion (x, y, z, w). `Kinematics.update` converts.
@@ -108,7 +108,7 @@ class Kinematics:
         self.v[self._v_joints] = state.dq
 
     def _compute(self) -> None:
-        """Placements, velocities, and accelerations at zero generalised acceleration, of all frames."""
+        """Compute placements, velocities, and accelerations at zero generalised acceleration, of all frames."""
         pin.forwardKinematics(self.model, self.data, self.q, self.v, self._zero)
         pin.updateFramePlacements(self.model, self.data)
 
@@ -132,7 +132,7 @@ class Kinematics:
         return pin.getFrameVelocity(self.model, self.data, self.frame_id(frame), pin.LOCAL_WORLD_ALIGNED).vector.copy()
 
     def centre_of_mass(self) -> np.ndarray:
-        """Centre of mass in the world [m], shape (3,)."""
+        """Return the centre of mass in the world [m], shape (3,)."""
         return pin.centerOfMass(self.model, self.data, self.q).copy()
 
     def measured(self, ground_height: float = 0.0, sole_ground: tuple[float, float] | None = None) -> Measured:

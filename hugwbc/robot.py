@@ -32,7 +32,7 @@ def model_dir() -> pathlib.Path:
     raise ModelError(f"models/h1 was found neither in {package} nor next to it; reinstall hugwbc with its models")
 
 
-FRICTION_SPEED = 0.2  # [rad/s]
+FRICTION_SPEED = 0.2  # [rad/s] at which three quarters of the Coulomb friction act
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,8 +127,8 @@ class Robot:
     def friction_torque(self, velocity: np.ndarray) -> np.ndarray:
         """Return the torque that the real drives lose to friction at joint speeds [N*m].
 
-        Coulomb friction changes its sign over a tenth of a radian a second instead of at once, so that noise of a speed
-        around zero does not become chatter of the torque.
+        Coulomb friction changes its sign over a few tenths of a radian per second (`FRICTION_SPEED`) instead of at
+        once, so that noise of a speed around zero does not become chatter of the torque.
 
         Args:
             velocity: joint speeds [rad/s], shape (19,).

@@ -1,1 +1,1 @@
-"""Measure the speed of training, controllers, hand IK and QP, each against an alternative."""
+"""Measure the speed of training, controllers, episodes and hand IK."""

@@ -181,7 +181,7 @@ class EpisodeSpeed:
         physics: processor time of the episode divided by that of bare MuJoCo steps of a standing robot, measured in
             the same run.
         period_ms: p50 and p99.9 of the time for a control period [ms].
-        share: the latter as a share of the period.
+        share: p99.9 of that time as a share of the control period.
     """
 
     factor: float

@@ -13,7 +13,7 @@ from hugwbc.errors import DeploymentError
 CHECK_MODE, RELEASE_MODE = 1001, 1003
 DONE, UNKNOWN_CALL = 0, 3203
 _TIMEOUT = 5.0  # [s] for one call
-_TRIES, _PAUSE = 5, 0.5
+_TRIES, _PAUSE = 5, 0.5  # [s] between tries, for a mode to end
 
 
 def release_modes(endpoint: Endpoint, *, required: bool) -> str:

@@ -37,7 +37,7 @@ def summarise(trace: Trace) -> dict[str, Any]:
     """Return the figures of one run.
 
     - `survived_s`: time until the fall, or the duration of the script [s].
-    - `errors`: mean absolute error of v_x, v_y, omega, h, p, w over all control steps, ramps included.
+    - `errors`: mean absolute error of v_x, v_y, omega, h, p, w over all samples of the record, ramps included.
     - `hand_error_m`, `hand_travel`: those of `metrics.hand_errors` and `metrics.hand_travel`.
     - `tick_ms`, `ik_ms`: p50 and p99 of the time of a call of the controller and of the hand IK [ms]; None without one.
     - `footsteps`: number of touch-downs of both feet.

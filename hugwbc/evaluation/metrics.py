@@ -36,7 +36,7 @@ def command_errors(trace: Trace) -> np.ndarray:
 
 
 def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
-    """Return the mean absolute error of v_x, v_y, omega, h, p and w over the control steps after `settle` [s].
+    """Return the mean absolute error of v_x, v_y, omega, h, p and w over the record's samples from `settle` [s] on.
 
     Every error is NaN if the run ended before.
     """

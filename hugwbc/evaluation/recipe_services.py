@@ -1,4 +1,4 @@
-"""What recipes need from higher rooms: a controller that drives, and the response of a policy in the arena."""
+"""What recipes need from packages above `learned`: a controller that drives, and how a policy responds in the arena."""
 
 import dataclasses
 import pathlib

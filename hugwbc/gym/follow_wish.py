@@ -27,7 +27,7 @@ class FollowWish:
         self._nearest = nearest
 
     def course(self, view: View) -> Course:
-        """Follow it."""
+        """Follow the wish."""
         self.points = np.full((2, 3), np.nan)  # targets of the hands now, heading frame [m]; NaN without one
         took = [False, False]  # whether each gripper has held something since it was asked to
         time = view.time

@@ -19,7 +19,7 @@ from hugwbc.learned.policy.terms import further_terms
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
 _LARGEST = 1e4  # bound of every number of an observation
-_SIZE = obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE + obs.COMMAND_SIZE  # without terms of other packages
+_SIZE = obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE + obs.COMMAND_SIZE  # without `EnvConfig.observations`
 _LAST_SEED = 2**31 - 1
 
 ACTION_SPACE = spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, (obs.JOINTS,), np.float32)

@@ -16,8 +16,8 @@ LARGEST_ACTION = 4.0  # 1 rad of joint target; learners of bounded spaces start 
 class H1StableBaselinesEnv(VecEnv):
     """Many H1s as stable-baselines3's `VecEnv`; robots whose episode has ended begin the next one in the same step.
 
-    `infos` has "critic" for each robot, and where an episode has ended "terminal_observation", "TimeLimit.truncated"
-    and "reason". `VecMonitor` of stable-baselines3 adds return and length of the episodes.
+    `infos` has "critic" for each robot, and where an episode has ended "terminal_observation", "critic_at_the_end",
+    "TimeLimit.truncated" and "reason". `VecMonitor` of stable-baselines3 adds return and length of the episodes.
 
     Attributes:
         robots: the environment within.

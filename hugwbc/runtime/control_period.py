@@ -108,6 +108,7 @@ class ControlPeriod:
         safe: the controller behind its safety filter.
         plan: what the controller plans.
         estimator: gives the controller the state from noisy sensors; None where the readings tell it.
+        upper_body: turns hand targets into arm targets; None ignores hand targets.
         estimate: what the controller knows of the robot: the last estimate, or the last reading without an estimator.
         hands: the last hand targets, None where the controller moves the arms.
         ik_s: time that the last call of the arms' source took [s].

@@ -159,6 +159,7 @@ class StateEstimator:
         self._transition, self._lever_arms = np.eye(_SIZE), np.vstack([np.eye(3)] * (2 + _FEET + 1))
         self._model_noise = _FOOT_MODEL**2 * np.eye(3)
         # Variances per second of what drives velocity, feet and biases at random; orientation and position only follow.
+        # Those of the biases never change; `_predict` sets those of velocity and feet.
         self._drive = np.zeros(_SIZE)
         for rows, density in (
             (_GYRO_BIAS, _GYRO_BIAS_WALK),
@@ -225,8 +226,8 @@ class StateEstimator:
         """Return the estimate at a new reading.
 
         Everything but the time, the age and the IMU's raw readings is replaced. What the `guard` refuses is filled in
-        first; the estimate says so (`RobotState.coasted`). A reading that lacks the IMU or the
-        joint torques, is not finite, or is beyond `LARGEST_READING`, is passed on as it is.
+        first; the estimate says so (`RobotState.coasted`). A reading that lacks the IMU or the joint torques, is not
+        finite, or is beyond `LARGEST_READING`, is passed on as it is.
 
         Args:
             state: a reading, perhaps of some time ago (`state.age`).

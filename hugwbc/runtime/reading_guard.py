@@ -2,9 +2,9 @@
 
 Each device is judged by itself: the IMU, and the encoder of every joint. What is not a number, beyond what the sensor
 or the joint can do, far from where the last readings lead, or repeated to the last digit although the robot moves, is
-refused. A walk repeats itself stride by stride: a refused reading is replaced by that of the same
-posture a stride ago (an analogue forecast, Lorenz, *Atmospheric predictability as revealed by naturally occurring
-analogues*, 1969). What lasts longer than this can be right is told as lost (`RobotState.lost`).
+refused. A walk repeats itself stride by stride: a refused reading is replaced by that of the same posture a stride ago
+(an analogue forecast, Lorenz, *Atmospheric predictability as revealed by naturally occurring analogues*, 1969). What
+lasts longer than this can be right is told as lost (`RobotState.lost`).
 """
 
 import dataclasses

@@ -7,7 +7,7 @@
         commands: {h: -0.1}
         ramp: 1
         hands:
-          frame: pelvis           # pelvis, heading or world
+          frame: pelvis           # pelvis, heading, steady or world
           right_direction: [1, 0, 0]  # along which the forearm points; left_direction likewise
           together: true          # both hands hold one object
           whole_body: true        # h, p and w may help

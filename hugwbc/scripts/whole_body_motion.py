@@ -1,4 +1,4 @@
-"""Whole-body motions: a person's clip as hands, h, p, w and velocities, so that either controller dances it.
+"""Whole-body motions: a person's clip as hands, h, p, w and velocities, so that any controller can follow it.
 
 Lengths are scaled to the robot's: those of the hands by the arm, heights and velocities by the leg. Roll of the trunk,
 head, fingers and the steps themselves have no command, and are dropped: the controller makes its own steps.

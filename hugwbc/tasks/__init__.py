@@ -1,6 +1,6 @@
 """The suite of loco-manipulation tasks: scenes, behaviours, and judges that see the true states.
 
-This is the door of the room: other rooms import from here. `docs/tasks.md` says what each task asks for.
+`docs/tasks.md` says what each task asks for.
 """
 
 from hugwbc.tasks.record import Ending, TaskRecord

@@ -95,7 +95,7 @@ def _cylinder(size: np.ndarray) -> Placed:
 
 
 def _capsule(size: np.ndarray) -> Placed:
-    """Meshcat has no capsules."""
+    """Return a cylinder with a ball at each end; meshcat has no capsules."""
     ends: Placed = [(geometry.Sphere(float(size[0])), along_z(sign * float(size[1]))) for sign in (-1, 1)]
     return _cylinder(size) + ends
 

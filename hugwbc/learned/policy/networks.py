@@ -278,7 +278,7 @@ def _sizes(split: EvenOdd) -> tuple[int, int]:
 
 
 class ActorNetwork(Protocol):
-    """What evaluations and teachers need of a policy network: mean action and estimate."""
+    """What an evaluation needs of a policy network: mean action and estimate."""
 
     def __call__(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action, shape (n, 19), and estimate, shape (n, 6)."""

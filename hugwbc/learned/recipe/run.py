@@ -51,7 +51,7 @@ Report = Callable[[str, Mapping[str, float]], None]
 
 
 class Services(Protocol):
-    """What stages need from rooms above `learned`: a controller that drives, and episodes in the arena."""
+    """What stages need from packages above `learned`: a controller that drives, and episodes in the arena."""
 
     def teacher(self, robot: Robot) -> Callable[[float], Teacher]:
         """Return what makes a controller for a control period [s]."""
