@@ -356,10 +356,12 @@ def test_a_real_task_of_the_menu_is_done_by_play_and_a_closed_page_stops_the_nex
             assert "done after" in next(line for line in lines if "press_button" in line)
             page.wait_for_function("document.body.innerText.includes('standing at')")
             page.get_by_role("button", name="do it").click()
-            page.wait_for_function("document.body.innerText.includes('press button at 1.')")
+            later = "(document.body.innerText.match(/press button at ([1-9][0-9.]+) s/) || [])[1]"
+            shown = float(page.wait_for_function(later).json_value())  # a page that draws slowly may skip a second
             page.close()
             stopped = next(line for line in lines if "press_button" in line)
-            assert "stopped (the page was hidden or closed) after" in stopped and 1.0 < float(stopped.split()[-2]) < 3.0
+            assert "stopped (the page was hidden or closed) after" in stopped
+            assert shown <= float(stopped.split()[-2]) < shown + 2.0
         finally:
             play.send_signal(signal.SIGINT)
             play.wait(60.0)
