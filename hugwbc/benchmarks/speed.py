@@ -34,7 +34,7 @@ _PACKAGE = pathlib.Path(__file__).parents[1]
 WARM_UP_STEPS = 20
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
 COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
-"""Commands under which controllers are measured; jumping, `qp` plans forces as well."""
+"""Commands under which controllers are measured; in jumping, `qp` plans forces as well."""
 ACTIVITIES = (*COMMANDS, "fetch_box")
 """What the robot does in the episodes that are measured: commands, and a task."""
 

@@ -15,7 +15,7 @@ class BenchOptions(BenchSettings):
     """Measure training, controllers, hand IK and the hands' reachable workspace."""
 
     json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.
-    profile: bool = False  # Print only where the time of an episode goes, by room, for both controllers.
+    profile: bool = False  # Print only where the time of an episode goes, by part of the code, for both controllers.
 
 
 def run(words: Sequence[str]) -> int:

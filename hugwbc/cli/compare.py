@@ -29,15 +29,15 @@ from hugwbc.viz.video import write_video
 class CompareOptions:
     """Play one command script with each controller, hand targets solved by IK, and compare the results."""
 
-    script: str = "loco_manipulation"  # Name of a shipped script or behaviour, or path of a file (.yaml)
+    script: str = "loco_manipulation"  # Shipped script or behaviour, file (.yaml), or FILE.py:NAME
     scene: str | None = None  # Objects around the robot: name of a shipped scene, or a file (.yaml)
-    task: str | None = None  # Do this task of the suite instead of a script (docs/tasks.md), such as fetch_box
+    task: str | None = None  # Do a task instead: one of the suite, such as fetch_box, or FILE.py (docs/tasks.md)
     walk: float | None = None  # Walk ahead at this velocity [m/s] wherever the script commands no walk of its own
     # Controllers to compare: learned, qp, hold, the name of a plug-in, FILE.py:NAME, the path of a policy or contract
     # (docs/evaluation.md); NAME=POLICY gives one its own policy, such as unitree-h1=motion.pt
     controllers: tuple[str, ...] = ("learned", "qp")
     policy: str | None = None  # Name of a shipped policy, or path of a policy file, for the learned controller
-    seed: int = REPORT_SEED  # Seed of the sensor noise
+    seed: int = REPORT_SEED  # Seed of the sensor noise, and of what varies in the scene
     out: pathlib.Path = pathlib.Path("out/compare")  # Folder for summary.json, report.html, replay.html and the video
     video: bool = True  # Write a video if the machine can render one
     # Layers of marks to leave out of the video; replay.html has switches for them

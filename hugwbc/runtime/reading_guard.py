@@ -27,7 +27,7 @@ _TORQUE = 2.0  # largest torque, as a multiple of the robot's table
 _POSITION_JUMP = 0.2  # [rad], largest difference of an encoder's reading to where the last one leads
 _DRIFT = 4.0  # [rad/s], growth of that difference while the joint is not read
 GYRO_JUMP = 20.0  # [rad/s], largest change of the gyro between two readings
-_REPEATS = 3  # number of equal readings from which on a device hangs
+_REPEATS = 3  # number of repetitions of a reading from which on a device hangs
 _STILL = 0.2  # [rad/s], speed of a joint below which equal readings are not a fault if they show that it stands
 _LONGEST_STEP = 0.1  # [s], largest time between two readings; a longer one, or one back, is a wrong time stamp
 # [s], how long a device, or all of them, may be missing before it is lost.

@@ -67,9 +67,10 @@ class CurriculumConfig:
     penalty_growth: Positive = 1.002
     """Factor on the penalty scale per iteration, up to 1."""
     linear_threshold: float = 0.7
+    """Relative linear tracking reward of robots that move under intervention above which the noise level alpha rises;
+    it falls below two thirds of it."""
     angular_threshold: float = 0.5
-    """Relative linear and angular tracking rewards of robots that move under intervention above which the noise level
-    alpha rises; it falls below two thirds of either."""
+    """The same for the angular tracking reward; alpha rises above both, and falls below two thirds of either."""
     alpha_step: NotNegative = 0.01
     """Change of the noise level per decision (the paper's)."""
     alpha_interval: Count = 3
