@@ -55,9 +55,17 @@ IN_PHYSX = (
     *(f"{FALLS}, {engine}" for engine in ("mujoco", "physx")),
 )
 GAITS = {"standing": 64, "walking": 128, "jumping": 128, "hopping": 64}
-QUICK = 8  # episodes of a run with --quick, at most
-ONE_OF_EACH = ("tasks", "boxes", "faults", "engines")  # with --quick, one episode of each case
-SHORTENED = ("single-command", "random-commands", "response")  # with --quick, episodes of 4 s
+SHORT = "--episodes 8 --duration 4"
+QUICK = {  # by experiment, what it takes instead with --quick; one episode of each case where nothing is said
+    "single-command": SHORT,
+    "random-commands": SHORT,
+    "response": "--points 3 --duration 4",
+    "estimation": "--episodes 4 --duration 4",
+    "contacts": "--episodes 4",
+    "arrive": "--episodes 4",
+    "engines": "--episodes 1 --duration 8",
+    "boxes": "--episodes 1 --masses 2 6",
+}
 BOTH = {"QP": "qp", "learned": "learned"}
 
 
@@ -181,9 +189,8 @@ class Run:
         """Parse the words of `hugwbc evaluate`, at the seed of the options, few and short episodes if quick."""
         words = words.format(public=options.public)
         if options.quick:
-            most = 1 if words.startswith(ONE_OF_EACH) else QUICK
-            words = re.sub(r"(?<=--episodes )\d+", lambda count: str(min(int(count[0]), most)), words)
-            words += " --duration 4" if words.startswith(SHORTENED) else ""
+            words = re.sub(r" --(episodes|duration) \S+", "", words)
+            words += f" {QUICK.get(words.split()[0], '--episodes 1')}"
         words += f" --seed {options.seed}"
         experiment, spec, parsed = parse_experiment(shlex.split(words))
         return cls(label, words, experiment, spec, parsed.experiment)
