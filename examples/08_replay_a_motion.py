@@ -20,7 +20,7 @@ def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = F
     """Replay.
 
     Args:
-        file: motion file (.npz).
+        file: motion file (.npz or .csv).
         duration: how long to run [s].
         show: show the robot live in the browser.
     """

@@ -8,6 +8,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from hugwbc import Command, Gait, Robot, RobotState, load_robot, rotations
+from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import Estimate
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.runtime.safety import SafetyReport
 from hugwbc.runtime.trace import Trace
@@ -28,6 +30,14 @@ def make_state(q=None, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.
     values = {name: value if value is None or np.isscalar(value) else np.array(value, dtype=float)
               for name, value in (state | fields).items()}  # fmt: skip
     return RobotState(**values)
+
+
+def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False) -> Figure:
+    """Return a figure of a made-up table, with its 95 % interval; None as the estimate of a published one."""
+    estimate = None if published is not None else Estimate(value, low, high, 8)
+    return Figure(
+        "T", quantity, "m", estimate, paper, controller=controller, published=published, higher_is_better=higher
+    )
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from hugwbc.cli import VERBS
 README = ROOT / "README.md"
 CODE = [block for block in blocks(README) if block.language == "python"]
 PAGES = [
-    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "models/h1/README.md")),
-    *sorted((ROOT / "docs").rglob("*.md")),
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *sorted(page for folder in ("docs", "models") for page in (ROOT / folder).rglob("*.md")),
 ]
 
 

@@ -5,7 +5,9 @@ import pytest
 
 from hugwbc import robot as robot_module
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.kinematics import Kinematics
 from hugwbc.robot import load_robot, robot_names, robot_table
+from hugwbc.state import RobotState
 
 LEG = ["hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle"]
 ARM = ["shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"]
@@ -96,9 +98,6 @@ def test_ideal_drives_have_no_friction_and_everything_else_is_the_same(robot) ->
 
 def test_dimensions_follow_from_the_joints() -> None:
     """The shoulder roll joint, the straight leg and the stretched arm, as the kinematics has them."""
-    from hugwbc.kinematics import Kinematics
-    from hugwbc.state import RobotState
-
     robot, kinematics = load_robot(), Kinematics()
     kinematics.update(RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)))
     at = kinematics.position

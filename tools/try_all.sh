@@ -121,11 +121,12 @@ needs viser live-page "$PYTHON" -m pytest -q -n0 tests/viz -k "live or drive"
 needs pybvh play-bvh "$PYTHON" -m pytest -q -n0 tests/scripts/test_whole_body_motion.py
 
 # Objects, tasks, demonstrations, other people's learners
+rm -rf "$OUT/demos"
 try tasks-list $HUGWBC tasks
 needs pyarrow tasks-record $HUGWBC tasks --record "$OUT/demos" --task press_button --controller qp --episodes 1
 needs gymnasium gymnasium "$PYTHON" -m pytest -q -n0 tests/gym/test_task_env.py tests/gym/test_h1_env.py
 needs rsl_rl rsl-rl "$PYTHON" -m pytest -q -n0 tests/gym/test_learners.py -k rsl
-needs stable_baselines3 stable-baselines3 "$PYTHON" -m pytest -q -n0 tests/gym/test_learners.py -k "stable or sb3"
+needs stable_baselines3 stable-baselines3 "$PYTHON" -m pytest -q -n0 tests/gym/test_learners.py -k stable
 
 # Train, export, other controllers
 rm -rf "$OUT/run" "$OUT/run2" "$OUT/recipe"

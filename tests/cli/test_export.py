@@ -1,3 +1,5 @@
+import sys
+
 from hugwbc.cli import main
 
 
@@ -14,6 +16,6 @@ def test_export_of_an_unknown_policy_is_refused(tmp_path, capsys):
 
 
 def test_export_without_onnx_says_what_to_install(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "onnxruntime", None)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert main(["export", "--out", str(tmp_path / "x.onnx")]) == 2
     assert "pip install 'hugwbc[export]'" in capsys.readouterr().err

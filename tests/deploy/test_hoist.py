@@ -1,5 +1,6 @@
 """The hoist of a simulated robot."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -49,8 +50,6 @@ def test_a_lowered_robot_carries_most_of_its_weight_itself(simulation) -> None:
 def test_a_rope_never_pushes_and_lets_go(simulation) -> None:
     hoist = Hoist(simulation, 0.0)
     simulation.data.qpos[2] += 0.3  # nearer to the pulley: slack
-    import mujoco
-
     mujoco.mj_forward(simulation.model, simulation.data)
     hoist.update()
     assert hoist.tension == 0.0

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
@@ -124,8 +125,6 @@ def test_the_imu_of_a_turned_torso_tells_the_pelvis(messages: Messages) -> None:
 
 
 def rotations_of(matrix: np.ndarray) -> np.ndarray:
-    import pinocchio as pin
-
     return pin.Quaternion(matrix).coeffs()[[3, 0, 1, 2]]
 
 

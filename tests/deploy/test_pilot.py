@@ -1,5 +1,6 @@
 """From states and requests to joint commands."""
 
+import mujoco
 import numpy as np
 import pytest
 from deploy_bench import Counting, Standing, bring_to, make_pilot
@@ -10,6 +11,7 @@ from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.state_machine import START_TIME, Mode
 from hugwbc.deploy.sticks import Sticks
 from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.sim import Simulation
 
 H1 = load_robot()
 
@@ -86,10 +88,6 @@ def test_the_weight_on_the_feet_is_inferred_from_the_legs(pilot, standing) -> No
 
 def test_a_hanging_robot_may_go_to_its_start_pose_but_not_run(pilot, standing) -> None:
     """In the air the legs carry only themselves."""
-    import mujoco
-
-    from hugwbc.sim import Simulation
-
     simulation = Simulation()
     joints = slice(6, 25)
     simulation.data.qvel[:] = 0.0

@@ -51,7 +51,6 @@ def test_a_replay_notices_another_controller(tmp_path, standing, jumping_pilot) 
     path = tmp_path / "run.bin"
     record_a_run(path, standing)
     pilot = make_pilot()
-    pilot.safe.controller.robot = load_robot("h1-2023")  # type: ignore[attr-defined]
     act = pilot.safe.controller.act
 
     def other(*arguments):

@@ -9,7 +9,7 @@ import pytest
 from deploy_bench import Counting, Standing, bring_to, make_pilot
 from local_endpoint import local_pair
 
-from hugwbc import load_robot
+from hugwbc import load_robot, rotations
 from hugwbc.deploy import robot_side, wire
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.relay import DECISION, PERIOD, Relay, Settings
@@ -96,8 +96,6 @@ def test_faults_of_connection_and_controller_damp_within_their_time(still, fault
 
 @pytest.mark.parametrize("trial", range(TRIALS))
 def test_limits_of_the_body_damp_within_their_time(still, trial) -> None:
-    from hugwbc import rotations
-
     rng, bench = np.random.default_rng(trial), Bench(Standing(still, Messages(H1)))
     for _ in phases(trial):
         assert not is_damping(bench.slot())

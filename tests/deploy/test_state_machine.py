@@ -1,5 +1,7 @@
 """The modes and their joint commands."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -59,8 +61,6 @@ def test_every_event_is_told_with_its_reason(still) -> None:
 
 
 def test_a_posture_that_is_not_a_number_is_no_start(machine, still) -> None:
-    import dataclasses
-
     machine.enter(Mode.START_POSE, "test", dataclasses.replace(still, q=np.full(19, np.nan)))
     command = machine.command(0.0)
     assert command is not None and command.is_finite

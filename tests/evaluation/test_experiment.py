@@ -14,6 +14,7 @@ from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, run_experiment
 from hugwbc.evaluation.experiments import behaviours, experiment_of, single_command
 from hugwbc.evaluation.experiments.behaviours import BehavioursSettings
+from hugwbc.evaluation.experiments.random_commands import EXPERIMENT, RandomCommandsSettings
 from hugwbc.evaluation.experiments.single_command import SingleCommandSettings
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean
@@ -87,8 +88,6 @@ def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tm
 
 
 def test_two_processes_give_the_numbers_of_one(tmp_path):
-    from hugwbc.evaluation.experiments.random_commands import EXPERIMENT, RandomCommandsSettings
-
     settings = RandomCommandsSettings(episodes=5, duration=0.3, settle=0.1, conditions=Conditions(timestep=0.005))
     alone = run_experiment(EXPERIMENT, settings, HOLD)
     with Execution(2) as execution:

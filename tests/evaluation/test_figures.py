@@ -1,14 +1,7 @@
 import pytest
 
-from hugwbc.evaluation.figures import Comparison, Figure, against
-from hugwbc.evaluation.intervals import Estimate
-
-
-def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
-    estimate = None if published is not None else Estimate(value, low, high, 8)
-    return Figure(
-        "T", quantity, "m", estimate, paper, controller=controller, published=published, higher_is_better=higher
-    )
+from hugwbc.evaluation.figures import Comparison, against
+from tests.conftest import figure
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 import pytest
 
+from hugwbc import kinematics
 from hugwbc.evaluation import installation
 from hugwbc.sim.arena import Arena
 
@@ -22,8 +23,6 @@ def test_a_missing_package_is_named(monkeypatch):
 
 
 def test_different_masses_are_noticed(monkeypatch):
-    from hugwbc import kinematics
-
     heavier = kinematics.pinocchio_model().copy()
     heavier.inertias[1] = heavier.inertias[1] + heavier.inertias[1]
     monkeypatch.setattr(kinematics, "pinocchio_model", lambda robot: heavier)

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from hugwbc.gym.h1_env import H1VectorEnv
-from hugwbc.gym.rsl_rl_env import H1RslRlEnv
+from hugwbc.gym.rsl_rl_env import GROUPS, H1RslRlEnv
 from hugwbc.gym.stable_baselines_env import H1StableBaselinesEnv
 from hugwbc.learned.config import EnvConfig
 
@@ -25,11 +25,8 @@ def actions(count: int, seed: int = 0) -> np.ndarray:
 
 
 class TestRslRl:
-    def environment(self, count, **options):
-        return H1RslRlEnv(count, **options)
-
     def test_it_is_the_environment_of_the_training(self):
-        env, robots = self.environment(3, seed=4), H1VectorEnv(3)
+        env, robots = H1RslRlEnv(3, seed=4), H1VectorEnv(3)
         first, info = robots.reset(seed=4)
         np.testing.assert_array_equal(env.get_observations()["policy"], first)
         np.testing.assert_array_equal(env.get_observations()["privileged"], info["critic"])
@@ -43,7 +40,7 @@ class TestRslRl:
             assert env.episode_length_buf.tolist() == [step + 1] * 3
 
     def test_last_observations_are_those_before_the_restart(self):
-        env, robots = self.environment(3, config=SHORT, seed=4), H1VectorEnv(3, config=SHORT)
+        env, robots = H1RslRlEnv(3, config=SHORT, seed=4), H1VectorEnv(3, config=SHORT)
         robots.reset(seed=4)
         for step in range(3):
             seen, _, done, extras = env.step(torch.from_numpy(actions(3, step)))
@@ -55,15 +52,13 @@ class TestRslRl:
         assert not torch.equal(last["policy"], seen["policy"])
 
     def test_rsl_rl_may_spread_the_ages(self):
-        env = self.environment(3, config=dataclasses.replace(SHORT, episode_steps=50))
+        env = H1RslRlEnv(3, config=dataclasses.replace(SHORT, episode_steps=50))
         env.episode_length_buf = torch.tensor([0, 49, 10])
         done = env.step(torch.from_numpy(actions(3)))[2]
         assert done.tolist() == [False, True, False]
 
     def test_its_ppo_learns_with_it(self):
         from rsl_rl.runners import OnPolicyRunner
-
-        from hugwbc.gym.rsl_rl_env import GROUPS
 
         torch.manual_seed(0)
         network = {"class_name": "MLPModel", "hidden_dims": [16], "obs_normalization": True}
@@ -76,7 +71,7 @@ class TestRslRl:
             "critic": dict(network),
         }
         with contextlib.redirect_stdout(io.StringIO()):
-            runner = OnPolicyRunner(self.environment(4, config=SHORT), settings)
+            runner = OnPolicyRunner(H1RslRlEnv(4, config=SHORT), settings)
             before = [parameter.detach().clone() for parameter in runner.alg.actor.parameters()]
             runner.learn(2)
         after = list(runner.alg.actor.parameters())
@@ -106,17 +101,14 @@ class TestRslRl:
         finally:
             torch.set_num_threads(threads)
         assert learning.startswith(".learn(") and len(rewards) == 97 * 128
-        fifth = len(rewards) // 10
-        first, last = np.mean(rewards[fifth : 2 * fifth]), np.mean(rewards[-fifth:])
+        tenth = len(rewards) // 10
+        first, last = np.mean(rewards[tenth : 2 * tenth]), np.mean(rewards[-tenth:])
         assert last > 0.03 and last > first
 
 
 class TestStableBaselines:
-    def environment(self, count, **options):
-        return H1StableBaselinesEnv(count, **options)
-
     def test_it_is_the_environment_of_the_training(self):
-        env, robots = self.environment(3, seed=4), H1VectorEnv(3)
+        env, robots = H1StableBaselinesEnv(3, seed=4), H1VectorEnv(3)
         first, info = robots.reset(seed=4)
         np.testing.assert_array_equal(env.reset(), first)
         np.testing.assert_array_equal(env.reset_infos[2]["critic"], info["critic"][2])
@@ -129,7 +121,7 @@ class TestStableBaselines:
             assert done.tolist() == (fell | over).tolist()
 
     def test_last_observations_are_those_before_the_restart(self):
-        env, robots = self.environment(3, config=SHORT, seed=4), H1VectorEnv(3, config=SHORT)
+        env, robots = H1StableBaselinesEnv(3, config=SHORT, seed=4), H1VectorEnv(3, config=SHORT)
         env.reset()
         robots.reset(seed=4)
         for step in range(3):
@@ -141,7 +133,7 @@ class TestStableBaselines:
             assert told["TimeLimit.truncated"] and told["reason"] == "the time was over"
 
     def test_a_reset_keeps_the_robots_and_a_seed_builds_others(self):
-        env = self.environment(2, seed=4)
+        env = H1StableBaselinesEnv(2, seed=4)
         env.reset()
         built = env.robots.env
         env.reset()
@@ -157,7 +149,7 @@ class TestStableBaselines:
         from stable_baselines3 import PPO
         from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-        env = VecNormalize(VecMonitor(self.environment(4, config=SHORT)), norm_reward=False)
+        env = VecNormalize(VecMonitor(H1StableBaselinesEnv(4, config=SHORT)), norm_reward=False)
         learner = PPO("MlpPolicy", env, n_steps=4, batch_size=16, n_epochs=1, policy_kwargs={"net_arch": [16]}, seed=0)
         before = [parameter.detach().clone() for parameter in learner.policy.mlp_extractor.parameters()]
         learner.learn(32)

@@ -52,9 +52,9 @@ def test_errors_fall_at_the_rate_of_the_jacobian(random_state, moved):
         here.update(state)
         world_velocity = np.concatenate((state.velocity, state.angular_velocity, state.dq))
         there.update(moved(state, world_velocity, STEP))
-        for task in _tasks_on_target(here, state):
-            if task.level != "position":
-                continue
+        positions = [task for task in _tasks_on_target(here, state) if task.level == "position"]
+        assert len(positions) == 5
+        for task in positions:
             before, after = task.evaluate(here), task.evaluate(there)
             rate = (after.error - before.error) / STEP
             assert rate == pytest.approx(-before.jacobian @ here.v, abs=2e-5), task.name

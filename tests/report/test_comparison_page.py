@@ -22,7 +22,7 @@ NASTY = 'a<b>&"$x_1'
 
 
 class _References(html.parser.HTMLParser):
-    """Addresses that a page loads, and the text outside scripts and styles."""
+    """Addresses that a page loads, and its tags."""
 
     def __init__(self, page: str) -> None:
         super().__init__()

@@ -7,6 +7,7 @@ from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.tables import Marked
 from hugwbc.report.figure_tables import CSV_COLUMNS, comparison_sentence, comparison_table, figures_csv, times
+from tests.conftest import figure
 
 
 def test_every_figure_is_a_line_with_its_source():
@@ -26,13 +27,6 @@ def test_every_figure_is_a_line_with_its_source():
         "trained with motions",
     )
     assert rows[1]["low"] == rows[1]["ratio"] == rows[1]["against_paper"] == ""
-
-
-def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False):
-    estimate = None if published is not None else Estimate(value, low, high, 8)
-    return Figure(
-        "T", quantity, "m", estimate, paper, controller=controller, published=published, higher_is_better=higher
-    )
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
     assert "no policy trained with noise, nor trained without intervention" in note
 
 
-def test_an_unknown_experiment_is_refused():
+def test_an_unknown_experiment_and_a_controller_given_twice_are_refused():
     with pytest.raises(HugwbcError, match="Did you mean 'contacts'"):
         ReportPlan("quick", ("hold",), experiments=("contact",))
     with pytest.raises(HugwbcError, match="give at least one, each once"):

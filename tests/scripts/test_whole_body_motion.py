@@ -90,9 +90,8 @@ def test_other_conventions_have_the_joints_too():
     blender = [f"{part}.{side}" for part in ("thigh", "shin", "foot", "upper_arm", "forearm", "hand") for side in "LR"]
     biped = [f"Bip01 {s} {part}" for part in ("Thigh", "Calf", "Foot", "UpperArm", "Forearm", "Hand") for s in "LR"]
     for names in (blender, biped):
-        assert [pair for pair in find_joints(pathlib.Path("a.bvh"), names).values()] == list(
-            zip(names[::2], names[1::2], strict=True)
-        )
+        pairs = zip(names[::2], names[1::2], strict=True)
+        assert list(find_joints(pathlib.Path("a.bvh"), names).values()) == list(pairs)
 
 
 def test_bad_clips_are_refused(tmp_path):

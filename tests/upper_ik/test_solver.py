@@ -179,7 +179,6 @@ def test_forearms_stay_out_of_the_body_and_off_each_other(robot, targets):
     q = robot.nominal.copy()
     q[robot.legs] = np.array([0.0, 0.0, -0.9, 1.6, -0.7] * 2)  # squatting: the thighs come forward
     ik, state = ArmIK(), make_state(q)
-    ik.hands(ik.q, 0.0)
     ticks = [ik.solve(HandTargets(*np.array(targets)), state, DT) for _ in range(250)]
     clearance = [ik.clearance(solution.q).min() for solution in ticks]
     assert min(clearance) > -0.005

@@ -8,7 +8,7 @@ import pytest
 
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.evaluation.experiment import frame_of, run_experiment
+from hugwbc.evaluation.experiment import Section, frame_of, run_experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.runtime.controllers import ControllerSpec
 
@@ -53,10 +53,10 @@ def test_plans_are_values_that_settings_alone_decide(name):
     again = pickle.loads(pickle.dumps((experiment.episode, settings, plans[0])))
     assert again[:2] == (experiment.episode, settings) and repr(again[2]) == repr(plans[0])
     assert len(set(map(repr, plans))) == len(plans), "the key of each row is its own"
-    for name in settings.varied & {"payload", "intervention", "friction", "latency"}:
-        value = "noise" if name == "intervention" else 1.0 if name != "latency" else 0.01
-        with pytest.raises(ConfigError, match=f"the experiment sets {name} itself"):
-            experiment.settings(conditions=Conditions(**{name: value}))
+    for varied in settings.varied & {"payload", "intervention", "friction", "latency"}:
+        value = "noise" if varied == "intervention" else 1.0 if varied != "latency" else 0.01
+        with pytest.raises(ConfigError, match=f"the experiment sets {varied} itself"):
+            experiment.settings(conditions=Conditions(**{varied: value}))
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -69,6 +69,7 @@ def test_a_short_run_gives_rows_figures_and_pictures(name):
     assert any("fall" in figure.quantity or "%" in figure.unit or "force" in figure.table for figure in measured)
     if experiment.section:
         pictures = experiment.section.pictures([("hold", result.settings, frame_of(result.rows))], ["hold"])
+        assert bool(pictures) == (experiment.section.pictures is not Section.pictures)
         assert all(picture.svg for picture in pictures)
 
 
@@ -77,12 +78,13 @@ def test_every_experiment_is_tried_here():
 
 
 def test_sections_have_runs_in_both_profiles():
-    for experiment in EXPERIMENTS.values():
-        section = experiment.section
-        if section and not section.unavailable():
+    sections = [(experiment.plan, section) for experiment in EXPERIMENTS.values() if (section := experiment.section)]
+    assert sections
+    for plan, section in sections:
+        if not section.unavailable():
             quick, full = section.quick(), section.full()
             assert section.text and quick and len(quick) <= len(full)
-            work = [sum(len(experiment.plan(s)) * s.duration for s in runs) for runs in (quick, full)]
+            work = [sum(len(plan(s)) * s.duration for s in runs) for runs in (quick, full)]
             assert work[0] <= work[1]
 
 

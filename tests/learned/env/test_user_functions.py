@@ -63,7 +63,7 @@ def test_a_rule_moves_a_setting_after_the_warm_up_and_is_part_of_the_state():
 
 
 @pytest.mark.parametrize("name", ["count", "loads.nothing", "nothing"])
-def test_a_rule_moves_a_setting_that_the_robots_can_take_over(name):
+def test_a_rule_for_a_setting_that_the_robots_cannot_take_over_is_refused(name):
     with pytest.raises(UnknownNameError, match=name.removeprefix("loads.")):
         EnvConfig(curriculum=CurriculumConfig(rules={name: rise}))
 

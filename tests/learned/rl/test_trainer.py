@@ -183,7 +183,7 @@ def test_a_bad_minibatch_is_skipped_and_the_run_goes_on(tmp_path: pathlib.Path) 
     weight = next(trainer.ppo.network.actor.parameters())
     before = weight.detach().clone()
     trainer.env.step = broken
-    row = trainer.iterate()
+    trainer.iterate()
     assert trainer.ppo.skipped == PPO.epochs * PPO.minibatches
     assert torch.equal(weight, before)
     trainer.env.step = step

@@ -9,7 +9,7 @@ import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import SceneError, UnknownNameError
-from hugwbc.sim import Scene, Simulation
+from hugwbc.sim import Scene, Simulation, rough_terrain
 from hugwbc.sim.scenes import Box, Button, Cart, Cylinder, Door, Drawer, Shelf, Step, Table, Tray, Wall
 from hugwbc.sim.scenes.thing import Thing
 from hugwbc.sim.sensors import ROBOT as AS_A_ROBOT
@@ -272,8 +272,6 @@ def test_a_profile_without_hand_sensors_tells_no_forces() -> None:
 
 
 def test_objects_lie_on_rough_ground() -> None:
-    from hugwbc.sim import rough_terrain
-
     terrain = rough_terrain(0.03, np.random.default_rng(0))
     stool = Step(name="stool", position=(1.0, 0.5), size=(0.4, 0.4, 0.2))
     simulation = among(stool, Box(name="parcel", on="stool", size=(0.2, 0.2, 0.2)), terrain=terrain)
