@@ -79,7 +79,7 @@ class PlayOptions:
     controller: str = "learned"  # learned, qp, hold, a plug-in's name, FILE.py:NAME, or a policy's or contract's path
     policy: str | None = None  # Shipped policy or path of one, for learned; path of a network, for a contract
     script: str | None = None  # Play a script or behaviour: name of a shipped one, a script (.yaml), or FILE.py:NAME
-    task: str | None = None  # Do a task in its scene: one of the suite, such as press_button, or FILE.py (docs/tasks.md)
+    task: str | None = None  # Do a task in its scene: one of the suite, as press_button, or FILE.py (docs/tasks.md)
     motion: pathlib.Path | None = None  # Move the arms by a file (.npz, .csv), or the whole body by a clip (.bvh)
     listen: int | None = None  # Follow another program's messages on this UDP port of this machine; 0 for any
     scene: str | None = None  # Objects around the robot: name of a shipped scene, or a file (.yaml)
