@@ -35,7 +35,8 @@ def release_modes(endpoint: Endpoint, *, required: bool) -> str:
             return f"the motion switcher {outcome}"
         if not (name := _active(data)):
             return f"released {', '.join(released)}" if released else "no motion mode is active"
-        released += [name] if name not in released else []
+        if name not in released:
+            released.append(name)
         endpoint.call(RELEASE_MODE, "{}", _TIMEOUT)
         time.sleep(_PAUSE if attempt else 0.0)
     raise DeploymentError(

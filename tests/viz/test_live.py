@@ -361,7 +361,7 @@ def test_a_real_task_of_the_menu_is_done_by_play_and_a_closed_page_stops_the_nex
             page.close()
             stopped = next(line for line in lines if "press_button" in line)
             assert "stopped (the page was hidden or closed) after" in stopped
-            assert shown <= float(stopped.split()[-2]) < shown + 2.0
+            assert shown <= float(stopped.split()[-2]) < int(shown) + 2.0
         finally:
             play.send_signal(signal.SIGINT)
             play.wait(60.0)

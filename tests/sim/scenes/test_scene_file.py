@@ -258,9 +258,11 @@ MJCF = {
 
 
 SAID = {
-    "open": "cannot read", "no mass": "MuJoCo refuses .* mass", "no bodies": "has no bodies",
+    "open": "cannot read",
+    "no mass": "MuJoCo refuses .* mass",
+    "no bodies": "has no bodies",
     "nan friction": "geom_friction that is not finite",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MJCF)
