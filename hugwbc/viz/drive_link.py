@@ -9,12 +9,13 @@ import contextlib
 import dataclasses
 import http
 import json
+import math
 import pathlib
 import threading
 import time
 import types
 from collections.abc import Awaitable, Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import websockets
 import websockets.asyncio.server as server
@@ -24,16 +25,33 @@ from websockets.http11 import Request, Response
 
 from hugwbc.errors import ConfigError
 from hugwbc.viz.drive_keys import HELP, KEY_CODES, Touched, actions
-from hugwbc.viz.page_guard import refusal
+from hugwbc.viz.page_guard import LARGEST_MESSAGE, admitted, refusal
 
 Handler = Callable[[server.ServerConnection], Awaitable[None]]
 SOCKET = "/drive"
 SILENT_TIME = 0.35  # [s]; while a page says nothing for longer, its robot waits at rest
 LONGEST_MESSAGE = 4096  # characters
+MOST_ACTIONS = 32  # that wait for the next picture, from all pages
 _FOLDER = pathlib.Path(__file__).parent
 _FILES = {"/drive.js": "text/javascript; charset=utf-8", "/drive.css": "text/css; charset=utf-8"}
 _starting = threading.Lock()
 _TAGS = '<link rel="stylesheet" href="/drive.css"><script src="/drive.js"></script>'
+
+
+class _Filtered:
+    """A web socket of viser's page; what viser need not hear is dropped."""
+
+    def __init__(self, connection: server.ServerConnection) -> None:
+        self._connection = connection
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+        return getattr(self._connection, name)
+
+    async def recv(self) -> str | bytes:
+        """Return the next message that viser may hear."""
+        while not admitted(message := await self._connection.recv()):
+            pass
+        return message
 
 
 @dataclasses.dataclass
@@ -82,6 +100,7 @@ class DriveLink:
                     return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
                 return self.answer(request, lambda asked: process_request(connection, asked))
 
+            named["max_size"] = LARGEST_MESSAGE
             return server.serve(self.handler(handler), *arguments, process_request=checked, **named)
 
         checking = types.SimpleNamespace(
@@ -122,12 +141,12 @@ class DriveLink:
         with self._using:
             return self._last is not None and not self._pages
 
-    def silence(self) -> float | None:
-        """Return the time since any page was heard [s]; None if none ever was."""
+    def silence(self) -> float:
+        """Return the time since any page was heard [s]; infinity if none ever was."""
         with self._using:
             heard = [page.heard for page in self._pages.values()]
             heard += [self._last] if self._last is not None else []
-        return self.clock() - max(heard) if heard else None
+        return self.clock() - max(heard, default=-math.inf)
 
     def answer(self, request: Request, viser: Callable[[Request], Response | None]) -> Response | None:
         """Return the answer to a request: our own files, viser's page with our part in it, or viser's answer."""
@@ -160,7 +179,7 @@ class DriveLink:
         async def talk(connection: server.ServerConnection) -> None:
             request = connection.request
             if request is None or request.path.partition("?")[0] != SOCKET:
-                await viser(connection)
+                await viser(cast(server.ServerConnection, _Filtered(connection)))
                 return
             number = id(connection)
             try:
@@ -188,6 +207,7 @@ class DriveLink:
         with self._using:
             self._pages[number] = _Page(self.clock(), Touched.parse(said))
             self._pressed += actions(said.get("presses"), self._about.get("tasks", ()))
+            del self._pressed[MOST_ACTIONS:]
         if isinstance(said.get("dark"), bool):
             self.dark = said["dark"]
 

@@ -82,11 +82,11 @@ class LivePage:
         with self.link.serving(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
         self.source = LiveSource()  # what the person asks for, for the control loop
-        self.pushes: list[np.ndarray] = []  # forces that wait, in the pelvis' heading frame [N], each (3,)
+        self.push: np.ndarray | None = None  # force that waits, in the pelvis' heading frame [N], (3,)
         self._asked: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show the command
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
-        self._abandoned, self._missed = False, ""
+        self._abandoned, self._missed = True, ""
         self._camera, self._view, self._shown = CAMERA_MODES[0], np.zeros(3), 0.0
         # The page draws MuJoCo's model of the robot, whichever engine moves it.
         self._model = load_model(SIMULATION_TIMESTEP, robot=simulation.robot)
@@ -157,7 +157,7 @@ class LivePage:
             self._build_objects(simulation.scene)
         self._asked.clear()
         self._missed = ""
-        self.pushes.clear()
+        self.push = None
 
     def _show_objects(self, simulation: Engine, drawn: mujoco.MjData) -> str:
         """Draw the objects and the forces on the hands; return a line that says how large these are."""
@@ -198,7 +198,17 @@ class LivePage:
         with gui.add_folder("disturb"):
             for label, force in (("push from the left", -PUSH_FORCE), ("push from behind", 0.0)):
                 vector = np.array([0.0, force, 0.0]) if force else np.array([PUSH_FORCE, 0.0, 0.0])
-                gui.add_button(label).on_click(lambda _, vector=vector: self.pushes.append(vector))
+                gui.add_button(label).on_click(lambda _, vector=vector: self._push(vector))
+
+    @property
+    def _attended(self) -> bool:
+        """Whether a page is there from which a person can stop the robot; viser's part of it alone is none."""
+        return not self.link.closed and self.link.silence() <= GONE_TIME
+
+    def _push(self, force: np.ndarray) -> None:
+        """Let a force [N] push the robot at the next picture, one at a time."""
+        if self._attended:
+            self.push = force
 
     def _ask(self, name: str) -> None:
         """Ask for a slider's value; `show` moves the slider back if the gait does not admit that value.
@@ -209,7 +219,8 @@ class LivePage:
         asked = float(self._sliders[name].value)
         if asked == getattr(self.source.wanted, name):
             return
-        self.source.ask(name, asked)
+        if self._attended:
+            self.source.ask(name, asked)
         if getattr(self.source.wanted, name) != asked:
             self._moved.add(name)
 
@@ -222,7 +233,7 @@ class LivePage:
             slider.value = getattr(self.source.wanted, name)
 
     def _take_hands(self) -> None:
-        on = bool(self._hands_on.value)
+        on = bool(self._hands_on.value) and self._attended
         for handle in self._handles.values():
             handle.visible = on
         left, right = (np.array(self._handles[side].position, dtype=float) for side in SIDES)
@@ -264,7 +275,7 @@ class LivePage:
         elif action == "camera":
             self._camera = CAMERA_MODES[(CAMERA_MODES.index(self._camera) + 1) % len(CAMERA_MODES)]
         elif action == "push":
-            self.pushes.append(np.array([0.0, -PUSH_FORCE, 0.0]))
+            self._push(np.array([0.0, -PUSH_FORCE, 0.0]))
         elif action in ("lower", "higher"):
             step = HEIGHT_STEP if action == "higher" else -HEIGHT_STEP
             self.source.ask("h", round(self.source.wanted.h + step, 2))
@@ -285,24 +296,25 @@ class LivePage:
             self._driven = driven
             if not driven and all(getattr(self.source.wanted, name) == 0.0 for name in VELOCITY_NAMES):
                 self.source.stop()
-        silence = self.link.silence() or 0.0
-        gone = self.link.closed or silence > GONE_TIME
-        if gone and not self._abandoned:
+        silence, gone = self.link.silence(), not self._attended
+        # Whatever asks for a motion while no page is there is stopped too.
+        if gone and (not self._abandoned or self.source.wanted.gait is not Gait.STANDING):
             self.source.halt("the page is gone: the robot was stopped")
             self._moved.update(VELOCITY_NAMES)
             self._driven = {}
         # A busy computer may keep a page from speaking for a moment; the robot then waits and continues.
-        self.source.pause(on=not gone and silence > SILENT_TIME)
+        self.source.pause(on=gone or silence > SILENT_TIME)
         # A task has no such pause: whoever runs it stops it (`interruption`).
         if gone and not self._missed:
             self._missed = ENDS[HIDE] if self.link.closed else f"the page was silent for {GONE_TIME:g} s"
         self._abandoned = gone
 
     def disturb(self, simulation: Engine) -> None:
-        """Apply the pushes that are waiting."""
-        while self.pushes:
+        """Apply the push that is waiting."""
+        if self.push is not None:
             turn = rotations.rotation_z(simulation.state().yaw)
-            simulation.apply_force(turn @ self.pushes.pop(0), PUSH_TIME)
+            simulation.apply_force(turn @ self.push, PUSH_TIME)
+            self.push = None
 
     def show(self, simulation: Engine, task: str = "", speed: float = 1.0) -> None:
         """Draw the robot and its objects, show its state, and take the person's requests.

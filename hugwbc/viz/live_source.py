@@ -86,7 +86,7 @@ class LiveSource:
             self.wanted = dataclasses.replace(
                 self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
             ).clamp()[0]
-            self._walks_by_itself, self._paused = False, False
+            self._walks_by_itself = False
             self.tell(reason)
 
     def command_at(self, t: float) -> Command:

@@ -32,6 +32,13 @@ SIZE = {"width": 1000, "height": 700}
 FIELD_OF_VIEW = np.radians(75.0)  # viser's, vertical
 
 
+def opened_page(simulation):
+    """Return a page that a browser has opened."""
+    page = LivePage(simulation, name="test")
+    page.link._hear(1, "{}")
+    return page
+
+
 def test_the_page_listens_on_this_machine_only_and_leaves_it_to_the_caller_to_say_where(capsys):
     page = LivePage(Simulation(sensing="exact"), name="test")
     assert page.server.get_host() == "127.0.0.1"
@@ -49,7 +56,7 @@ def test_the_address_is_one_that_a_browser_takes(host, written):
 
 def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
     simulation = Simulation(sensing="exact")
-    page = LivePage(simulation, name="test")
+    page = opened_page(simulation)
     forward, height = page._sliders["v_x"], page._sliders["h"]
     height.value = -0.1
     page._choose_gait(Gait.HOPPING_LEFT)
@@ -66,7 +73,7 @@ def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
 
 def test_a_velocity_makes_a_standing_robot_walk_and_the_page_says_so():
     simulation = Simulation(sensing="exact")
-    page = LivePage(simulation, name="test")
+    page = opened_page(simulation)
     forward = page._sliders["v_x"]
     forward.value = 0.4
     page.show(simulation)
@@ -80,7 +87,7 @@ def test_a_velocity_makes_a_standing_robot_walk_and_the_page_says_so():
 
 def test_the_camera_follows_turns_along_and_lets_go():
     simulation = Simulation(sensing="exact")
-    page = LivePage(simulation, name="test")
+    page = opened_page(simulation)
     offsets = []
     for turn in range(4):  # follows, turns along, stays, follows
         simulation.reset()
@@ -104,7 +111,63 @@ def test_the_camera_follows_turns_along_and_lets_go():
 def test_a_malformed_message_only_shows_that_the_page_is_alive(message):
     link = DriveLink({})
     link._hear(1, message)
-    assert link.commands() == {} and link.take_actions() == [] and link.silence() is not None
+    assert link.commands() == {} and link.take_actions() == [] and link.silence() < 1.0
+
+
+def unheard(page, now):
+    """No page has ever spoken."""
+
+
+def closed(page, now):
+    """A page came and went."""
+    page.link._hear(1, "{}")
+    page.link._pages.clear()
+    page.link._last = now[0]
+
+
+def silent(page, now):
+    """A page is open and has not spoken for long."""
+    page.link._hear(1, "{}")
+    now[0] += 60.0
+
+
+@pytest.mark.parametrize("absent", [unheard, closed, silent])
+def test_nobody_drives_while_no_page_is_there(absent):
+    simulation, now = Simulation(sensing="exact"), [100.0]
+    page = LivePage(simulation, name="test")
+    page.link.clock = lambda: now[0]
+    absent(page, now)
+    page.show(simulation)
+    page._sliders["v_x"].value = 1.0  # viser's part of the page
+    page._hands_on.value = True
+    page._push(np.array([150.0, 0.0, 0.0]))
+    commands = [page.source.command_at(0.02 * tick) for tick in range(100)]
+    page.source.ask("v_x", 1.0)  # whatever else asks
+    page.show(simulation)
+    page.show(simulation)
+    commands += [page.source.command_at(2.0 + 0.02 * tick) for tick in range(100)]
+    assert {command.gait for command in commands} == {Gait.STANDING}
+    assert max(abs(command.v_x) for command in commands) == 0.0
+    assert page._sliders["v_x"].value == 0.0 and page.source.hands is None and page.push is None
+    # A person opens the page: nothing of that is waiting.
+    page.link._hear(2, "{}")
+    page.show(simulation)
+    assert page.source.command_at(5.0) == Command() and page.source.wanted == Command()
+    page.close()
+
+
+@pytest.mark.parametrize("presses", [["KeyP"] * 500, ["KeyC"] * 500, ["KeyX", "KeyZ"] * 250])
+def test_a_flood_of_presses_is_one_push_and_a_few_actions(presses):
+    simulation, applied = Simulation(sensing="exact"), []
+    page = opened_page(simulation)
+    simulation.apply_force = lambda force, duration: applied.append(force)
+    for _ in range(200):
+        page.link._hear(1, json.dumps({"presses": presses}))
+    assert len(page.link._pressed) <= 32
+    page.show(simulation)
+    page.disturb(simulation)
+    assert len(applied) <= 1 and page.push is None and not page.link.take_actions()
+    page.close()
 
 
 def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():

@@ -1,15 +1,20 @@
 """Who the live page answers: this machine by its own name, and its own page."""
 
 import http.client
+import time
 
+import msgspec
 import pytest
+import viser
+import websockets.exceptions
 from websockets.datastructures import Headers
+from websockets.sync import client
 
 from hugwbc.errors import ConfigError
 from hugwbc.sim import Simulation
 from hugwbc.viz.drive_link import DriveLink
 from hugwbc.viz.live import LivePage
-from hugwbc.viz.page_guard import check_host, refusal
+from hugwbc.viz.page_guard import admitted, check_host, refusal
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "example.org", "::"])
@@ -31,6 +36,12 @@ def test_hosts_that_others_can_reach_are_refused_unless_a_flag_says_so(host):
         ("127.0.0.1:8080", "http://evil.example", False),
         ("127.0.0.1:8080", "http://127.0.0.1:3000", False),  # another program's page on this machine
         ("127.0.0.1:8080", "null", False),
+        ("LOCALHOST:8080", "http://LOCALHOST:8080", True),  # names of hosts have no case
+        ("evil.com@127.0.0.1:8080", None, False),
+        ("127.0.0.1/evil.com", None, False),
+        ("127.0.0.1/evil.com:8080", "http://127.0.0.1/evil.com:8080", False),
+        ("localhost#.evil.com", "http://localhost#.evil.com", False),
+        ("127.0.0.1:80:80", None, False),
         ("[", None, False),
         ("", None, False),
     ],
@@ -61,11 +72,68 @@ def test_a_server_that_the_guard_does_not_see_is_refused():
         pass
 
 
+def packed(**message):
+    return msgspec.msgpack.encode(message)
+
+
+def update(**updates):
+    return packed(type="GuiUpdateMessage", uuid="a", updates=updates)
+
+
+@pytest.mark.parametrize("message", [update(value=1.0), update(value=True), packed(type="ViewerCameraMessage", fov=1)])
+def test_what_the_page_of_viser_does_is_let_through(message):
+    assert admitted(message)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        update(removed=True),
+        update(value=1.0, removed=True),
+        update(value=float("nan")),
+        update(value="0.4"),
+        packed(type="ShareUrlRequest"),
+        packed(type="FileTransferStartUpload", part_count=4),
+        packed(type="FileTransferPart", content=b"x"),
+        packed(type=["GuiUpdateMessage"]),
+        packed(updates=None, type="GuiUpdateMessage"),
+        msgspec.msgpack.encode([1, 2]),
+        b"\xc1",
+        b"\x91" * 5000,
+        b"",
+        "text",
+    ],
+)
+def test_what_a_page_need_not_do_does_not_reach_viser(message):
+    assert not admitted(message)
+
+
+def test_viser_hears_only_what_is_admitted(served, port):
+    slider = served._sliders["v_x"]
+    with client.connect(f"ws://127.0.0.1:{port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as page:
+        for words in ({"removed": True}, {"value": 0.3, "removed": True}, {"value": 0.2}):
+            page.send(packed(type="GuiUpdateMessage", uuid=slider._impl.uuid, updates=words))
+        deadline = time.monotonic() + 10.0
+        while slider.value != 0.2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert slider.value == 0.2 and not slider._impl.removed
+        page.send(b"x" * 100_000)  # larger than any message of a page
+        with pytest.raises(websockets.exceptions.ConnectionClosed):
+            while True:
+                page.recv(timeout=10.0)
+    assert ask(port, Host=f"127.0.0.1:{port}")[0] == 200, "the others go on"
+
+
 @pytest.fixture(scope="module")
-def port():
+def served():
     page = LivePage(Simulation(sensing="exact"), name="test")
-    yield page.server.get_port()
+    yield page
     page.close()
+
+
+@pytest.fixture(scope="module")
+def port(served):
+    return served.server.get_port()
 
 
 SOCKET = {
