@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import fcntl
 import hashlib
 import math
 import os
@@ -11,6 +12,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from hugwbc.errors import ConfigError
+
+LOCK = "run.lock"
 
 
 def write_whole(path: str | pathlib.Path, content: bytes | str) -> None:
@@ -50,6 +53,20 @@ def writing(path: str | pathlib.Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}; give a path that can be written") from error
+
+
+@contextlib.contextmanager
+def sole_writer(folder: pathlib.Path) -> Iterator[None]:
+    """Keep other processes from writing to the same folder, which is made; a killed process leaves no lock behind."""
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / LOCK).open("a")
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ConfigError(f"another process is working on {folder}; wait for it or stop it") from error
+        yield
 
 
 def read_file(path: pathlib.Path, largest: int) -> bytes:

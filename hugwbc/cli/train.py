@@ -6,12 +6,11 @@ import itertools
 import math
 import os
 import pathlib
-import sys
 import time
 from collections.abc import Mapping, Sequence
 
 from hugwbc import extensions
-from hugwbc.cli import INTERRUPTED
+from hugwbc.cli import INTERRUPTED, USAGE_ERROR
 from hugwbc.cli.output import output_folder, parse, parse_settings, progress, say
 from hugwbc.errors import ConfigError
 from hugwbc.files import digest
@@ -38,7 +37,9 @@ class RecipeOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
-    words = _share(words)
+    processes, words = _processes(words)
+    if processes > 1:
+        return _train_together(processes, words)
     if any(word.partition("=")[0] == "--recipe" for word in words):
         return _run_recipe(parse(RecipeOptions, words, "train", RecipeOptions.__doc__))
     config = _parse(words)
@@ -57,18 +58,30 @@ def run(words: Sequence[str]) -> int:
     return 0
 
 
-def _share(words: Sequence[str]) -> Sequence[str]:
-    """Return the other words; with --processes N above 1, torchrun takes this process's place and starts N of them."""
+def _processes(words: Sequence[str]) -> tuple[int, Sequence[str]]:
+    """Return the number of processes, and the other words."""
     parser = argparse.ArgumentParser(prog="hugwbc train", add_help=False, allow_abbrev=False)
     parser.add_argument("--processes", type=int, default=1)
     given, others = parser.parse_known_args(words)
     cores = os.cpu_count() or 1
     if not 1 <= given.processes <= cores:
         raise ConfigError(f"processes is {given.processes}; give 1 to {cores}, the cores of this machine")
-    if given.processes > 1:
-        torchrun = ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={given.processes}"]
-        os.execv(sys.executable, [sys.executable, *torchrun, "-m", "hugwbc.cli", "train", *others])  # noqa: S606
-    return others
+    return given.processes, others
+
+
+def _train_together(processes: int, words: Sequence[str]) -> int:
+    """Let torchrun start processes that train as one, and wait for them."""
+    from torch.distributed import run as torchrun
+    from torch.distributed.elastic.multiprocessing.api import SignalException
+    from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
+
+    try:
+        torchrun.main(["--standalone", f"--nproc-per-node={processes}", "-m", "hugwbc.cli", "train", *words])
+    except ChildFailedError:  # the process has said why
+        return USAGE_ERROR
+    except (SignalException, KeyboardInterrupt):  # which the processes have got too, so they have saved
+        return INTERRUPTED
+    return 0
 
 
 def _parse(words: Sequence[str]) -> TrainConfig:

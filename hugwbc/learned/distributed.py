@@ -1,20 +1,23 @@
 """Several processes that learn as one: sums and means over a torchrun job; a single process exchanges nothing."""
 
 import contextlib
+import ctypes
 import math
 import os
 import pathlib
+import signal
 from collections.abc import Iterable, Iterator
 
 import torch
 from torch import distributed as dist
 
 LEAST_SPREAD = 0.25
+_PR_SET_PDEATHSIG = 1  # of Linux: the signal that comes when the parent process ends
 
 
 @contextlib.contextmanager
 def process_group(backend: str) -> Iterator[None]:
-    """Join the job that torchrun started, if any, and leave it at the end.
+    """Join the job that torchrun started, if any, and leave it at the end; if torchrun is killed, SIGTERM comes.
 
     Args:
         backend: name in torch: "gloo" for tensors on the CPU, "nccl" for CUDA, or a mapping such as
@@ -22,6 +25,7 @@ def process_group(backend: str) -> Iterator[None]:
     """
     joined = int(os.environ.get("WORLD_SIZE", "1")) > 1 and not dist.is_initialized()
     if joined:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
         dist.init_process_group(backend)
     try:
         yield

@@ -7,19 +7,18 @@ finished, and until then what it needs to continue.
 import contextlib
 import dataclasses
 import datetime
-import fcntl
 import json
 import pathlib
 import resource
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from pydantic import TypeAdapter
 
 from hugwbc.errors import RecipeError
-from hugwbc.files import digest, write_whole
+from hugwbc.files import digest, sole_writer, write_whole
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
 from hugwbc.learned.config.schedules import replaced
@@ -42,7 +41,7 @@ from hugwbc.learned.stopping import Stop, StoppedError, stopped_by_signals
 from hugwbc.robot import Robot, load_robot
 from hugwbc.source import source_commit
 
-RECORD, SPENT, LOCK = "record.json", "spent.json", "run.lock"
+RECORD, SPENT = "record.json", "spent.json"
 _NO_LIMIT = 1e6  # [h]
 _WRITE_INTERVAL = 5.0  # [s]; what a killed process has spent since is not in the record
 _TAKEN = {"env.starts": STARTS, "start_from": SNAPSHOT, "policy": POLICY}  # of another stage, by the setting's name
@@ -88,7 +87,7 @@ def run_recipe(
     """
     with distributed.process_group("cpu:gloo"), stopped_by_signals() as stop:
         leads = distributed.rank() == 0
-        with _only_process(out) if leads else contextlib.nullcontext():
+        with sole_writer(out) if leads else contextlib.nullcontext():
             if leads:
                 write_whole(out / "recipe.yaml", recipe.source)
             try:
@@ -99,18 +98,6 @@ def run_recipe(
             if leads:
                 _finish(recipe, out)
     return True
-
-
-@contextlib.contextmanager
-def _only_process(folder: pathlib.Path) -> Iterator[None]:
-    """Keep other processes from working on the same run; a killed process leaves no lock behind."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK).open("a") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise RecipeError(f"another process is working on {folder}; wait for it or stop it") from error
-        yield
 
 
 def _finish(recipe: Recipe, out: pathlib.Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import torch
 
 from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.files import sole_writer, writing
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.config.environment import same_robots
@@ -110,7 +111,8 @@ class Trainer:
         ):
             row = self.iterate() | self._evaluate()
             if self.leads:
-                append_row(self.config.out, row, self.iteration)
+                with writing(self.config.out):
+                    append_row(self.config.out, row, self.iteration)
                 by_steps = (self.run_steps - first) / (self.config.steps - first)
                 by_hours = (time.monotonic() - start) / (3600.0 * hours)
                 report(row | {"progress": min(1.0, max(by_steps, by_hours))}, self.env.curriculum.gates)
@@ -221,17 +223,19 @@ class Trainer:
 
     def save(self) -> None:
         """Write checkpoint, snapshot and policy; processes other than the first write their robots only."""
-        if not self.leads:
-            path = distributed.rank_path(self.config.out / CHECKPOINT_NAME)
-            checkpoint.save_file(path, self._robot_tensors(), "robots", {"iteration": self.iteration})
-            return
-        tensors = self._learner_tensors() | self._robot_tensors()
-        checkpoint.save_file(self.config.out / CHECKPOINT_NAME, tensors, "checkpoint", self._metadata())
+        path = distributed.rank_path(self.config.out / CHECKPOINT_NAME)
+        with writing(path):
+            if not self.leads:
+                checkpoint.save_file(path, self._robot_tensors(), "robots", {"iteration": self.iteration})
+                return
+            tensors = self._learner_tensors() | self._robot_tensors()
+            checkpoint.save_file(path, tensors, "checkpoint", self._metadata())
         self._save_product(self.config.out)
 
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
-        save_product(folder, self.product, self.config.at(self.run_steps).env, self._metadata())
+        with writing(folder):
+            save_product(folder, self.product, self.config.at(self.run_steps).env, self._metadata())
 
     def _learner_tensors(self) -> dict[str, torch.Tensor]:
         """Return the part of a checkpoint that all processes have in common: networks and optimiser."""
@@ -409,7 +413,10 @@ def train(config: TrainConfig, report: Report, notice: Callable[[str], object] =
     """
     if not config.resume and (config.out / CHECKPOINT_NAME).exists():
         raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
-    with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
+    with (
+        distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"),
+        sole_writer(config.out) if distributed.rank() == 0 else contextlib.nullcontext(),
+    ):
         trainer = Trainer(config)
         if trainer.remark and trainer.leads:
             notice(trainer.remark)
