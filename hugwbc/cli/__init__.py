@@ -1,12 +1,15 @@
 """The command line: `hugwbc VERB`. Every verb is a file, which is loaded only when the verb is used."""
 
+import contextlib
 import importlib
 import itertools
 import os
 import select
+import signal
 import sys
+import threading
 import types
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from hugwbc.errors import HugwbcError, UnknownNameError
 
@@ -32,7 +35,7 @@ INTERRUPTED = 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb, given the words after `hugwbc`, by default those of this process; return the exit code.
 
-    It is 0 for success, 1 for a failed check, 2 for bad input, 130 after Ctrl-C.
+    It is 0 for success, 1 for a failed check, 2 for bad input, 130 after Ctrl-C or SIGTERM.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     if not words or words[0] in ("-h", "--help"):
@@ -46,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if words[0] not in VERBS:
             raise UnknownNameError("verb", words[0], VERBS)
-        return _verb(words[0]).run(_with_json_path(words[1:]))
+        with _terminated_like_ctrl_c():
+            return _verb(words[0]).run(_with_json_path(words[1:]))
     except HugwbcError as error:
         print(f"hugwbc: {error}", file=sys.stderr)
         return USAGE_ERROR
@@ -74,6 +78,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         # What is left in the buffer would make Python complain when it flushes it at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+@contextlib.contextmanager
+def _terminated_like_ctrl_c() -> Iterator[None]:
+    """Let SIGTERM, which schedulers and shells send, save what Ctrl-C saves."""
+    if threading.current_thread() is not threading.main_thread():  # where Python handles no signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _is_read(pipe: int) -> bool:

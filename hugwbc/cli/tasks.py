@@ -91,20 +91,25 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
         from hugwbc.tasks.lerobot_dataset import DatasetWriter
     tasks, arena = [load_task(name) for name in options.task], options.arena
     total, done = options.episodes * len(tasks), 0
+    spec = ControllerSpec(options.controller, options.policy).told(arena)
+    settings = {"controller": spec.identity(), "arena": dataclasses.asdict(arena)}
     with (
         _said(lambda: f"wrote {done} of {total} episodes to {folder}" if folder.is_dir() else "nothing was written"),
         output_folder(folder.absolute().parent),
-        DatasetWriter(folder, tasks, load_robot(arena.robot), dict.fromkeys(options.cameras, SIZE)) as writer,
+        DatasetWriter(folder, tasks, load_robot(arena.robot), dict.fromkeys(options.cameras, SIZE), settings) as writer,
         tempfile.TemporaryDirectory() as films,
         progress(f"{options.controller}, recording: {total} episodes") as advance,
     ):
-        controller = ControllerSpec(options.controller, options.policy).told(arena).build()
+        controller = spec.build()
 
         def on_progress(part: float) -> None:
             advance((done + part) / total)
 
         for task in tasks:
             for seed in range(options.seed, options.seed + options.episodes):
+                if (task.name, seed) in writer.recorded:  # by a recording that was killed
+                    done += 1
+                    continue
                 simulation = arena.simulation(seed=seed, scene=task.scene)
                 episode = demonstrate(task, controller, simulation, seed=seed, on_progress=on_progress)
                 images = {}

@@ -10,10 +10,10 @@ FOLDER/
   videos/observation.images.head/chunk-000/file-000.mp4   what a camera saw in the first episode, and so on
 """
 
+import contextlib
 import json
 import os
 import pathlib
-import secrets
 import shutil
 from collections.abc import Mapping, Sequence
 from types import TracebackType
@@ -25,12 +25,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from hugwbc.errors import ConfigError
-from hugwbc.files import writing
+from hugwbc.files import LOCK, sole_writer, write_whole
 from hugwbc.robot import Robot
 from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, pose_names, state_names
 from hugwbc.tasks.task import Task
 
 VERSION = "v3.0"
+_JOURNAL = "episodes.jsonl"  # of an unfinished data set: its settings, and a line for each complete episode
 _FILES_IN_CHUNK = 1000
 _FILE_SIZE = 100  # [MB], which readers expect to be told; a file has one episode
 _PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -89,12 +90,18 @@ def _video_feature(size: int) -> dict[str, Any]:
 class DatasetWriter:
     """A data set that is written episode by episode and appears only when it is complete.
 
-    Use it in a `with` statement. Files go to a hidden folder beside the requested one, which gets its name at the end.
-    An error or Ctrl-C ends the data set after the last complete episode.
+    Use it in a `with` statement. Files go to the hidden folder `.NAME.partial` beside the requested one, which gets its
+    name at the end. An error or Ctrl-C ends the data set after the last complete episode. What a killed recording has
+    left is continued by the next one with the same settings.
     """
 
     def __init__(
-        self, folder: str | pathlib.Path, tasks: Sequence[Task], robot: Robot, images: Mapping[str, int] | None = None
+        self,
+        folder: str | pathlib.Path,
+        tasks: Sequence[Task],
+        robot: Robot,
+        images: Mapping[str, int] | None = None,
+        settings: Mapping[str, Any] | None = None,
     ) -> None:
         """Prepare the columns.
 
@@ -103,6 +110,7 @@ class DatasetWriter:
             tasks: tasks of which there will be episodes, at least one.
             robot: the robot.
             images: height and width of the films of each episode by camera [pixels]; None for no films.
+            settings: what else the episodes depend on, as JSON; a killed recording with others is not continued.
         """
         self.folder = pathlib.Path(folder).absolute()
         if os.path.lexists(self.folder):
@@ -114,17 +122,46 @@ class DatasetWriter:
         columns = {key: feature for key, feature in self._features.items() if feature["dtype"] != "video"}
         self._videos = [key for key in self._features if key not in columns]
         self._schema = pa.schema([(key, _arrow_type(feature)) for key, feature in columns.items()])
-        self._staging = self.folder.with_name(f".{self.folder.name}.{secrets.token_hex(4)}.partial")
+        self._staging = self.folder.with_name(f".{self.folder.name}.partial")
+        self._key = json.dumps([self._features, self._tasks, dict(settings or {})])
+        self._only = contextlib.ExitStack()
         self._steps: dict[str, int] = {}
         self._seen: dict[str, list[Mapping[str, Any]]] = {}
         self._episodes: list[dict[str, Any]] = []
+        self._lines: list[str] = []  # of the journal, one for each episode
         self._frames = 0
 
     def __enter__(self) -> Self:
-        """Make the hidden folder."""
-        with writing(self.folder):
-            self._staging.mkdir(parents=True)
+        """Make the hidden folder, or continue in that of a killed recording."""
+        self._only.enter_context(sole_writer(self._staging))
+        journal = self._staging / _JOURNAL
+        if journal.exists():
+            key, *lines = journal.read_text(encoding="utf-8").splitlines()
+            if key != self._key:
+                self._only.close()
+                raise ConfigError(
+                    f"{self._staging} holds an unfinished recording with other settings; repeat it with those, or "
+                    "remove the folder"
+                )
+            for line in lines:
+                with contextlib.suppress(ValueError):  # half a line: the process was killed in the middle of it
+                    self._take(**json.loads(line))
+        write_whole(journal, "\n".join([self._key, *self._lines]) + "\n")
         return self
+
+    @property
+    def recorded(self) -> set[tuple[str, int]]:
+        """Task and seed of each episode so far."""
+        return {(row["suite_task"], row["seed"]) for row in self._episodes}
+
+    def _take(self, row: dict[str, Any], steps: list[str], images: Mapping[str, Mapping[str, Any]]) -> None:
+        """Count an episode whose files are complete."""
+        self._episodes.append(row)
+        self._lines.append(json.dumps({"row": row, "steps": steps, "images": images}))
+        self._steps = {step: number for number, step in enumerate(steps)}
+        for key, statistics in images.items():
+            self._seen.setdefault(key, []).append(statistics)
+        self._frames += row["length"]
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -138,6 +175,7 @@ class DatasetWriter:
         finally:
             if not complete:
                 shutil.rmtree(self._staging, ignore_errors=True)
+            self._only.close()
         if complete:
             self._name()
 
@@ -159,7 +197,7 @@ class DatasetWriter:
         path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(pa.Table.from_arrays(arrays, schema=self._schema), path)
         count, verdict = len(episode.state), episode.verdict
-        videos: dict[str, Any] = {}
+        videos, images = dict[str, Any](), {}
         for key in self._videos:
             film, statistics = (films or {})[key.rpartition(".")[2]]
             target = self._staging / _VIDEO.format(video_key=key, **place)
@@ -167,9 +205,9 @@ class DatasetWriter:
             shutil.move(film, target)
             videos |= {f"videos/{key}/{name}": value for name, value in place.items()}
             videos |= {f"videos/{key}/from_timestamp": 0.0, f"videos/{key}/to_timestamp": count / FPS}
-            self._seen.setdefault(key, []).append(statistics)
+            images[key] = {name: np.asarray(value).tolist() for name, value in statistics.items()}
             videos |= {f"stats/{key}/{name}": value for name, value in _of_channels(statistics).items()}
-        self._episodes.append(
+        self._take(
             {
                 "episode_index": len(self._episodes),
                 "tasks": [episode.task.about],
@@ -188,9 +226,12 @@ class DatasetWriter:
                 "detail": verdict.detail,
                 **_flat(columns),
                 **videos,
-            }
+            },
+            list(self._steps),
+            images,
         )
-        self._frames += count
+        with (self._staging / _JOURNAL).open("a", encoding="utf-8") as file:
+            file.write(self._lines[-1] + "\n")
 
     def _columns(self, episode: Demonstration) -> dict[str, np.ndarray]:
         """Return the frames of an episode as columns, shapes (T,) or (T, numbers)."""
@@ -219,13 +260,15 @@ class DatasetWriter:
         (self._staging / _DATA.format(**_place(len(self._episodes)))).unlink(missing_ok=True)  # of a broken episode
         meta = self._staging / "meta"
         path = self._staging / _EPISODES.format(**_place(0))
-        path.parent.mkdir(parents=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(pa.Table.from_pylist(self._episodes), path)
         _write_words(meta / "tasks.parquet", "task", self._abouts)
         _write_words(meta / "subtasks.parquet", "subtask", list(self._steps))
         numbers = {key: _stats(self._whole(key)) for key in self._schema.names}
         _write_json(meta / "stats.json", numbers | self._image_stats())
         _write_json(meta / "info.json", self._info())
+        for name in (_JOURNAL, LOCK):
+            (self._staging / name).unlink()
 
     def _name(self) -> None:
         try:

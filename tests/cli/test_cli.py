@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import re
+import signal
 import subprocess
 import sys
 import types
@@ -138,15 +139,14 @@ def test_the_module_runs_and_loads_nothing_heavy_for_help():
     assert module.stdout.startswith("hugwbc 0.")
 
 
-def test_ctrl_c_ends_quietly(monkeypatch, capsys):
-    class Verb:
-        @staticmethod
-        def run(words):
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(cli, "_verb", lambda name: Verb)
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_end_quietly(sent, monkeypatch, capsys):
+    before = signal.getsignal(sent)
+    verb = types.SimpleNamespace(run=lambda words: signal.raise_signal(sent))
+    monkeypatch.setattr(cli, "_verb", lambda name: verb)
     assert main(["play"]) == 130
     assert capsys.readouterr().err == "hugwbc: stopped\n"
+    assert signal.getsignal(sent) is before
 
 
 def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):

@@ -1,6 +1,7 @@
 import pytest
 
 from hugwbc.cli import main
+from hugwbc.files import sole_writer
 
 
 def test_train_saves_a_policy_that_plays(tmp_path, capsys):
@@ -14,6 +15,13 @@ def test_train_saves_a_policy_that_plays(tmp_path, capsys):
     assert "already holds a run; --resume continues it" in capsys.readouterr().err
     assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
     assert main(["play", "--viewer", "none", "--duration", "0.1", "--policy", str(tmp_path)]) == 0
+
+
+def test_two_trainings_do_not_share_a_folder(tmp_path, capsys):
+    with sole_writer(tmp_path):
+        assert main(["train", "--env.count", "2", "--threads", "1", "--out", str(tmp_path)]) == 2
+    assert f"another process is working on {tmp_path}" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["run.lock"]
 
 
 def test_a_refused_training_leaves_no_folder(tmp_path, capsys):

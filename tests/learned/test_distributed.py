@@ -1,7 +1,10 @@
+import contextlib
 import os
 import pathlib
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 import torch
@@ -94,6 +97,36 @@ def test_processes_train_save_and_resume_together(tmp_path: pathlib.Path) -> Non
     common, _ = checkpoint.load_file(tmp_path / "checkpoint.safetensors", "checkpoint")
     assert metadata["iteration"] == 4
     assert not torch.equal(own["env.history"], common["env.history"]), "each process has robots of its own"
+
+
+def trainers(folder: pathlib.Path) -> list[int]:
+    """Return the processes whose command names a folder."""
+    lines = {path.parent.name: path for path in pathlib.Path("/proc").glob("[0-9]*/cmdline")}
+    found = []
+    for number, path in lines.items():
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            found += [int(number)] if str(folder).encode() in path.read_bytes() else []
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
+def test_processes_save_and_end_with_the_one_that_started_them(tmp_path: pathlib.Path, sent: signal.Signals) -> None:
+    words = ["train", "--env.count", 4, "--ppo.horizon", 8, "--threads", 1, "--out", tmp_path, "--steps", 1e6]
+    words += ["--evaluation-steps", 0, "--processes", 2]
+    command = [sys.executable, "-m", "hugwbc.cli", *map(str, words)]
+    launcher = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    deadline = time.monotonic() + 120.0
+    log = tmp_path / "metrics.csv"
+    while not (log.exists() and len(log.read_text().splitlines()) > 3) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    launcher.send_signal(sent)
+    while trainers(tmp_path) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert not trainers(tmp_path)
+    rows = log.read_text().splitlines()
+    assert load_policy(tmp_path).training["iteration"] == int(rows[-1].partition(",")[0]) == len(rows) - 1
+    assert launcher.wait(60.0) == (130 if sent is signal.SIGTERM else -sent)
 
 
 def test_one_process_exchanges_nothing() -> None:

@@ -1,5 +1,6 @@
 """Demonstrations: what is in a frame, and a data set that LeRobot's own reader of Parquet files reads."""
 
+import dataclasses
 import json
 import pathlib
 
@@ -250,6 +251,48 @@ def test_a_recording_that_was_stopped_keeps_its_complete_episodes(tmp_path, erro
         raise error
     assert list(tmp_path.iterdir()) == [folder]
     assert read_info(folder)["total_frames"] == 5
+
+
+def test_a_killed_recording_is_continued_and_becomes_the_same_data_set(tmp_path):
+    episodes = [made_up("press_button", 5), made_up("press_button", 6), made_up("press_button", 4)]
+    episodes = [dataclasses.replace(episode, seed=seed) for seed, episode in enumerate(episodes)]
+    whole = written(tmp_path / "whole", *episodes)
+    killed = DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT)
+    killed.__enter__()
+    for episode in episodes[:2]:
+        killed.add(episode)
+    killed._only.close()  # the kernel takes the lock from a killed process
+    staging = tmp_path / ".demos.partial"
+    with (staging / "episodes.jsonl").open("a") as file:
+        file.write('{"row": {"episode_index": 2, "tas')  # killed while it wrote
+    (staging / "data/chunk-000/file-002.parquet").write_bytes(b"half")
+    with DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer:
+        assert writer.recorded == {("press_button", 0), ("press_button", 1)}
+        writer.add(episodes[2])
+    files = sorted(path.relative_to(whole) for path in whole.rglob("*") if path.is_file())
+    assert files == sorted(p.relative_to(tmp_path / "demos") for p in (tmp_path / "demos").rglob("*") if p.is_file())
+    for path in files:
+        assert (tmp_path / "demos" / path).read_bytes() == (whole / path).read_bytes(), path
+
+
+def test_two_recordings_and_other_settings_are_kept_apart(tmp_path):
+    tasks = [load_task("press_button")]
+    with DatasetWriter(tmp_path / "demos", tasks, ROBOT, settings={"controller": "qp"}) as writer:
+        with (
+            pytest.raises(ConfigError, match="another process is working"),
+            DatasetWriter(tmp_path / "demos", tasks, ROBOT, settings={"controller": "qp"}),
+        ):
+            pass
+        writer.add(made_up("press_button", 5))
+        journal = (tmp_path / ".demos.partial" / "episodes.jsonl").read_bytes()
+    (tmp_path / ".more.partial").mkdir()
+    (tmp_path / ".more.partial" / "episodes.jsonl").write_bytes(journal)
+    with (
+        pytest.raises(ConfigError, match="other settings"),
+        DatasetWriter(tmp_path / "more", tasks, ROBOT, settings={"controller": "learned"}),
+    ):
+        pass
+    assert (tmp_path / ".more.partial" / "episodes.jsonl").read_bytes() == journal
 
 
 def test_nothing_is_left_of_a_recording_without_a_complete_episode(tmp_path, monkeypatch):

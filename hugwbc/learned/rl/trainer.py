@@ -413,14 +413,12 @@ def train(config: TrainConfig, report: Report, notice: Callable[[str], object] =
     """
     if not config.resume and (config.out / CHECKPOINT_NAME).exists():
         raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
-    with (
-        distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"),
-        sole_writer(config.out) if distributed.rank() == 0 else contextlib.nullcontext(),
-    ):
+    with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
         trainer = Trainer(config)
         if trainer.remark and trainer.leads:
             notice(trainer.remark)
-        with stopped_by_signals() as trainer.stop:
+        alone = sole_writer(config.out) if trainer.leads else contextlib.nullcontext()
+        with alone, stopped_by_signals() as trainer.stop:
             trainer.run(report)
     return trainer
 
