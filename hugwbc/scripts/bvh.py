@@ -23,7 +23,7 @@ _LIMBS = {
     "leg": (("hip", "knee", "ankle"), "leg|hip|thigh|femur|knee|shin|calf|tibia|ankle|foot", "UpLeg, Leg, Foot"),
     "arm": (("shoulder", "elbow", "wrist"), "arm|should|shldr|humerus|elbow|radius|wrist|hand", "Arm, ForeArm, Hand"),
 }
-# Words of one joint of a limb only; "shoulder" may also be the collar bone, and no limb ends where it says "foot".
+# Words of one joint only; "shoulder" may also say the collar bone, "leg" and "arm" several joints.
 _OWN = {
     "hip": "up(per)?leg|hip|thigh|femur", "knee": "low(er)?leg|knee|shin|calf|tibia", "ankle": "ankle|foot|toe",
     "shoulder": "up(per)?arm|shldr|humerus", "elbow": "forearm|low(er)?arm|elbow|radius", "wrist": "wrist|hand",
@@ -41,7 +41,6 @@ _TO_Z_UP = (
     np.eye(3),
 )
 _HALF_TURN = np.diag([1.0, -1.0, -1.0])
-_SHORTEST = 1e-6  # length of a limb in units of the file below which it is missing
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -100,13 +99,7 @@ def load_bvh(path: str | pathlib.Path) -> BodyClip:
     turn = _to_z_up({joint: rest[list(pair)].mean(axis=0) for joint, pair in found.items()})
     joints = {joint: positions[:, list(pair)] @ turn.T for joint, pair in found.items()}
     used = {index for pair in found.values() for index in pair}
-    clip = BodyClip(path.stem, fps, joints, tuple(name for index, name in enumerate(names) if index not in used))
-    for chain in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")):
-        if clip.length(*chain) < _SHORTEST:
-            raise MotionFileError(
-                f"{path}: {' to '.join(chain)} has no length; give a skeleton with offsets of its joints"
-            )
-    return clip
+    return BodyClip(path.stem, fps, joints, tuple(name for index, name in enumerate(names) if index not in used))
 
 
 def find_joints(
@@ -123,8 +116,9 @@ def find_joints(
         parents: the parent of each joint but the root, by index.
         positions: of the joints over time, shape (frames, joints, 3).
     """
+    names = [re.split("[:|]", name)[-1] for name in names]  # without a prefix such as `mixamorig:`
     sides = [_side(name) for name in names]
-    words = [re.sub("[^a-z]", "", _last(name).lower()) for name in names]
+    words = [re.sub("[^a-z]", "", name.lower()) for name in names]
     sided = [joint for joint, name in enumerate(names) if sides[joint] and not _HELPER.search(name)]
     up = {}  # the next joint of the same limb
     for joint in sided:
@@ -144,7 +138,7 @@ def find_joints(
         total = {(a, b, c): length(a, b) + length(b, c) for a, b, c in rows}
         best = max(rows, key=lambda row: total[row], default=(0, 0, 0))
         a, b, c = best
-        unclear = not rows or any(
+        unclear = not total.get(best) or any(
             (total[row] > 0.95 * total[best] and max(map(length, row, best)) > 0.1 * length(b, c))
             or (row[1:] == (a, b) and length(row[0], a) > _NEXT * length(a, b))
             or (row[:2] == (b, c) and length(c, row[2]) > _NEXT * length(b, c))
@@ -168,14 +162,9 @@ def find_joints(
     return found
 
 
-def _last(name: str) -> str:
-    """Return a name without the skeleton's prefix, such as `mixamorig:`."""
-    return re.split("[:|]", name)[-1]
-
-
 def _side(name: str) -> str:
     """Return "left" or "right" if a joint's name says so."""
-    parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", _last(name))]
+    parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)]
     said = [s for s in SIDES if any(re.match(f"{s}|{s[0]}$|{s[0]}({_WORDS})", part) for part in parts)]
     return said[0] if len(said) == 1 else ""
 

@@ -34,10 +34,10 @@ _AROUND = 0.5  # [s] to walk before and after that, so that the gait does not fl
 _RAMP = 1.0  # [s] from the default command to the clip's first frame
 _MOST_BENT = 0.95  # share of the straight legs' height that a person who stands keeps
 _PACE, _JUMP = (0.02, 15.0), 0.3  # [leg lengths / s], [leg lengths]; sprinters run at 13
-_LYING = np.deg2rad(75.0)  # lean of the trunk, above that of a bow
-_LOW = 0.35  # [leg lengths] between the hips and the ground, below a squat or a seat
+_LYING = np.deg2rad(75.0)  # lean of the trunk, more than in a bow
+_LOW = 0.35  # [leg lengths] between the hips and the ground, less than in a squat
 _LIFTED = 0.2  # [leg lengths] of the lower ankle, above its height at push-off
-_ASIDE = 0.35  # [leg lengths] from the middle of the trunk to the line between the ankles, more than a foot's length
+_ASIDE = 0.35  # [leg lengths] from the middle of the trunk to the feet, more than a foot's length
 _MOST_BAD = 0.1  # share of a clip off the feet from which it is refused
 _TOLD = 6  # spans in one message
 _UNITS = {"h": ("cm", 100.0), "p": ("deg", np.rad2deg(1.0)), "w": ("deg", np.rad2deg(1.0)), "hands": ("cm", 100.0),
@@ -117,19 +117,17 @@ def retarget(clip: BodyClip) -> WholeBodyMotion:
     shoulders, put at the robot's shoulders.
     """
     robot = load_robot()
-    hips, frames = clip.joints["hip"].mean(axis=1), np.arange(len(clip.joints["hip"]))
-    moved = np.linalg.norm(np.diff(hips, axis=0), axis=1) / clip.length("hip", "knee", "ankle")
-    check_pace(clip.name, frames / clip.fps, moved, "leg lengths", _PACE, _JUMP)
-    joints = {name: resampled(points, clip.fps, MOTION_FPS) for name, points in clip.joints.items()}
     straight = clip.length("hip", "knee", "ankle")
+    moved = np.linalg.norm(np.diff(clip.joints["hip"].mean(axis=1), axis=0), axis=1) / straight
+    check_pace(clip.name, np.arange(len(moved) + 1) / clip.fps, moved, "leg lengths", _PACE, _JUMP)
+    joints = {name: resampled(points, clip.fps, MOTION_FPS) for name, points in clip.joints.items()}
     leg = robot.leg_length / straight
     arm = (robot.upper_arm + robot.forearm) / clip.length("shoulder", "elbow", "wrist")
     pelvis = joints["hip"].mean(axis=1)
     heading = np.unwrap(_yaw_of_pair(joints["hip"]))
     lowest = joints["ankle"][..., 2].min(axis=1)
-    ground = np.percentile(lowest, 5)
-    height = pelvis[:, 2] - ground
-    _check_stands(clip.name, joints, height / straight, (lowest - ground) / straight, straight)
+    height = pelvis[:, 2] - np.percentile(lowest, 5)
+    _check_stands(clip.name, {name: points / straight for name, points in joints.items()}, height / straight)
     standing = np.clip(np.percentile(height, 95), _MOST_BENT * straight, straight)
     back = np.stack([rotations.rotation_z(-float(yaw)) for yaw in heading])
     trunk = np.einsum("fij,fj->fi", back, joints["shoulder"].mean(axis=1) - pelvis)
@@ -159,21 +157,20 @@ def retarget(clip: BodyClip) -> WholeBodyMotion:
     )
 
 
-def _check_stands(name: str, joints: dict[str, np.ndarray], height: np.ndarray, lifted: np.ndarray, leg: float) -> None:
+def _check_stands(name: str, joints: dict[str, np.ndarray], height: np.ndarray) -> None:
     """Say from when to when the person does not stay on the feet; refuse a clip with much of that.
 
     Args:
         name: of the clip.
-        joints: as in `BodyClip`, at `MOTION_FPS`.
-        height: of the hips above the ground, in leg lengths, shape (frames,).
-        lifted: of the lower ankle, likewise.
-        leg: length of a leg, in the units of the file.
+        joints: as in `BodyClip`, at `MOTION_FPS`, in leg lengths.
+        height: of the hips above the ground [leg lengths], shape (frames,).
     """
     pelvis, shoulders = joints["hip"].mean(axis=1), joints["shoulder"].mean(axis=1)
     lean = np.arctan2(np.linalg.norm((shoulders - pelvis)[:, :2], axis=1), (shoulders - pelvis)[:, 2])
     ankles = joints["ankle"][..., :2]
     feet = np.concatenate([ankles, ankles.mean(axis=1, keepdims=True)], axis=1)
-    aside = np.linalg.norm(feet - (pelvis + shoulders)[:, None, :2] / 2.0, axis=-1).min(axis=1) / leg
+    aside = np.linalg.norm(feet - (pelvis + shoulders)[:, None, :2] / 2.0, axis=-1).min(axis=1)
+    lifted = height + joints["ankle"][..., 2].min(axis=1) - pelvis[:, 2]
     bad, told = np.zeros(len(lean), dtype=bool), []
     for what, wrong, longest in (
         ("lying or head down", lean > _LYING, 0.3),
