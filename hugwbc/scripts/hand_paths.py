@@ -201,11 +201,8 @@ class Wander(HandPath):
     def at(self, t: float) -> np.ndarray:
         """Return the position [m] at time `t` [s], shape (3,)."""
         leg, within = divmod(max(t, 0.0), self.leg_time)
-        before, after = self._corner(int(leg)), self._corner(int(leg) + 1)
+        before, after = _wander_corner(self, int(leg)), _wander_corner(self, int(leg) + 1)
         return before + smooth_step(within / self.leg_time) * (after - before)
-
-    def _corner(self, index: int) -> np.ndarray:
-        return _wander_corner(self, index)
 
 
 @functools.lru_cache(maxsize=256)

@@ -6,7 +6,6 @@ A motion file is an .npz without pickled objects, with `fps` (frames per second)
 """
 
 import collections
-import csv
 import dataclasses
 import io
 import logging
@@ -22,6 +21,7 @@ from hugwbc.blends import minimum_jerk
 from hugwbc.errors import MotionFileError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
+from hugwbc.scripts.sampled import check_pace, check_times, read_table, resampled
 
 _log = logging.getLogger(__name__)
 
@@ -33,6 +33,9 @@ LARGEST_MOTION = 50_000_000  # [byte] unpacked, more than four hours of 19 joint
 _LISTED = 20  # names in one message
 _TIME = "t"  # the column of a .csv
 _UNEVEN = 0.02  # share of a step by which the times of a .csv may differ from equal steps, being rounded
+_PACE, _JUMP = (0.02, 25.0), 0.5  # [rad/s], [rad]; the arms' motors reach 20 rad/s
+_ROUNDED = 1e-3  # [rad], rounding in files
+_BEYOND = (0.1, 0.1)  # [rad] past a joint limit, and the share of frames there from which a motion is refused
 # What NumPy and zipfile raise on truncated, corrupted or encrypted archives.
 UNREADABLE = (
     OSError, EOFError, KeyError, ValueError, OverflowError, MemoryError, NotImplementedError, RuntimeError,
@@ -96,10 +99,7 @@ class ArmMotion:
 
     def resampled(self, fps: float = MOTION_FPS) -> "ArmMotion":
         """Return the motion at another rate by linear interpolation; an incomplete last interval is dropped."""
-        frames = int(np.floor(self.duration * fps + 1e-9)) + 1
-        index = np.arange(frames) / fps * self.fps
-        columns = [np.interp(index, np.arange(len(self.positions)), column) for column in self.positions.T]
-        return ArmMotion(self.name, fps, np.stack(columns, axis=1), self.unused)
+        return dataclasses.replace(self, fps=fps, positions=resampled(self.positions, self.fps, fps))
 
     def save(self, path: str | pathlib.Path) -> None:
         """Write a motion file, whose name should end in .npz; its folder is created."""
@@ -110,17 +110,50 @@ class ArmMotion:
 
 
 def load_motion(path: str | pathlib.Path) -> ArmMotion:
-    """Read a motion file; positions outside the joint limits are clamped to them.
+    """Read a motion file; positions outside the joint limits are clamped to them, which is logged as a warning.
 
-    Joints that are not of the arms are logged as a warning: the robot's legs and waist do not follow a motion.
+    So are joints that are not of the arms: the robot's legs and waist do not follow a motion.
     """
-    motion = _read_motion(path)
+    motion, told = _read_motion(path)
     if motion.unused:
         _log.warning("%s: only the arms follow a motion; not used: %s", path, _listed(motion.unused))
+    if told:
+        _log.warning("%s", told)
     return motion
 
 
-def _read_motion(path: str | pathlib.Path) -> ArmMotion:
+def check_motion(what: str, motion: ArmMotion) -> str:
+    """Refuse a motion in other units, with jumps, or far from what arms can do; tell how much is beyond their limits.
+
+    Args:
+        what: the subject of messages, such as the file.
+        motion: the motion, not clamped.
+    """
+    fps, positions, robot = motion.fps, np.asarray(motion.positions), load_robot()
+    if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
+        raise MotionFileError(f"{what} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
+    if positions.shape != (len(positions), len(robot.arm_names)) or not np.all(np.isfinite(positions)):
+        raise MotionFileError(f"{what} has positions that are not finite, or not of the arms; repair or cut the motion")
+    if (largest := np.abs(positions).max()) > 2.0 * np.pi:
+        raise MotionFileError(
+            f"{what} has angles up to {largest:.1f}, more than a full turn in radians; if they are degrees, convert "
+            "them with np.deg2rad, otherwise unwrap them"
+        )
+    moved = np.abs(np.diff(positions, axis=0)).max(axis=1)
+    check_pace(what, np.arange(len(positions)) / fps, moved, "rad", _PACE, _JUMP)
+    past = np.maximum(robot.lower[robot.arms] - positions, positions - robot.upper[robot.arms])
+    worst = past.max(axis=1)
+    if worst.max() <= _ROUNDED:
+        return ""
+    told = f"{what}: {np.mean(worst > _ROUNDED):.1%} of the frames are beyond joint limits, by up to {worst.max():.2f} "
+    told += f"rad ({robot.arm_names[past.max(axis=0).argmax()]})"
+    if np.mean(worst > _BEYOND[0]) > _BEYOND[1]:
+        raise MotionFileError(f"{told}; give radians that the arms can reach, with the signs and zeros of the H1")
+    return f"{told}; they are clamped"
+
+
+def _read_motion(path: str | pathlib.Path) -> tuple[ArmMotion, str]:
+    """Return a clamped motion, and what `check_motion` says of it."""
     path = pathlib.Path(path)
     if path.suffix.lower() not in _READABLE:
         valid = f"valid for arms: {' and '.join(_READABLE)}, for the whole body with play --motion: .bvh; convert it"
@@ -140,44 +173,28 @@ def _read_motion(path: str | pathlib.Path) -> ArmMotion:
             f"{path} has positions of shape {positions.shape}, {positions.dtype}; valid: at least 2 frames of "
             f"{len(found)} joint angles, one for each joint name"
         )
-    if fps.size != 1 or not is_real(fps) or not FRAME_RATES[0] <= fps.item() <= FRAME_RATES[1]:
+    if fps.size != 1 or not is_real(fps):
         raise MotionFileError(f"{path} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
-    if not np.all(np.isfinite(positions)):
-        raise MotionFileError(f"{path} has positions that are not finite; repair or cut the motion")
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
-    arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
     unused = tuple(name for name in found if name not in robot.arm_names)
-    return ArmMotion(path.stem, float(fps.item()), arms, unused)
+    motion = ArmMotion(path.stem, float(fps.item()), arms, unused)
+    told = check_motion(str(path), motion)
+    arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
+    return dataclasses.replace(motion, positions=arms), told
 
 
 def _read_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
     """Return the fields of a motion from a table."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin with a byte order mark
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise MotionFileError(
-            f"cannot read {path}: {error}; give a .csv with the columns t and one per joint"
-        ) from error
-    names = [name.strip() for name in rows[0]] if rows else []
+    names, table = read_table(path, f"{_TIME} [s] and one per joint [rad]")
     if _TIME not in names:
         raise MotionFileError(f"{path}:1: no column is named {_TIME}; the first line names {_TIME} [s] and the joints")
-    frames = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not row:
-            continue
-        try:
-            frames.append([float(value) for value in row])
-        except ValueError as error:
-            raise MotionFileError(f"{path}:{number}: {error}; give numbers [s, rad]") from None
-        if len(row) != len(names):
-            raise MotionFileError(f"{path}:{number}: {len(row)} numbers for {len(names)} columns; give one for each")
-    if len(frames) < 2:
-        raise MotionFileError(f"{path} has {len(frames)} frames; a motion needs at least 2")
-    table, column = np.array(frames), names.index(_TIME)
+    if len(table) < 2:
+        raise MotionFileError(f"{path} has {len(table)} frames; a motion needs at least 2")
+    column = names.index(_TIME)
+    check_times(str(path), table[:, column])
     steps = np.diff(table[:, column])
     mean = float(steps.mean())
-    if not mean > 0.0 or not np.all(np.abs(steps - mean) <= _UNEVEN * mean):  # a NaN fails the comparison
+    if not np.all(np.abs(steps - mean) <= _UNEVEN * mean):
         raise MotionFileError(f"{path}: the times do not rise in equal steps; resample the motion")
     joints = np.array([name for name in names if name != _TIME])
     return {"fps": np.array(1.0 / mean), "joint_names": joints, "positions": np.delete(table, column, axis=1)}
@@ -224,14 +241,17 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def load_motions(folder: str | pathlib.Path) -> list[ArmMotion]:
-    """Read all motion files of a folder, ordered by name; what is not used is logged as by `load_motion`."""
-    paths = sorted(pathlib.Path(folder).glob("*.npz"))
+    """Read all motion files of a folder, ordered by name; what is not used or clamped is logged as by `load_motion`."""
+    paths = sorted(path for path in pathlib.Path(folder).glob("*") if path.suffix.lower() in _READABLE)
     if not paths:
-        raise MotionFileError(f"{folder} holds no motion files; give a folder with .npz files")
-    motions = [_read_motion(path) for path in paths]
+        raise MotionFileError(f"{folder} holds no motion files; give a folder with {' or '.join(_READABLE)} files")
+    read = [_read_motion(path) for path in paths]
+    motions, clamped = [motion for motion, _ in read], [told for _, told in read if told]
     unused = list(dict.fromkeys(name for motion in motions for name in motion.unused))
     if unused:  # one line, not one for each of perhaps a thousand files
         _log.warning("%s: only the arms follow a motion; not used: %s", folder, _listed(unused))
+    if clamped:
+        _log.warning("%d of %d motions are beyond joint limits; the first: %s", len(clamped), len(read), clamped[0])
     return motions
 
 

@@ -1,19 +1,23 @@
 """Recorded paths of a hand: samples over time, read from CSV files."""
 
-import csv
 import functools
+import logging
 import pathlib
 
 import numpy as np
 
 from hugwbc.errors import TargetError
 from hugwbc.scripts.hand_paths import HandPath, Point
+from hugwbc.scripts.sampled import check_times, read_table
 from hugwbc.settings import settings
+
+_log = logging.getLogger(__name__)
+_COLUMNS = "t,x,y,z"
 
 
 @settings
 class Recorded(HandPath):
-    """A path through samples, linear between them.
+    """A path through samples, linear between them; it starts with the first, whatever the clock.
 
     Attributes:
         time: times of the samples, increasing [s].
@@ -28,38 +32,30 @@ class Recorded(HandPath):
             raise TargetError(
                 f"recorded path has {len(self.time)} times and {len(self.points)} points; give one x, y, z each"
             )
-        if np.any(np.diff(self.time) <= 0.0):
-            raise TargetError("recorded path's times do not rise; sort the samples and remove repeated times")
+        check_times("recorded path", np.array(self.time))
+        if self.time[0] != 0.0:
+            _log.warning("a recorded path starts at t = %.10g s on its clock; it is played from there", self.time[0])
 
     @functools.cached_property
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array(self.time, dtype=float), np.array(self.points, dtype=float)
+    def samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times since the first sample [s], shape (n,), and positions [m], shape (n, 3)."""
+        return np.array(self.time, dtype=float) - self.time[0], np.array(self.points, dtype=float)
 
     def at(self, t: float) -> np.ndarray:
         """Return the position [m] at time `t` [s], shape (3,)."""
-        time, points = self._arrays
+        time, points = self.samples
         return np.array([np.interp(t, time, points[:, axis]) for axis in range(3)])
 
 
 def read_path(path: str | pathlib.Path) -> Recorded:
-    """Read a recorded path from a CSV file with a header line and the columns t, x, y, z [s, m].
-
-    Empty lines are skipped.
-    """
-    try:  # spreadsheets start their files with a byte order mark
-        with pathlib.Path(path).open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TargetError(f"cannot read the hand path {path}: {error}; give a CSV file with columns t,x,y,z") from error
-    if not rows or [name.strip() for name in rows[0]] != ["t", "x", "y", "z"]:
-        raise TargetError(f"{path}:1: the header is {','.join(rows[0]) if rows else 'missing'}; write t,x,y,z")
-    samples: list[list[float]] = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not row:
-            continue
-        try:
-            t, x, y, z = map(float, row)
-        except ValueError:
-            raise TargetError(f"{path}:{number}: '{','.join(row)}' is not four numbers t,x,y,z") from None
-        samples.append([t, x, y, z])
-    return Recorded(tuple(s[0] for s in samples), tuple((s[1], s[2], s[3]) for s in samples))
+    """Read a recorded path from a CSV file with a header line and the columns t, x, y, z [s, m]."""
+    names, table = read_table(path, _COLUMNS)
+    if names != _COLUMNS.split(","):
+        raise TargetError(f"{path}:1: the header is {','.join(names) or 'missing'}; write {_COLUMNS}")
+    gaps = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if gaps.size:
+        raise TargetError(
+            f"{path}: {gaps.size} of {len(table)} samples are not finite, the first at t = {table[gaps[0], 0]:g} s; "
+            "fill the gap, or delete these lines to go straight across"
+        )
+    return Recorded(tuple(table[:, 0].tolist()), tuple(map(tuple, table[:, 1:].tolist())))

@@ -9,6 +9,7 @@ import bisect
 import dataclasses
 import functools
 import itertools
+import logging
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -20,23 +21,24 @@ from hugwbc.blends import smooth_rate, smooth_step
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, HugwbcError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.robot import SIDES
 from hugwbc.scripts import hand_paths
 from hugwbc.scripts.hand_paths import HandPath, Point
-from hugwbc.scripts.motion import ArmMotion, load_motion
-from hugwbc.scripts.recorded_path import read_path
+from hugwbc.scripts.motion import ArmMotion, check_motion, load_motion
+from hugwbc.scripts.recorded_path import Recorded, read_path
+from hugwbc.scripts.sampled import check_pace
 from hugwbc.settings import Beside, NotNegative, Positive, refusing, settings
-from hugwbc.targets import HandFrame, HandTargets
+from hugwbc.targets import FARTHEST_HAND, HandFrame, HandTargets
+
+_log = logging.getLogger(__name__)
 
 DEFAULT_RAMP = 1.0  # [s]
+HIGHEST_HAND = 10.0  # [m] above or below the world's origin: a target beyond it is in another unit
+_PACE, _JUMP = (0.005, 5.0), 0.05  # [m/s], [m]; an arm at its joints' speed limits reaches 5 m/s
 _PATHS: dict[str, TypeAdapter[Any]] = {
-    "hold": TypeAdapter(dict[str, hand_paths.Hold]),
-    "line": TypeAdapter(dict[str, hand_paths.Line]),
-    "grid": TypeAdapter(dict[str, hand_paths.Grid]),
-    "circle": TypeAdapter(dict[str, hand_paths.Circle]),
-    "swing": TypeAdapter(dict[str, hand_paths.Swing]),
-    "wander": TypeAdapter(dict[str, hand_paths.Wander]),
+    name: TypeAdapter(dict[str, getattr(hand_paths, name.title())])  # pyright: ignore[reportInvalidTypeForm]
+    for name in ("hold", "line", "grid", "circle", "swing", "wander")
 }
-"""Paths by their names in a file."""
 _KINDS = (*_PATHS, "file")
 
 
@@ -60,6 +62,8 @@ def _path(value: Any, info: ValidationInfo) -> HandPath | None:  # noqa: ANN401
 def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN401
     """Return the motion of a file, the same object for the same file, so that it can go on from segment to segment."""
     if value is None or isinstance(value, ArmMotion):
+        if value is not None and (told := check_motion(f"motion '{value.name}'", value)):
+            _log.warning("%s", told)
         return value
     path = TypeAdapter(Beside).validate_python(value, context=info.context)
     known = {} if info.context is None else info.context
@@ -99,6 +103,9 @@ class HandMotion:
     def __post_init__(self) -> None:
         if self.left is None and self.right is None:
             raise TargetError("neither hand has a path; give at least one, or no hands at all")
+        for side, path in zip(SIDES, (self.left, self.right), strict=True):
+            if path is not None:
+                _check_path(side, path, self.frame)
         start = self.at(0.0)
         HandTargets.of(start.left, start.right, self.frame)
 
@@ -117,6 +124,36 @@ class HandMotion:
             together=self.together,
         )
         return checked.left_direction, checked.right_direction
+
+
+def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:
+    """Refuse a path that is in other units, leaves the hand's surroundings, or jumps."""
+    times, points = _samples(path)
+    if frame == "world":  # the robot may walk there, but not fly
+        far, most, what = np.abs(points[:, 2]), HIGHEST_HAND, "above or below the floor"
+    else:
+        far, most, what = np.linalg.norm(points, axis=1), FARTHEST_HAND, "from the pelvis"
+    beyond = np.flatnonzero(~(far <= most))  # a NaN fails the comparison
+    if beyond.size:
+        raise TargetError(
+            f"the {side} hand path goes up to {far[beyond].max():.1f} m {what}, with {len(beyond) / len(far):.0%} of "
+            f"its samples beyond {most:g} m, the first at {times[beyond[0]]:.2f} s; give metres: divide millimetres "
+            "by 1000, centimetres by 100"
+        )
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    check_pace(f"the {side} hand path", times, moved, "m", _PACE, _JUMP)
+
+
+def _samples(path: HandPath) -> tuple[np.ndarray, np.ndarray]:
+    """Return times [s] and points [m] that show how far and how fast a path goes."""
+    while isinstance(path, hand_paths.Mirrored):  # as far and as fast
+        path = path.path
+    if isinstance(path, Recorded):
+        return path.samples
+    if isinstance(path, hand_paths.Line | hand_paths.Grid):
+        return np.arange(len(path.points)) * (path.leg_time + path.dwell), np.array(path.points)
+    times = np.linspace(0.0, getattr(path, "period", 60.0), 601)
+    return times, np.stack([path.at(float(t)) for t in times])
 
 
 @settings

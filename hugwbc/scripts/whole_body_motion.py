@@ -6,6 +6,7 @@ head, fingers and the steps themselves have no command, and are dropped: the con
 
 import dataclasses
 import functools
+import logging
 import pathlib
 
 import numpy as np
@@ -13,13 +14,17 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, command_ranges
+from hugwbc.errors import MotionFileError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import Robot, load_robot
 from hugwbc.scripts.bvh import BodyClip, load_bvh
 from hugwbc.scripts.motion import MOTION_FPS
+from hugwbc.scripts.sampled import check_pace, resampled
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+
+_log = logging.getLogger(__name__)
 
 PARTS: tuple[str, ...] = ("v_x", "v_y", "omega", "h", "p", "w")
 _SMOOTH_VELOCITY = 0.25  # [s], standard deviation; the sway of single steps is no velocity command
@@ -28,6 +33,13 @@ _MOVING = (0.15, 0.3)  # [m/s, rad/s], planar speed and yaw rate of the robot ab
 _AROUND = 0.5  # [s] to walk before and after that, so that the gait does not flicker
 _RAMP = 1.0  # [s] from the default command to the clip's first frame
 _MOST_BENT = 0.95  # share of the straight legs' height that a person who stands keeps
+_PACE, _JUMP = (0.02, 15.0), 0.3  # [leg lengths / s], [leg lengths]; sprinters run at 13
+_LYING = np.deg2rad(75.0)  # lean of the trunk, more than in a bow
+_LOW = 0.35  # [leg lengths] between the hips and the ground, less than in a squat
+_LIFTED = 0.2  # [leg lengths] of the lower ankle, above its height at push-off
+_ASIDE = 0.35  # [leg lengths] from the middle of the trunk to the feet, more than a foot's length
+_MOST_BAD = 0.1  # share of a clip off the feet from which it is refused
+_TOLD = 6  # spans in one message
 _UNITS = {"h": ("cm", 100.0), "p": ("deg", np.rad2deg(1.0)), "w": ("deg", np.rad2deg(1.0)), "hands": ("cm", 100.0),
           "v_x": ("m/s", 1.0), "v_y": ("m/s", 1.0), "omega": ("rad/s", 1.0)}  # fmt: skip
 
@@ -105,13 +117,17 @@ def retarget(clip: BodyClip) -> WholeBodyMotion:
     shoulders, put at the robot's shoulders.
     """
     robot = load_robot()
-    joints = {name: _resampled(points, clip.fps) for name, points in clip.joints.items()}
     straight = clip.length("hip", "knee", "ankle")
+    moved = np.linalg.norm(np.diff(clip.joints["hip"].mean(axis=1), axis=0), axis=1) / straight
+    check_pace(clip.name, np.arange(len(moved) + 1) / clip.fps, moved, "leg lengths", _PACE, _JUMP)
+    joints = {name: resampled(points, clip.fps, MOTION_FPS) for name, points in clip.joints.items()}
     leg = robot.leg_length / straight
     arm = (robot.upper_arm + robot.forearm) / clip.length("shoulder", "elbow", "wrist")
     pelvis = joints["hip"].mean(axis=1)
     heading = np.unwrap(_yaw_of_pair(joints["hip"]))
-    height = pelvis[:, 2] - np.percentile(joints["ankle"][..., 2].min(axis=1), 5)
+    lowest = joints["ankle"][..., 2].min(axis=1)
+    height = pelvis[:, 2] - np.percentile(lowest, 5)
+    _check_stands(clip.name, {name: points / straight for name, points in joints.items()}, height / straight)
     standing = np.clip(np.percentile(height, 95), _MOST_BENT * straight, straight)
     back = np.stack([rotations.rotation_z(-float(yaw)) for yaw in heading])
     trunk = np.einsum("fij,fj->fi", back, joints["shoulder"].mean(axis=1) - pelvis)
@@ -141,12 +157,45 @@ def retarget(clip: BodyClip) -> WholeBodyMotion:
     )
 
 
-def _resampled(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return positions at `MOTION_FPS`, at least two frames of them."""
-    frames = max(2, int((len(points) - 1) / fps * MOTION_FPS + 1e-9) + 1)
-    place, flat = np.arange(frames) / MOTION_FPS * fps, points.reshape(len(points), -1)
-    columns = [np.interp(place, np.arange(len(points)), column) for column in flat.T]
-    return np.stack(columns, axis=1).reshape(frames, *points.shape[1:])
+def _check_stands(name: str, joints: dict[str, np.ndarray], height: np.ndarray) -> None:
+    """Say from when to when the person does not stay on the feet; refuse a clip with much of that.
+
+    Args:
+        name: of the clip.
+        joints: as in `BodyClip`, at `MOTION_FPS`, in leg lengths.
+        height: of the hips above the ground [leg lengths], shape (frames,).
+    """
+    pelvis, shoulders = joints["hip"].mean(axis=1), joints["shoulder"].mean(axis=1)
+    lean = np.arctan2(np.linalg.norm((shoulders - pelvis)[:, :2], axis=1), (shoulders - pelvis)[:, 2])
+    ankles = joints["ankle"][..., :2]
+    feet = np.concatenate([ankles, ankles.mean(axis=1, keepdims=True)], axis=1)
+    aside = np.linalg.norm(feet - (pelvis + shoulders)[:, None, :2] / 2.0, axis=-1).min(axis=1)
+    lifted = height + joints["ankle"][..., 2].min(axis=1) - pelvis[:, 2]
+    bad, told = np.zeros(len(lean), dtype=bool), []
+    for what, wrong, longest in (
+        ("lying or head down", lean > _LYING, 0.3),
+        ("hips too low to stand", height < _LOW, 0.3),
+        ("both feet off the ground", lifted > _LIFTED, 0.6),
+        ("weight beside the feet, as on hands, knees or a seat", aside > _ASIDE, 0.5),
+    ):
+        for start, end in _runs(wrong):
+            if end - start > min(longest * MOTION_FPS, 0.5 * len(lean)):
+                bad[start:end] = True
+                told.append(f"{what} from {start / MOTION_FPS:.1f} to {end / MOTION_FPS:.1f} s")
+    if told:
+        start, end = max(_runs(~bad), key=np.ptp, default=[0, 0])
+        todo = f"cut the file to {start / MOTION_FPS:.1f} to {end / MOTION_FPS:.1f} s"
+        if bad.all():
+            todo = "give a clip of a person who stands; if this one does, turn the file so that its rest pose does, too"
+        said = f"{name}: a robot on its feet cannot follow: {', '.join(told[:_TOLD])}; {todo}"
+        if bad.mean() > _MOST_BAD:
+            raise MotionFileError(said)
+        _log.warning("%s", said)
+
+
+def _runs(mask: np.ndarray) -> list[list[int]]:
+    """Return where runs of true values start and end."""
+    return np.flatnonzero(np.diff(np.pad(mask.astype(int), 1))).reshape(-1, 2).tolist()
 
 
 def _smooth(values: np.ndarray, deviation: float) -> np.ndarray:

@@ -25,9 +25,11 @@ SKELETON = {
 FPS, FRAMES = 25, 126  # 5 s
 
 
-def write_bvh(path: pathlib.Path, move=lambda t: {}, *, up="y", unit=1.0, prefix="", without=()) -> pathlib.Path:
+def write_bvh(
+    path: pathlib.Path, move=lambda t: {}, *, up="y", unit=1.0, prefix="", without=(), skeleton=SKELETON
+) -> pathlib.Path:
     """Write a clip; `move` gives the position of the hips [cm] and angles by joint (about z, x, y) [deg] at a time."""
-    skeleton = {name: part for name, part in SKELETON.items() if name not in without}
+    parts = {name: part for name, part in skeleton.items() if name not in without}
 
     def axes(v):
         return np.array(v, dtype=float) if up == "y" else np.array([v[2], v[0], v[1]], dtype=float)
@@ -36,11 +38,11 @@ def write_bvh(path: pathlib.Path, move=lambda t: {}, *, up="y", unit=1.0, prefix
     order = "Zrotation Xrotation Yrotation" if up == "y" else "Xrotation Yrotation Zrotation"
 
     def node(name, depth):
-        offset = " ".join(f"{unit * x:g}" for x in axes(skeleton[name][1]))
+        offset = " ".join(f"{unit * x:g}" for x in axes(parts[name][1]))
         place = "Xposition Yposition Zposition " if depth == 0 else ""
         lines = [f"{'JOINT' if depth else 'ROOT'} {prefix}{name}", "{", f"OFFSET {offset}"]
         lines.append(f"CHANNELS {3 if depth else 6} {place}{order}")
-        children = [child for child, (parent, _) in skeleton.items() if parent == name]
+        children = [child for child, (parent, _) in parts.items() if parent == name]
         for child in children:
             lines += node(child, depth + 1)
         return [*lines, *([] if children else ["End Site", "{", "OFFSET 0 0 0", "}"]), "}"]
@@ -49,17 +51,18 @@ def write_bvh(path: pathlib.Path, move=lambda t: {}, *, up="y", unit=1.0, prefix
 
     def walk(name):
         sequence.append(name)
-        for child, (parent, _) in skeleton.items():
+        for child, (parent, _) in parts.items():
             if parent == name:
                 walk(child)
 
-    walk("Hips")
+    root = next(iter(parts))
+    walk(root)
     frames = []
     for frame in range(FRAMES):
         pose = move(frame / FPS)
         hips = unit * axes(pose.get("position", (0, 80, 0)))
         angles = [x for name in sequence for x in pose.get(name, (0, 0, 0))]
         frames.append(" ".join(f"{x:.5f}" for x in (*hips, *angles)))
-    head = ["HIERARCHY", *node("Hips", 0), "MOTION", f"Frames: {FRAMES}", f"Frame Time: {1 / FPS:.6f}"]
+    head = ["HIERARCHY", *node(root, 0), "MOTION", f"Frames: {FRAMES}", f"Frame Time: {1 / FPS:.6f}"]
     path.write_text("\n".join([*head, *frames]) + "\n")
     return path

@@ -1,12 +1,15 @@
+import dataclasses
 import pathlib
 import pickle
+import re
 import zipfile
 
 import numpy as np
 import pytest
 
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import HugwbcError, MotionFileError
 from hugwbc.robot import load_robot
+from hugwbc.scripts import Segment
 from hugwbc.scripts.motion import (
     LARGEST_MOTION,
     ArmMotion,
@@ -50,11 +53,13 @@ def test_a_saved_motion_is_read_back(tmp_path: pathlib.Path) -> None:
     np.testing.assert_array_equal(read.positions, motion.positions)
 
 
-def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.Path, robot) -> None:
+def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.Path, robot, caplog) -> None:
     names = ("some_finger", *ARMS[::-1])
-    path = write(tmp_path / "a.npz", joint_names=np.array(names), positions=np.tile(np.arange(9.0), (2, 1)))
-    expected = np.minimum(np.arange(8, 0, -1), robot.upper[robot.arms])
+    path = write(tmp_path / "a.npz", joint_names=np.array(names), positions=np.tile(0.14 * np.arange(9.0), (2, 1)))
+    expected = np.minimum(0.14 * np.arange(8, 0, -1), robot.upper[robot.arms])
     np.testing.assert_allclose(load_motion(path).positions, np.tile(expected, (2, 1)))
+    told = r"100\.0% of the frames .* by up to 0\.08 rad \(right_shoulder_roll_joint\); they are clamped"
+    assert re.search(told, caplog.text)
 
 
 def test_joints_that_do_not_follow_a_motion_are_told(tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -148,9 +153,9 @@ def test_a_table_with_joint_names_is_a_motion(tmp_path: pathlib.Path, robot) -> 
         (("t,a", "0,0", "0.1,b"), r":3: could not convert string to float: 'b'"),
         (("t,a", "0,0", "0.1"), r":3: 1 numbers for 2 columns"),
         (("t,a", "0,0"), "has 1 frames"),
-        (("t,a", "0,0", "0,0", "0,0"), "do not rise in equal steps"),
+        (("t,a", "0,0", "0,0", "0,0"), "do not rise, the first from 0 to 0 s; sort"),
         (("t,a", "0,0", "0.1,0", "0.4,0"), "do not rise in equal steps"),
-        (("t,a", "0,0", "nan,0", "0.4,0"), "do not rise in equal steps"),
+        (("t,a", "0,0", "nan,0", "0.4,0"), "do not rise, the first from 0 to nan s"),
         (("t,a", "0,0", "0.1,0"), "lacks the joints left_shoulder_pitch_joint"),
     ],
 )
@@ -186,3 +191,50 @@ def test_a_thousand_other_joints_make_one_short_line(tmp_path: pathlib.Path, cap
     load_motion(write(tmp_path / "m.npz", joint_names=np.array(names), positions=np.zeros((4, len(names)))))
     (record,) = caplog.records
     assert "joint_0" in record.message and "and 980 more" in record.message and len(record.message) < 500
+
+
+def waving(fps: float = 50.0, seconds: float = 4.0) -> ArmMotion:
+    """Both elbows swing between 0.2 and 1.4 rad, every 2 s."""
+    t = np.arange(0.0, seconds, 1.0 / fps)
+    bent = 0.8 - 0.6 * np.cos(np.pi * t)
+    return ArmMotion("wave", fps, bent[:, None] * [name.endswith("elbow_joint") for name in ARMS])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (np.rad2deg, r"angles up to 80\.2, more than a full turn in radians; if they are degrees"),
+        (lambda q: q - 2.0, r"100\.0% of the frames are beyond joint limits, by up to 1\.66 rad \(left_shoulder_roll"),
+        (lambda q: q - 1.2 * (np.arange(len(q))[:, None] > 80), r"jumps by 1\.\d+ rad within 0\.02 s at 1\.600 s"),
+    ],
+)
+def test_other_units_and_jumps_are_refused_wherever_a_motion_enters(change, message, tmp_path: pathlib.Path) -> None:
+    wrong = dataclasses.replace(waving(), positions=change(waving().positions))
+    wrong.save(tmp_path / "wave.npz")
+    for enter in (
+        lambda: load_motion(tmp_path / "wave.npz"),
+        lambda: load_motions(tmp_path),
+        lambda: Segment("wave", 4.0, motion=wrong),
+    ):
+        with pytest.raises(HugwbcError, match=message):
+            enter()
+
+
+def as_table(path: pathlib.Path, motion: ArmMotion, times: np.ndarray) -> pathlib.Path:
+    rows = [",".join(f"{value:.6f}" for value in (t, *q)) for t, q in zip(times, motion.positions, strict=True)]
+    return table(path, ",".join(["t", *ARMS]), *rows)
+
+
+def test_a_table_may_have_any_clock_but_is_in_seconds(tmp_path: pathlib.Path) -> None:
+    motion = waving(fps=125.0)
+    times = np.arange(len(motion.positions)) / motion.fps
+    assert load_motion(as_table(tmp_path / "unix.csv", motion, 1764208000.0 + times)).fps == pytest.approx(125.0)
+    with pytest.raises(MotionFileError, match="8 s between samples: its times look like milliseconds; give seconds"):
+        load_motion(as_table(tmp_path / "ms.csv", motion, 1e3 * times))
+    with pytest.raises(MotionFileError, match=r"from 0\.02 to 0\.02 s; .* with enough decimals"):
+        load_motion(as_table(tmp_path / "rounded.csv", motion, np.round(times, 2)))
+
+
+def test_tables_of_a_folder_train_too(tmp_path: pathlib.Path) -> None:
+    as_table(tmp_path / "wave.csv", waving(), np.arange(200) / 50.0)
+    assert [motion.name for motion in load_motions(tmp_path)] == ["wave"]

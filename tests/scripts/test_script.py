@@ -74,8 +74,8 @@ def test_while_walking_puts_a_walk_under_a_script():
         while_walking(Script("test", (squat,)), 9.0)
 
 
-RAISE = ArmMotion("raise", 10.0, np.linspace(0.0, 1.0, 21)[:, None] * np.ones(8))
-LOWER = ArmMotion("lower", 10.0, np.full((21, 8), -0.5))
+RAISE = ArmMotion("raise", 10.0, np.linspace(0.0, 0.3, 21)[:, None] * np.ones(8))
+LOWER = ArmMotion("lower", 10.0, np.full((21, 8), -0.2))
 
 
 def test_a_motion_of_the_arms_plays_goes_on_and_rests_at_its_end():
@@ -84,7 +84,7 @@ def test_a_motion_of_the_arms_plays_goes_on_and_rests_at_its_end():
         (Segment("wait", 1.0), Segment("a", 1.0, motion=RAISE), Segment("b", 2.0, motion=RAISE), Segment("c", 1.0)),
     )
     assert script.hands_at(0.9) is None and script.hands_at(4.5) is None
-    for t, position, velocity in ((1.5, 0.25, 0.5), (2.5, 0.75, 0.5), (3.5, 1.0, 0.0)):
+    for t, position, velocity in ((1.5, 0.075, 0.15), (2.5, 0.225, 0.15), (3.5, 0.3, 0.0)):
         targets = script.hands_at(t)
         assert targets is not None and not targets.given.any() and targets.is_usable
         assert targets.joints == pytest.approx(np.full(8, position))
@@ -94,7 +94,7 @@ def test_a_motion_of_the_arms_plays_goes_on_and_rests_at_its_end():
 def test_one_motion_ramps_into_another():
     script = Script("test", (Segment("a", 2.0, motion=RAISE), Segment("b", 2.0, motion=LOWER)))
     middle = script.hands_at(2.5)
-    assert middle is not None and middle.joints == pytest.approx(np.full(8, 0.25)), "half-way from 1 to -0.5"
+    assert middle is not None and middle.joints == pytest.approx(np.full(8, 0.05)), "half-way from 0.3 to -0.2"
 
 
 def test_hands_and_a_motion_at_once_are_refused():
@@ -134,8 +134,8 @@ def test_bad_hand_motions_are_refused():
 
 
 def test_the_velocity_of_joints_is_that_of_their_positions_from_one_motion_to_the_next():
-    rising = ArmMotion("rising", 50.0, np.tile(np.linspace(0.0, 1.0, 201)[:, None], 8))
-    falling = ArmMotion("falling", 50.0, np.tile(np.linspace(0.5, -0.5, 201)[:, None], 8))
+    rising = ArmMotion("rising", 50.0, np.tile(np.linspace(0.0, 0.3, 201)[:, None], 8))
+    falling = ArmMotion("falling", 50.0, np.tile(np.linspace(0.2, -0.3, 201)[:, None], 8))
     script = Script("both", (Segment("a", 1.0, motion=rising), Segment("b", 2.0, motion=falling, ramp=1.5)))
     for t in (1.201, 1.751, 2.301, 2.705):  # between two frames
         before, now, after = (script.hands_at(t + dt) for dt in (-1e-4, 0.0, 1e-4))

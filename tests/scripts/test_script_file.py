@@ -106,7 +106,7 @@ def test_paths_by_kind(tmp_path):
         ("[0.3, 0.2, 0.1], radius", "[0.3, 0.2], radius", "10:23", "missing"),
         ("axis: z", "axis: up", "10:62", "'up'. Valid: x, y, z"),
         ("{circle:", "{hold: [0, 0, 0], circle:", "10:7", "one path"),
-        ("right: mirror", "right: {file: gone.csv}", "11:7", "cannot read the hand path"),
+        ("right: mirror", "right: {file: gone.csv}", "11:7", "cannot read gone.csv"),
         ("right: mirror", "right: {file: [a]}", "11:7", "path"),
         ("left: {circle", "# left: {circle", "11:7", "one path"),
         ("0.5, gait: walking}", "0.5}", "12:5", "segment 'stop' (standing) starts from v_x = 0.3"),

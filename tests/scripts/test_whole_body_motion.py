@@ -1,14 +1,15 @@
 import pathlib
+import re
 
 import numpy as np
 import pytest
-from bvh_helpers import write_bvh
+from bvh_helpers import SKELETON, write_bvh
 
 from hugwbc import rotations
 from hugwbc.errors import MotionFileError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
-from hugwbc.scripts.bvh import find_joints, load_bvh
+from hugwbc.scripts.bvh import JOINTS, find_joints, load_bvh
 from hugwbc.scripts.whole_body_motion import PARTS, MotionScore, load_whole_body_motion
 from tests.conftest import make_state
 
@@ -86,17 +87,209 @@ def test_errors_are_those_of_the_clip_the_ranges_and_the_robot(tmp_path):
     assert list(table) == ["hands", "h", "p", "w", "v_x", "v_y", "omega"]
 
 
-def test_other_conventions_have_the_joints_too():
-    blender = [f"{part}.{side}" for part in ("thigh", "shin", "foot", "upper_arm", "forearm", "hand") for side in "LR"]
-    biped = [f"Bip01 {s} {part}" for part in ("Thigh", "Calf", "Foot", "UpperArm", "Forearm", "Hand") for s in "LR"]
-    for names in (blender, biped):
-        pairs = zip(names[::2], names[1::2], strict=True)
-        assert list(find_joints(pathlib.Path("a.bvh"), names).values()) == list(pairs)
+# Hip, knee, ankle, toes; collar bone, shoulder, elbow, wrist, a finger: {} is the side, in each convention's words.
+CONVENTIONS = {
+    "smpl": (("L", "R"), "{}_Hip {}_Knee {}_Ankle {}_Foot {}_Collar {}_Shoulder {}_Elbow {}_Wrist {}_Hand"),
+    "smpl-x": (("left", "right"), "{}_hip {}_knee {}_ankle {}_foot {}_collar {}_shoulder {}_elbow {}_wrist {}_index1"),
+    "mixamo": (
+        ("Left", "Right"),
+        "{}UpLeg {}Leg {}Foot {}ToeBase {}Shoulder {}Arm {}ForeArm {}Hand {}HandIndex1",
+    ),
+    "lafan": (("Left", "Right"), "{}UpLeg {}Leg {}Foot {}Toe {}Shoulder {}Arm {}ForeArm {}Hand {}HandEnd"),
+    "xsens": (("Left", "Right"), "{}Hip {}Knee {}Ankle {}Toe {}Collar {}Shoulder {}Elbow {}Wrist {}Finger0"),
+    "unreal": (("l", "r"), "thigh_{} calf_{} foot_{} ball_{} clavicle_{} upperarm_{} lowerarm_{} hand_{} index_01_{}"),
+    "daz": (("l", "r"), "{}Thigh {}Shin {}Foot {}Toe {}Collar {}Shldr {}ForeArm {}Hand {}Mid1"),
+    "genesis": (
+        ("l", "r"),
+        "{}ThighBend {}Shin {}Foot {}Toe {}Collar {}ShldrBend {}ForearmBend {}Hand {}Index1",
+    ),
+    "rokoko": (("Left", "Right"), "{}Thigh {}Shin {}Foot {}Toe {}Shoulder {}Arm {}ForeArm {}Hand {}Digit2"),
+    "jnt": (
+        ("l", "r"),
+        "{}_upleg_JNT {}_leg_JNT {}_foot_JNT {}_toebase_JNT {}_shoulder_JNT {}_arm_JNT {}_forearm_JNT {}_hand_JNT "
+        "{}_handIndex1_JNT",
+    ),
+    "bandai": (
+        ("L", "R"),
+        "UpperLeg_{} LowerLeg_{} Foot_{} Toes_{} Shoulder_{} UpperArm_{} LowerArm_{} Hand_{} Tip_{}",
+    ),
+    "blender": (("L", "R"), "thigh.{} shin.{} foot.{} toe.{} shoulder.{} upper_arm.{} forearm.{} hand.{} f_index.{}"),
+    "biped": (
+        ("Bip01 L", "Bip01 R"),
+        "{} Thigh;{} Calf;{} Foot;{} Toe0;{} Clavicle;{} UpperArm;{} Forearm;{} Hand;{} Finger0",
+    ),
+    "asf": (("l", "r"), "{}femur {}tibia {}foot {}toes {}clavicle {}humerus {}radius {}wrist {}hand"),
+}
+# Lengths of a person [cm]: y up, x to the left.
+WAYS = [(9, -4, 0), (0, -42, 0), (0, -40, 0), (0, -8, 14), (4, 40, 0), (16, 0, 0), (28, 0, 0), (25, 0, 0), (9, 0, 0)]
+
+
+def person(convention: str, twists: str = "", ends: bool = True) -> tuple[dict, dict]:
+    """Return a skeleton, and the names of its left and right joints by ours.
+
+    Args:
+        convention: of names.
+        twists: "beside" for twist bones as other children, "between" for such in the middle of segments.
+        ends: whether it has toes and fingers.
+    """
+    sides, text = CONVENTIONS[convention]
+    skeleton, found = {"Root": (None, (0, 0, 0)), "Chest": ("Root", (0, 12, 0))}, {}
+    for side, mirror in zip(sides, (1, -1), strict=True):
+        names = [name.format(side) for name in (text.split(";") if ";" in text else text.split())]
+        for index, (name, way) in enumerate(zip(names, np.array(WAYS) * (mirror, 1, 1), strict=True)):
+            parent = {0: "Root", 4: "Chest"}.get(index, names[index - 1])
+            if index in (3, 8) and not ends:
+                continue
+            if index in (1, 2, 6, 7) and twists:
+                twist = f"{parent}_twist_01"
+                skeleton[twist] = (parent, tuple(way / 2))
+                if twists == "between":
+                    parent, way = twist, way / 2
+            skeleton[name] = (parent, tuple(way))
+        for joint, index in zip(JOINTS, (0, 1, 2, 5, 6, 7), strict=True):
+            found.setdefault(joint, []).append(names[index])
+    return skeleton, {joint: tuple(pair) for joint, pair in found.items()}
+
+
+def joints_of(skeleton: dict, prefix: str = "") -> dict:
+    names = list(skeleton)
+    parents = {names.index(name): names.index(parent) for name, (parent, _) in skeleton.items() if parent}
+    places = np.zeros((1, len(names), 3))
+    for index, parent in parents.items():
+        places[0, index] = places[0, parent] + skeleton[names[index]][1]
+    found = find_joints(pathlib.Path("a.bvh"), [prefix + name for name in names], parents, places)
+    return {joint: tuple(names[index] for index in pair) for joint, pair in found.items()}
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_limbs_are_found_in_all_conventions_with_toes_fingers_and_twist_bones(convention):
+    for twists in ("", "beside", "between"):
+        for ends in (True, False):
+            skeleton, expected = person(convention, twists, ends)
+            assert joints_of(skeleton) == joints_of(skeleton, "Bob:") == expected, (twists, ends)
+
+
+def test_what_may_be_several_joints_is_refused_with_their_names():
+    lafan, _ = person("lafan")
+    inserted = {**lafan, "LeftX": ("LeftUpLeg", (0, -21, 0)), "LeftLeg": ("LeftX", (0, -21, 0))}
+    doubled = {**lafan, "LeftHandB": ("LeftForeArm", (0, -25, 0))}
+    without = {name: part for name, part in lafan.items() if name not in ("RightHand", "RightHandEnd")}
+    for skeleton, words in (
+        (inserted, r"left leg \(hip, knee, ankle\) is not clear from the joints LeftUpLeg, LeftLeg, LeftFoot, LeftToe"),
+        (doubled, r"left arm .* LeftHand, LeftHandEnd, LeftHandB; name three in a row left Arm, ForeArm, Hand"),
+        (without, r"right arm .* RightShoulder, RightArm, RightForeArm; name"),
+    ):
+        with pytest.raises(MotionFileError, match=words):
+            joints_of(skeleton)
+
+
+def test_a_squat_is_as_deep_whatever_the_joints_are_called(tmp_path):
+    depth = {}
+    for convention in ("lafan", "smpl", "unreal"):
+        skeleton, found = person(convention)
+        bent = np.rad2deg(np.arccos(0.5))
+        down = {name: (0, -bent, 0) for name in found["hip"]} | {name: (0, 2 * bent, 0) for name in found["knee"]}
+        path = tmp_path / f"{convention}.bvh"
+        write_bvh(path, lambda t, down=down: {"position": (0, 86 if t < 3 else 45, 0), **(down if t > 3 else {})},
+                  skeleton=skeleton)  # fmt: skip
+        depth[convention] = asked(load_whole_body_motion(path), "h")[-1]
+    assert depth["lafan"] == pytest.approx(-0.5 * load_robot().leg_length, abs=0.01)
+    assert depth["smpl"] == depth["unreal"] == depth["lafan"]
+
+
+def test_a_folded_rest_pose_such_as_lafans_stands_along_y(tmp_path):
+    folded = {name: (parent, (x, abs(y), z)) for name, (parent, (x, y, z)) in SKELETON.items()}
+    unfold = {f"{side}{part}": (0, 180, 0) for side in ("Left", "Right") for part in ("UpLeg", "Arm")}
+    path = write_bvh(tmp_path / "folded.bvh", lambda t: unfold, skeleton=folded)
+    np.testing.assert_allclose(load_whole_body_motion(path).asked, 0.0, atol=1e-6)
+
+
+BOTH = ("Left", "Right")
+POSES = {
+    "plank": {"position": (0, 30, 0), "Hips": (0, 80, 0)},
+    "on the back": {"position": (0, 10, 0), "Hips": (0, -90, 0)},
+    "crawl": {"position": (0, 45, 0), "Hips": (0, 85, 0), **{f"{s}UpLeg": (0, -85, 0) for s in BOTH},
+              **{f"{s}Leg": (0, 80, 0) for s in BOTH}},
+    "chair": {"position": (0, 40, 0), **{f"{s}UpLeg": (0, -90, 0) for s in BOTH},
+              **{f"{s}Leg": (0, 90, 0) for s in BOTH}},
+    "kneel": {"position": (0, 40, 0), **{f"{s}Leg": (0, 90, 0) for s in BOTH}},
+    "on the heels": {"position": (0, 10, 0), **{f"{s}UpLeg": (0, -90, 0) for s in BOTH},
+                     **{f"{s}Leg": (0, 178, 0) for s in BOTH}},
+    "handstand": {"position": (0, 80, 0), "Hips": (180, 0, 0)},
+    "hang": {"position": (0, 110, 0)},
+    "lean on a wall": {"Hips": (0, 35, 0)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        ("plank", "lying or head down"),
+        ("on the back", "lying or head down"),
+        ("crawl", "lying or head down"),
+        ("chair", "weight beside the feet"),
+        ("kneel", "weight beside the feet"),
+        ("on the heels", "hips too low to stand"),
+        ("handstand", "lying or head down"),
+        ("hang", "both feet off the ground"),
+        ("lean on a wall", "weight beside the feet"),
+    ],
+)
+def test_a_clip_that_leaves_the_feet_is_refused_with_the_times(pose, words, tmp_path):
+    def move(t):
+        there = {"position": (0, 80, 0)} | POSES[pose]
+        share = np.clip(min(t - 1.6, 3.9 - t) / 0.4, 0.0, 1.0)  # there from 2.0 to 3.5 s
+        return {name: share * np.array(to) + (1 - share) * (name == "position") * np.array([0, 80, 0])
+                for name, to in there.items()}  # fmt: skip
+
+    path = write_bvh(tmp_path / "part.bvh", move)
+    message = rf"part: .*{words}[^0-9]* from (1\.[6-9]|2\.0) to 3\.[5-9] s.*cut the file to 0\.0 to (1\.[6-9]|2\.0) s"
+    with pytest.raises(MotionFileError, match=message):
+        load_whole_body_motion(path)
+
+
+def test_a_short_time_off_the_feet_is_told(tmp_path, caplog):
+    load_whole_body_motion(write_bvh(tmp_path / "a.bvh", lambda t: POSES["handstand"] if 2.0 <= t < 2.4 else {}))
+    assert "lying or head down from 2.0 to 2.4 s; cut the file to 2.4 to 5.0 s" in caplog.text
+
+
+@pytest.mark.parametrize("pose", ["plank", "on the back", "crawl"])
+def test_up_is_that_of_the_rest_pose_not_of_the_clip(pose, tmp_path):
+    with pytest.raises(MotionFileError, match=r"lying or head down from 0\.0 to 5\.0 s.*rest pose"):
+        load_whole_body_motion(write_bvh(tmp_path / "floor.bvh", lambda t: POSES[pose]))
+
+
+def test_bows_hops_and_lunges_stay_on_the_feet(tmp_path):
+    def move(t):
+        if t < 1.5:
+            return {"Spine": (0, 60, 0)}
+        if t < 3.0:  # every half a second, 0.3 s in the air
+            return {"position": (0, 80 + 20 * (t % 0.5 < 0.3), 0)}
+        return {"position": (0, 62, 0), "LeftUpLeg": (0, -39, 0), "RightUpLeg": (0, 39, 0)}
+
+    assert load_whole_body_motion(write_bvh(tmp_path / "move.bvh", move)).duration == pytest.approx(5.0)
+
+
+def test_a_jump_of_the_root_is_refused(tmp_path):
+    with pytest.raises(MotionFileError, match=r"cut jumps by 1\.25 leg lengths within 0\.04 s at 1\.9"):
+        load_whole_body_motion(write_bvh(tmp_path / "cut.bvh", lambda t: {"position": (100 * (t > 1.97), 80, 0)}))
+
+
+def test_units_of_a_clip_are_told(tmp_path, caplog):
+    path = write_bvh(tmp_path / "a.bvh", lambda t: {"Spine": (0, 0.4, 0)})
+    load_bvh(path)
+    assert "no angle is above 3.14; if these are radians, convert them to degrees" in caplog.text
+    for time in ("33.3", "8.333", "1"):
+        path.write_text(re.sub("Frame Time: .*", f"Frame Time: {time}", path.read_text()))
+        with pytest.raises(MotionFileError, match=rf"divide {time} by 1000 if it is in milliseconds"):
+            load_bvh(path)
 
 
 def test_bad_clips_are_refused(tmp_path):
     path = write_bvh(tmp_path / "arm.bvh", without=("LeftHand",))
-    with pytest.raises(MotionFileError, match=r"lacks joints .*: left wrist \(such as LeftHand\); rename"):
+    with pytest.raises(
+        MotionFileError, match=r"the left arm .* not clear from the joints LeftArm, LeftForeArm; name three"
+    ):
         load_bvh(path)
     text = write_bvh(tmp_path / "whole.bvh").read_text()
     for content in ("", "no motion", text[:400], text[:-200], text.replace("Frame Time: 0.040000", "Frame Time: nan")):

@@ -242,7 +242,7 @@ class EnvConfig:
     intervention: Literal["noise", "motion", "none"] = "noise"
     """What takes over the arms: the paper's noise, motions, or nothing."""
     motions: pathlib.Path | None = None
-    """Folder of motion files (.npz) for the motion intervention; motions are generated if it is not given."""
+    """Folder of motion files (.npz, .csv) for the motion intervention; motions are generated if it is not given."""
     flip_probability: Share = 0.005
     """Probability per control step that the intervention indicator I(t) flips."""
     noise_interval: Count = 90

@@ -1,0 +1,83 @@
+"""Samples over time: tables, and checks that tell seconds, metres and radians from other units."""
+
+import csv
+import pathlib
+
+import numpy as np
+
+from hugwbc.errors import MotionFileError
+
+_APART = 1.0  # [s] between samples, from which times may be in another unit: recordings are faster
+_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+
+
+def read_table(path: str | pathlib.Path, columns: str) -> tuple[list[str], np.ndarray]:
+    """Return the names in the first line of a CSV file and its numbers, shape (rows, names); messages say `columns`."""
+    try:  # spreadsheets start their files with a byte order mark
+        with pathlib.Path(path).open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise MotionFileError(f"cannot read {path}: {error}; give a CSV file with the columns {columns}") from error
+    names = [name.strip() for name in rows[0]] if rows else []
+    table = []
+    for number, row in enumerate(rows[1:], start=2):
+        if row and len(row) != len(names):
+            raise MotionFileError(f"{path}:{number}: {len(row)} numbers for {len(names)} columns; give {columns}")
+        try:
+            table += [[float(value) for value in row]] if row else []
+        except ValueError as error:
+            raise MotionFileError(f"{path}:{number}: {error}; give numbers for {columns}") from None
+    return names, np.array(table).reshape(len(table), len(names))
+
+
+def check_times(what: str, time: np.ndarray) -> None:
+    """Refuse times that do not rise."""
+    wrong = np.flatnonzero(~(np.diff(time) > 0.0))  # a NaN fails the comparison
+    if wrong.size:
+        before, after = time[wrong[0] : wrong[0] + 2]
+        raise MotionFileError(
+            f"{what}: {wrong.size} times do not rise, the first from {before:.10g} to {after:.10g} s; sort the "
+            "samples, and write times with enough decimals"
+        )
+
+
+def check_pace(
+    what: str, time: np.ndarray, moved: np.ndarray, unit: str, pace: tuple[float, float], least: float
+) -> None:
+    """Refuse samples that jump, or whose times are in another unit because all would take hours.
+
+    Args:
+        what: the subject of messages.
+        time: times that rise [s], shape (n,).
+        moved: how far it goes from each sample to the next, shape (n - 1,).
+        unit: of `moved`.
+        pace: speed that whatever moves reaches, and speed that it never reaches [unit/s].
+        least: distance that is no noise of a measurement [unit].
+    """
+    if not moved.size:
+        return
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    speed = moved / np.maximum(steps, step)  # stamps are rounded, and messages arrive in bursts
+    if step >= _APART and speed.max() < pace[0] and moved.sum() > least:
+        name = next((name for name, factor in _UNITS.items() if step <= factor), "nanoseconds")
+        raise MotionFileError(
+            f"{what} moves by at most {speed.max():.2g} {unit}/s, with {step:g} s between samples: "
+            f"its times look like {name}; give seconds"
+        )
+    jumps = np.flatnonzero((speed > pace[1]) & (moved > least))
+    if jumps.size:
+        first = jumps[0]
+        raise MotionFileError(
+            f"{what} jumps by {moved[first]:.3g} {unit} within {steps[first]:.3g} s at {time[first] - time[0]:.3f} s; "
+            f"{jumps.size / moved.size:.1%} of its steps are faster than {pace[1]:g} {unit}/s; fill or cut the gap, "
+            "and give all samples in the same unit"
+        )
+
+
+def resampled(values: np.ndarray, fps: float, to: float) -> np.ndarray:
+    """Return rows at another rate, two at least, by linear interpolation; an incomplete last interval is dropped."""
+    index = np.arange(max(1, int((len(values) - 1) / fps * to + 1e-9)) + 1) / to * fps
+    flat = values.reshape(len(values), -1)
+    columns = [np.interp(index, np.arange(len(values)), column) for column in flat.T]
+    return np.stack(columns, axis=1).reshape(len(index), *values.shape[1:])
