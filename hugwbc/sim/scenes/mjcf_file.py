@@ -1,13 +1,16 @@
 """A part of a scene that the user has described in MuJoCo's own format, MJCF."""
 
 import os.path
+from collections.abc import Iterator
 from typing import Any, ClassVar
+from xml.etree.ElementTree import ParseError
 
 import mujoco
 import numpy as np
 
 from hugwbc.errors import SceneError
 from hugwbc.settings import Beside, settings
+from hugwbc.sim.scenes.mjcf_size import check_size
 from hugwbc.sim.scenes.thing import FARTHEST, Placement, Thing
 
 # Parts of a file that concern a whole simulation and not the things in it.
@@ -19,6 +22,19 @@ _ARRAYS = (
     "jnt_stiffness", "dof_damping", "dof_armature", "dof_frictionloss", "qpos0", "qpos_spring", "eq_data",
     "tendon_stiffness", "tendon_damping", "actuator_gainprm", "actuator_biasprm",
 )  # fmt: skip
+# Kinds of numbers of a compiled model that a scene keeps, and how many there are of each.
+_KINDS = {
+    "body": "nbody", "jnt": "njnt", "dof": "nv", "geom": "ngeom", "eq": "neq", "tendon": "ntendon", "actuator": "nu",
+    "pair": "npair", "exclude": "nexclude",
+}  # fmt: skip
+_WHOLE_NUMBERS = ("type", "limited", "contype", "conaffinity", "condim", "priority", "active0", "dim", "mocapid")
+# Options that move things. Their values in the arena, and how far a file's may be from them; that of air is nothing.
+_MOVING = {"gravity": ((0.0, 0.0, -9.81), 0.01), "wind": (0.0, 0.0), "density": (0.0, 1.3), "viscosity": (0.0, 2e-5)}
+_LEVEL = 0.01  # of the ground in a file [m], [rad]
+_DISABLED = ("CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "CONTACT", "SPRING", "DAMPER", "GRAVITY", "CLAMPCTRL",
+             "FILTERPARENT", "ACTUATION")  # fmt: skip
+_STATIC = "world_shapes"  # the body of the geoms in a file's world
+_OWN = {"name", "classname", "compiler", "frame", "id", "info", "parent", "plugin", "set_frame", "signature"}
 _LIGHTEST, _HEAVIEST = 1e-6, 1e4  # [kg], of a body that moves
 _FEET = 2  # the bit of MuJoCo's collision masks that the soles on a height field have (`sim.footing`)
 
@@ -29,6 +45,8 @@ class Mjcf(Thing):
 
     Masses, friction, joints and colours are those of the file; `friction` and `colour` here have no effect.
     The file's world comes to the position; its keyframes, its options and a ground plane in its world are left out.
+    Other shapes of its world become the body NAME/world_shapes. What a scene cannot keep is refused: it is compared
+    with the model of the file alone.
 
     Attributes:
         mjcf: path of the file; relative paths in it start from its folder.
@@ -42,14 +60,53 @@ class Mjcf(Thing):
     def __post_init__(self) -> None:
         if not os.path.isfile(self.mjcf):
             raise SceneError(f"{self.label}: there is no file {self.mjcf}; give the path of an MJCF file", at=("mjcf",))
-        spec = self._read()
+        here = mujoco.MjSpec()
         try:
-            model = spec.compile()
+            alone = self._read().compile()
+            self.build(here, Placement())
+            model = here.compile()
         except (ValueError, mujoco.FatalError) as error:
             raise SceneError(f"{self.label}: MuJoCo refuses {self.mjcf}: {_one_line(error)}; fix the file") from error
         if model.nbody < 2:
-            raise SceneError(f"{self.label}: {self.mjcf} has no bodies; put its geoms into a body with a name")
-        self._check_numbers(model)
+            raise SceneError(f"{self.label}: {self.mjcf} has no bodies; give it one")
+        self._check_numbers(alone)
+        for what in self._lost(alone, model):
+            raise SceneError(f"{self.label}: {self.mjcf} {what}")
+
+    def _lost(self, alone: mujoco.MjModel, here: mujoco.MjModel) -> Iterator[str]:
+        """Yield what a file says of its simulation that a scene cannot keep."""
+        for name, (arena, tolerance) in _MOVING.items():
+            if not np.all(np.abs(getattr(alone.opt, name) - np.array(arena)) <= tolerance):
+                yield f"has the option {name} {getattr(alone.opt, name)}, but the arena's is {arena}; leave it out"
+        for flag in _DISABLED:
+            if alone.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0):
+                yield f"disables {flag.lower()}, which a scene does not; leave the flag out"
+        if alone.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE or alone.opt.disableactuator:
+            yield "overrides contacts or disables actuators, which a scene does not; leave these options out"
+        names = [here.geom(g).name.removeprefix(f"{self.name}/") for g in range(here.ngeom)]
+        for plane in {alone.geom(g).name for g in range(alone.ngeom)} - set(names):
+            geom = alone.geom(plane)
+            solid, upright = geom.contype | geom.conaffinity, 1.0 - 2.0 * float(geom.quat[1] ** 2 + geom.quat[2] ** 2)
+            if solid and (abs(geom.pos[2]) > _LEVEL or upright < 1.0 - _LEVEL):
+                yield f"has the plane '{plane}', which is not the ground z = 0; make it a box"
+        for kind, number in _KINDS.items():
+            count = getattr(alone, number)
+            rows = mine = list(range(kind == "body", count))
+            if kind == "geom":
+                rows, mine = [alone.geom(name).id for name in names], list(range(here.ngeom))
+            elif kind != "body" and count != getattr(here, number):
+                yield f"has {count} {kind}, but {getattr(here, number)} in a scene; leave out those of its world"
+                continue
+            for field in [name for name in dir(alone) if name.startswith(f"{kind}_")]:
+                given, kept = getattr(alone, field)[rows], getattr(here, field)[mine]
+                if given.dtype.kind == "f" or field.removeprefix(f"{kind}_") in _WHOLE_NUMBERS:
+                    same = np.isclose(given, kept, rtol=1e-6, atol=1e-9, equal_nan=True)
+                    for row in [row for row in range(len(rows)) if not same[row].all()]:
+                        named = getattr(alone, kind)(rows[row]).name if kind in ("body", "geom", "jnt") else rows[row]
+                        yield (
+                            f"gives {kind} '{named}' the {field} {given[row]}, but it is {kept[row]} in a scene, which "
+                            "keeps nothing that a compiler says of a whole model; give it in the element"
+                        )
 
     def _check_numbers(self, model: mujoco.MjModel) -> None:
         """Refuse what MuJoCo compiles but cannot simulate: NaN, distant bodies, extreme masses."""
@@ -67,34 +124,63 @@ class Mjcf(Thing):
                 raise SceneError(f"{what} of {self.mjcf} moves and has a mass of {mass:g} kg; {wanted}")
 
     def _read(self) -> mujoco.MjSpec:
-        """Return the file without what concerns a whole simulation, and with a name for every body."""
+        """Return the file with a name for every body and shape, and without what concerns memory and pictures."""
         try:
+            check_size(self.mjcf)
             spec = mujoco.MjSpec.from_file(str(self.mjcf))
-        except (ValueError, mujoco.FatalError) as error:
+        except (ValueError, OSError, ParseError, RecursionError, SceneError, mujoco.FatalError) as error:
             raise SceneError(f"{self.label}: cannot read {self.mjcf}: {_one_line(error)}; give valid MJCF") from error
-        planes = [geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
-        for element in (*spec.keys, *planes):
-            spec.delete(element)
+        for key in spec.keys:
+            spec.delete(key)
         spec.memory, spec.nkey = -1, 0  # what a file asks for may be more than there is
         for kind in ("actuator", "body", "cam", "geom", "jnt", "sensor", "site", "tendon"):
             setattr(spec, f"nuser_{kind}", -1)
+        spec.compiler.fusestatic = spec.compiler.discardvisual = False
         for number, body in enumerate(spec.bodies):
             body.name = body.name or f"body_{number}"
+        for number, geom in enumerate(spec.geoms):
+            geom.name = geom.name or f"geom_{number}"
+            geom.contype |= _FEET * (geom.contype & 1)
+        return spec
+
+    def _taken(self) -> mujoco.MjSpec:
+        """Return the file without its ground, and with the other shapes of its world in a body of their own."""
+        spec = self._read()
+        static: Any = None
+        for geom in spec.worldbody.geoms:
+            name = geom.name
+            if geom.type != mujoco.mjtGeom.mjGEOM_PLANE:
+                static = static or spec.worldbody.add_body(name=_STATIC)
+                copy = static.add_geom()
+                for field in {name for name in dir(copy) if not name.startswith("_")} - _OWN:
+                    setattr(copy, field, getattr(geom, field))
+                if geom.frame is not None:
+                    copy.set_frame(_frame_in(static, geom.frame))
+                spec.delete(geom)
+                copy.name = name
+            else:
+                spec.delete(geom)
         return spec
 
     def body_names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(f"{self.name}/{body.name}" for body in self._read().bodies if body.name != "world")
+        return tuple(f"{self.name}/{body.name}" for body in self._taken().bodies if body.name != "world")
 
     def build(self, spec: mujoco.MjSpec, place: Placement) -> None:  # noqa: D102
-        child = self._read()
+        child = self._taken()
         for option in _SHARED_OPTIONS:  # MuJoCo attaches only what agrees with the rest
             setattr(child.option, option, getattr(spec.option, option))
-        for geom in child.geoms:
-            if geom.contype & 1:
-                geom.contype |= _FEET
         frame: Any = spec.worldbody.add_frame(pos=place.above(0.0))
         frame.quat = np.asarray(place.quaternion)
         spec.attach(child, prefix=f"{self.name}/", frame=frame)
+
+
+def _frame_in(body: Any, frame: Any) -> Any:  # noqa: ANN401  MuJoCo's
+    """Return a copy of a frame, and of those that it is in, in another body."""
+    copy = body.add_frame(pos=frame.pos, quat=frame.quat)
+    copy.alt = frame.alt
+    if frame.frame is not None:
+        copy.set_frame(_frame_in(body, frame.frame))
+    return copy
 
 
 def _one_line(error: Exception) -> str:
