@@ -6,12 +6,14 @@ None is unpickled. A TorchScript file nevertheless contains a program, which run
 import importlib
 import json
 import pathlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from hugwbc.errors import PolicyFileError, needing
+from hugwbc.files import note
 
 TORCHSCRIPT_SUFFIXES = (".pt", ".pth", ".ts", ".jit")
 ONNX_SUFFIX = ".onnx"
@@ -43,6 +45,8 @@ def load_network(path: pathlib.Path, state: Mapping[str, str]) -> Network:
     """
     if not path.is_file():
         raise PolicyFileError(f"there is no policy file {path}; give the path of a {', '.join(SUFFIXES)} file")
+    for file in with_weights(path):
+        note(file)
     if path.suffix in TORCHSCRIPT_SUFFIXES:
         if state:
             raise PolicyFileError(f"{path} is TorchScript, which keeps its state itself; leave out the field state")
@@ -50,6 +54,15 @@ def load_network(path: pathlib.Path, state: Mapping[str, str]) -> Network:
     if path.suffix == ONNX_SUFFIX:
         return OnnxNetwork(path, state)
     raise PolicyFileError(f"{path} ends in '{path.suffix}'; valid is TorchScript or ONNX: {', '.join(SUFFIXES)}")
+
+
+def with_weights(path: pathlib.Path) -> list[pathlib.Path]:
+    """Return a network's file, and those in which an ONNX file says that its weights are."""
+    content = path.read_bytes() if path.suffix == ONNX_SUFFIX and path.is_file() else b""
+    # Fields 1 and 2 of a StringStringEntryProto of ONNX: the key "location", and a length and the value.
+    ends = [match.end() for match in re.finditer(rb"\x0a\x08location\x12", content)]
+    names = {content[end + 1 : end + 1 + content[end]].decode(errors="replace") for end in ends}
+    return [path, *(path.parent / name for name in sorted(names) if (path.parent / name).is_file())]
 
 
 class TorchScriptNetwork:

@@ -10,29 +10,21 @@ import numpy as np
 
 from hugwbc.errors import SceneError
 from hugwbc.settings import Beside, settings
-from hugwbc.sim.scenes.mjcf_size import check_size
+from hugwbc.sim.scenes.mjcf_size import SizeCheck
 from hugwbc.sim.scenes.thing import FARTHEST, Placement, Thing
 
 # Parts of a file that concern a whole simulation and not the things in it.
 _SHARED_OPTIONS = ("timestep", "iterations", "ls_iterations", "integrator", "jacobian", "cone", "impratio")
-# Numbers of a compiled model that MuJoCo does not check itself.
-_ARRAYS = (
-    "body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "geom_pos", "geom_quat", "geom_size",
-    "geom_friction", "geom_solref", "geom_solimp", "geom_margin", "geom_gap", "jnt_pos", "jnt_axis", "jnt_range",
-    "jnt_stiffness", "dof_damping", "dof_armature", "dof_frictionloss", "qpos0", "qpos_spring", "eq_data",
-    "tendon_stiffness", "tendon_damping", "actuator_gainprm", "actuator_biasprm",
-)  # fmt: skip
 # Kinds of numbers of a compiled model that a scene keeps, and how many there are of each.
-_KINDS = {
-    "body": "nbody", "jnt": "njnt", "dof": "nv", "geom": "ngeom", "eq": "neq", "tendon": "ntendon", "actuator": "nu",
-    "pair": "npair", "exclude": "nexclude",
-}  # fmt: skip
+_KINDS = {"body": "nbody", "geom": "ngeom", "jnt": "njnt", "dof": "nv", "qpos": "nq", "eq": "neq", "tendon": "ntendon",
+          "actuator": "nu", "pair": "npair", "exclude": "nexclude"}  # fmt: skip
 _WHOLE_NUMBERS = ("type", "limited", "contype", "conaffinity", "condim", "priority", "active0", "dim", "mocapid")
-# Options that move things. Their values in the arena, and how far a file's may be from them; that of air is nothing.
-_MOVING = {"gravity": ((0.0, 0.0, -9.81), 0.01), "wind": (0.0, 0.0), "density": (0.0, 1.3), "viscosity": (0.0, 2e-5)}
+# Options that move things: their values in the arena, and how far a file's may be from them; air is as good as nothing.
+_MOVING = {"gravity": ((0.0, 0.0, -9.81), 0.01), "wind": (0.0, 0.0), "density": (0.0, 1.3), "viscosity": (0.0, 2e-5),
+           "disableactuator": (0, 0)}  # fmt: skip
+_FLAGS = ("CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "CONTACT", "SPRING", "DAMPER", "GRAVITY", "CLAMPCTRL",
+          "FILTERPARENT", "ACTUATION")  # fmt: skip
 _LEVEL = 0.01  # of the ground in a file [m], [rad]
-_DISABLED = ("CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "CONTACT", "SPRING", "DAMPER", "GRAVITY", "CLAMPCTRL",
-             "FILTERPARENT", "ACTUATION")  # fmt: skip
 _STATIC = "world_shapes"  # the body of the geoms in a file's world
 _OWN = {"name", "classname", "compiler", "frame", "id", "info", "parent", "plugin", "set_frame", "signature"}
 _LIGHTEST, _HEAVIEST = 1e-6, 1e4  # [kg], of a body that moves
@@ -69,64 +61,62 @@ class Mjcf(Thing):
             raise SceneError(f"{self.label}: MuJoCo refuses {self.mjcf}: {_one_line(error)}; fix the file") from error
         if model.nbody < 2:
             raise SceneError(f"{self.label}: {self.mjcf} has no bodies; give it one")
-        self._check_numbers(alone)
-        for what in self._lost(alone, model):
-            raise SceneError(f"{self.label}: {self.mjcf} {what}")
+        for problem in (*self._lost(alone, model), *self._impossible(alone)):
+            raise SceneError(f"{self.label}: {self.mjcf} {problem}")
 
     def _lost(self, alone: mujoco.MjModel, here: mujoco.MjModel) -> Iterator[str]:
-        """Yield what a file says of its simulation that a scene cannot keep."""
-        for name, (arena, tolerance) in _MOVING.items():
-            if not np.all(np.abs(getattr(alone.opt, name) - np.array(arena)) <= tolerance):
-                yield f"has the option {name} {getattr(alone.opt, name)}, but the arena's is {arena}; leave it out"
-        for flag in _DISABLED:
-            if alone.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0):
-                yield f"disables {flag.lower()}, which a scene does not; leave the flag out"
-        if alone.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE or alone.opt.disableactuator:
-            yield "overrides contacts or disables actuators, which a scene does not; leave these options out"
+        """Yield what is not a number, and what a file says of the whole simulation and a scene does not keep."""
         names = [here.geom(g).name.removeprefix(f"{self.name}/") for g in range(here.ngeom)]
-        for plane in {alone.geom(g).name for g in range(alone.ngeom)} - set(names):
-            geom = alone.geom(plane)
-            solid, upright = geom.contype | geom.conaffinity, 1.0 - 2.0 * float(geom.quat[1] ** 2 + geom.quat[2] ** 2)
-            if solid and (abs(geom.pos[2]) > _LEVEL or upright < 1.0 - _LEVEL):
-                yield f"has the plane '{plane}', which is not the ground z = 0; make it a box"
         for kind, number in _KINDS.items():
             count = getattr(alone, number)
-            rows = mine = list(range(kind == "body", count))
+            rows = mine = list(range(kind == "body", count))  # without the world
             if kind == "geom":
                 rows, mine = [alone.geom(name).id for name in names], list(range(here.ngeom))
             elif kind != "body" and count != getattr(here, number):
                 yield f"has {count} {kind}, but {getattr(here, number)} in a scene; leave out those of its world"
-                continue
-            for field in [name for name in dir(alone) if name.startswith(f"{kind}_")]:
-                given, kept = getattr(alone, field)[rows], getattr(here, field)[mine]
-                if given.dtype.kind == "f" or field.removeprefix(f"{kind}_") in _WHOLE_NUMBERS:
-                    same = np.isclose(given, kept, rtol=1e-6, atol=1e-9, equal_nan=True)
-                    for row in [row for row in range(len(rows)) if not same[row].all()]:
+                return
+            for field in [field for field in dir(alone) if field.startswith(kind)]:
+                numbers = getattr(alone, field)
+                if getattr(numbers, "dtype", np.dtype(int)).kind == "f" or field.partition("_")[2] in _WHOLE_NUMBERS:
+                    given, kept = numbers[rows], getattr(here, field)[mine]
+                    if not np.all(np.isfinite(given)):
+                        yield f"has a {field} that is not finite; give finite numbers"
+                    for row in np.unique(np.argwhere(~np.isclose(given, kept, rtol=1e-6, atol=1e-9))[:, :1]):
                         named = getattr(alone, kind)(rows[row]).name if kind in ("body", "geom", "jnt") else rows[row]
                         yield (
                             f"gives {kind} '{named}' the {field} {given[row]}, but it is {kept[row]} in a scene, which "
-                            "keeps nothing that a compiler says of a whole model; give it in the element"
+                            "keeps nothing that a compiler says of all, as settotalmass; give it in the element"
                         )
+        options, bits = alone.opt, mujoco.mjtDisableBit
+        given = {name: getattr(options, name) for name in _MOVING}
+        changed = [
+            name for name, (ours, most) in _MOVING.items() if not np.all(np.abs(given[name] - np.array(ours)) <= most)
+        ]
+        changed += [flag.lower() for flag in _FLAGS if options.disableflags & getattr(bits, f"mjDSBL_{flag}", 0)]
+        changed += ["override"] if options.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE else []
+        if changed:
+            yield f"changes {', '.join(changed)} of the whole simulation, which is the arena's; leave that out"
+        for plane in {alone.geom(g).name for g in range(alone.ngeom)} - set(names):
+            geom, upright = alone.geom(plane), 1.0 - 2.0 * np.sum(alone.geom(plane).quat[1:3] ** 2)
+            if (geom.contype | geom.conaffinity) and (abs(geom.pos[2]) > _LEVEL or upright < 1.0 - _LEVEL):
+                yield f"has the plane '{plane}', which is not the ground z = 0; make it a box"
 
-    def _check_numbers(self, model: mujoco.MjModel) -> None:
-        """Refuse what MuJoCo compiles but cannot simulate: NaN, distant bodies, extreme masses."""
-        for name in _ARRAYS:
-            if not np.all(np.isfinite(getattr(model, name))):
-                raise SceneError(f"{self.label}: {self.mjcf} has a {name} that is not finite; give finite numbers")
+    def _impossible(self, model: mujoco.MjModel) -> Iterator[str]:
+        """Yield what MuJoCo compiles but cannot simulate: distant bodies, extreme masses."""
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         for body in range(1, model.nbody):
-            what, mass = f"{self.label}: body '{model.body(body).name}'", float(model.body_subtreemass[body])
+            what, mass = f"has a body '{model.body(body).name}' that", float(model.body_subtreemass[body])
             if not np.all(np.abs(data.xpos[body]) <= FARTHEST):
-                raise SceneError(f"{what} of {self.mjcf} is more than {FARTHEST:g} m from the file's origin; move it")
+                yield f"{what} is more than {FARTHEST:g} m from the file's origin; move it"
             if model.body_dofnum[body] > 0 and not _LIGHTEST <= mass <= _HEAVIEST:
                 wanted = f"give {_LIGHTEST:g} to {_HEAVIEST:g} kg, what hangs on it included"
-                raise SceneError(f"{what} of {self.mjcf} moves and has a mass of {mass:g} kg; {wanted}")
+                yield f"{what} moves and has a mass of {mass:g} kg; {wanted}"
 
     def _read(self) -> mujoco.MjSpec:
         """Return the file with a name for every body and shape, and without what concerns memory and pictures."""
         try:
-            check_size(self.mjcf)
+            SizeCheck(self.mjcf)
             spec = mujoco.MjSpec.from_file(str(self.mjcf))
         except (ValueError, OSError, ParseError, RecursionError, SceneError, mujoco.FatalError) as error:
             raise SceneError(f"{self.label}: cannot read {self.mjcf}: {_one_line(error)}; give valid MJCF") from error

@@ -44,12 +44,12 @@ KEPT = {
 }  # fmt: skip
 LOST = {
     "compiler settotalmass": ("<compiler settotalmass='10'/><worldbody><body name='b'>" + BALL + "</body>", "'b' the "),
-    "gravity": ("<option gravity='0 0 0'/><worldbody><body name='b'>" + BALL + "</body>", "option gravity"),
-    "water": ("<option density='1000'/><worldbody><body name='b'>" + BALL + "</body>", "option density"),
-    "no contacts": ("<option><flag contact='disable'/></option><worldbody><body>" + BALL + "</body>", "contact"),
+    "gravity": ("<option gravity='0 0 0'/><worldbody><body name='b'>" + BALL + "</body>", "changes gravity"),
+    "water": ("<option density='1000'/><worldbody><body name='b'>" + BALL + "</body>", "changes density"),
+    "no contacts": ("<option><flag contact='disable'/></option><worldbody><body>" + BALL + "</body>", "contact of"),
     "one contact": (
         "<option o_solref='.1 1'><flag override='enable'/></option><worldbody><body name='b'>" + BALL + "</body>",
-        "overrides contacts",
+        "changes override",
     ),
     "a plane as wall": (
         "<worldbody><geom name='p' type='plane' size='1 1 .1' euler='0 90 0'/><body name='b'>" + BALL + "</body>",
