@@ -5,7 +5,6 @@ only because its path was given as such; no file of data leads here.
 """
 
 import contextlib
-import functools
 import importlib
 import importlib.metadata
 import importlib.util
@@ -19,7 +18,7 @@ from importlib.metadata import EntryPoint
 from typing import Any
 
 from hugwbc.errors import ConfigError, HugwbcError
-from hugwbc.files import digest, is_own, note, noting
+from hugwbc.files import digest, digest_of, is_own, note, noting
 
 SUFFIX = ".py"
 _IMPORTLIB = pathlib.Path(importlib.__file__).parent
@@ -96,10 +95,19 @@ def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
         code = tuple((file, digest(file.read_bytes())) for file in code_of(path))
     except OSError as error:
         raise ConfigError(f"there is no file {path}; give the path of the Python file with the {kind}") from error
-    module, read = _run(path.resolve(), code, kind)
-    for file in (*read, *(file for file, _ in code)):
+    key = (path.resolve(), code)
+    # What it read when it ran may have changed since.
+    if key not in _ran or any(digest_of(name) != was for name, was in _ran[key][1].items()):
+        _ran[key] = _run(*key)
+    note_code(path)
+    return _ran[key][0]
+
+
+def note_code(path: pathlib.Path) -> None:
+    """Note a Python file, the modules that it imports, and what it read when it ran in this process."""
+    read = [name for (ran, _), (_, read) in _ran.items() if ran == path.resolve() for name in read]
+    for file in (*code_of(path), *read):
         note(file)
-    return module
 
 
 def code_of(path: pathlib.Path) -> list[pathlib.Path]:
@@ -111,14 +119,13 @@ def code_of(path: pathlib.Path) -> list[pathlib.Path]:
     return [path, *map(pathlib.Path, sorted(found))]
 
 
+_Code = tuple[tuple[pathlib.Path, str], ...]  # files and their digests
+_Ran = tuple[types.ModuleType, dict[str, str]]  # a module, and the digests of the files that it read when it ran
 _imported: dict[pathlib.Path, str] = {}  # digests of modules beside files that were run
+_ran: dict[tuple[pathlib.Path, _Code], _Ran] = {}
 
 
-@functools.cache
-def _run(
-    path: pathlib.Path, code: tuple[tuple[pathlib.Path, str], ...], kind: str
-) -> tuple[types.ModuleType, list[str]]:
-    """Return the module of a file, and the files that it read when it ran."""
+def _run(path: pathlib.Path, code: _Code) -> _Ran:
     if any(_imported.get(file, now) != now for file, now in code[1:]):  # imported before it was changed
         beside = {str(file) for file, _ in code[1:]}
         for other in [key for key, module in sys.modules.items() if getattr(module, "__file__", None) in beside]:
@@ -138,7 +145,7 @@ def _run(
         missing = isinstance(error, ModuleNotFoundError)
         hint = "; modules beside the file are found if its folder is in PYTHONPATH" if missing else ""
         raise ConfigError(f"{path} cannot be run: {described(error)}{hint}") from error
-    return module, list(read)
+    return module, read
 
 
 def described(error: Exception) -> str:

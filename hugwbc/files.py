@@ -98,9 +98,9 @@ def noting() -> Iterator[dict[str, str]]:
     finally:
         _reading.reset(before)
         for name in sorted(names):
-            if is_own(name) and os.path.isfile(name):
+            if is_own(name) and (now := digest_of(name)) is not None:
                 note(name)  # for whoever else collects
-                found[name] = digest(pathlib.Path(name).read_bytes())
+                found[name] = now
 
 
 def note(path: str | pathlib.Path) -> None:
@@ -118,7 +118,7 @@ def is_own(path: str | pathlib.Path) -> bool:
 @functools.cache
 def _watch_reading() -> None:
     def see(event: str, arguments: tuple[Any, ...]) -> None:
-        if event == "open" and isinstance(arguments[0], str) and not arguments[2] & (os.O_WRONLY | os.O_RDWR):
+        if event == "open" and isinstance(arguments[0], str) and not (arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR):
             note(arguments[0])
 
     sys.addaudithook(see)
@@ -127,6 +127,11 @@ def _watch_reading() -> None:
 def digest(content: bytes | str) -> str:
     """Return 32 hexadecimal digits of the SHA-256 of bytes, or of a text as UTF-8."""
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:32]
+
+
+def digest_of(path: str | pathlib.Path) -> str | None:
+    """Return the digest of a file, or None if there is none."""
+    return digest(pathlib.Path(path).read_bytes()) if os.path.isfile(path) else None
 
 
 def finite_json(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds

@@ -17,7 +17,7 @@ from hugwbc import extensions
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
-from hugwbc.files import digest, is_own, note, noting, write_whole, writing
+from hugwbc.files import digest, digest_of, is_own, note, noting, write_whole, writing
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.source import source_commit
 
@@ -124,8 +124,8 @@ def _files(episode: Episode, settings: Settings) -> dict[str, str]:
             for file in sorted(path.glob("*.npz")) if path.is_dir() else [path] if path.suffix else []:
                 note(file)
             code += [path] * extensions.names_object(text)
-        for file in [file for path in code if is_own(path) and path.is_file() for file in extensions.code_of(path)]:
-            note(file)
+        for path in [path for path in code if is_own(path) and path.is_file()]:
+            extensions.note_code(path)
         dataclasses.replace(settings)  # reads everything again
     return read
 
@@ -152,7 +152,7 @@ def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
     if _key_of(path) != key:
         raise ResultFileError(f"{path} does not match its name; move it away, or choose another folder")
     rows: dict[str, Row] = {}
-    now = functools.cache(lambda name: digest(pathlib.Path(name).read_bytes()) if os.path.isfile(name) else None)
+    now = functools.cache(digest_of)
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
         try:
             row = json.loads(line)

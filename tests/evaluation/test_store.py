@@ -31,10 +31,12 @@ from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.scripts import load_script
 import near
 
+HERE = pathlib.Path(__file__).parent
+ONCE = np.loadtxt(HERE / "once.csv")
+
 def measure(controller, settings, plan):
-    script = load_script(pathlib.Path(__file__).parent / "script.yaml")
-    own = np.loadtxt(pathlib.Path(__file__).parent / "own.csv")
-    return {"x": near.VALUE, "end": float(script.hands_at(2.0).left[0]), "own": float(own)}
+    script, own = load_script(HERE / "script.yaml"), np.loadtxt(HERE / "own.csv")
+    return {"once": float(ONCE), "x": near.VALUE, "end": float(script.hands_at(2.0).left[0]), "own": float(own)}
 
 MINE = Experiment("mine", "", CountedSettings, numbered, measure, lambda settings, rows: [])
 """
@@ -74,16 +76,21 @@ def test_what_only_an_episode_reads_counts_too(tmp_path: pathlib.Path, monkeypat
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "mine.py").write_text(MEASURE)
     (tmp_path / "script.yaml").write_text(SCRIPT)
-    texts = {"near.py": "VALUE = {}", "hand.csv": "t,x,y,z\n0,0.3,0.2,0\n2,{},0.2,0\n", "own.csv": "{}"}
+    texts = {
+        "near.py": "VALUE = {}",
+        "hand.csv": "t,x,y,z\n0,0.3,0.2,0\n2,{},0.2,0\n",
+        "own.csv": "{}",
+        "once.csv": "{}",
+    }
     for name, text in texts.items():
         (tmp_path / name).write_text(text.format(0.25))
 
     def row() -> list[float]:
         settings = CountedSettings(duration=0.2, settle=0.1)
         result = run_experiment(experiment_of(f"{tmp_path / 'mine.py'}:MINE"), settings, HOLD, store=Store(tmp_path))
-        return [result.rows[0][name] for name in ("x", "end", "own")]
+        return [result.rows[0][name] for name in ("x", "end", "own", "once")]
 
-    expected = [0.25, 0.25, 0.25]
+    expected = [0.25, 0.25, 0.25, 0.25]
     assert row() == expected
     for place, (name, text) in enumerate(texts.items()):
         (tmp_path / name).write_text(text.format(0.375))
