@@ -4,10 +4,11 @@ Both are programs of the user and run with the user's rights, like any program t
 only because its path was given as such; no file of data leads here.
 """
 
-import functools
+import contextlib
 import importlib
 import importlib.metadata
 import importlib.util
+import modulefinder
 import pathlib
 import sys
 import traceback
@@ -17,7 +18,7 @@ from importlib.metadata import EntryPoint
 from typing import Any
 
 from hugwbc.errors import ConfigError, HugwbcError
-from hugwbc.files import digest
+from hugwbc.files import digest, digest_of, is_own, note, noting
 
 SUFFIX = ".py"
 _IMPORTLIB = pathlib.Path(importlib.__file__).parent
@@ -91,28 +92,60 @@ def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
         kind: what the file is to hold, in words, for messages.
     """
     try:
-        content = path.read_bytes()
+        code = tuple((file, digest(file.read_bytes())) for file in code_of(path))
     except OSError as error:
         raise ConfigError(f"there is no file {path}; give the path of the Python file with the {kind}") from error
-    return _run(path.resolve(), digest(content)[:16], kind)
+    key = (path.resolve(), code)
+    # What it read when it ran may have changed since.
+    if key not in _ran or any(digest_of(name) != was for name, was in _ran[key][1].items()):
+        _ran[key] = _run(*key)
+    note_code(path)
+    return _ran[key][0]
 
 
-@functools.cache
-def _run(path: pathlib.Path, digest: str, kind: str) -> types.ModuleType:
+def note_code(path: pathlib.Path) -> None:
+    """Note a Python file, the modules that it imports, and what it read when it ran in this process."""
+    read = [name for (ran, _), (_, read) in _ran.items() if ran == path.resolve() for name in read]
+    for file in (*code_of(path), *read):
+        note(file)
+
+
+def code_of(path: pathlib.Path) -> list[pathlib.Path]:
+    """Return a Python file, and the modules that it and these import, but for those of installed packages."""
+    finder = modulefinder.ModuleFinder([folder for folder in sys.path if is_own(folder)], excludes=["hugwbc"])
+    with contextlib.suppress(SyntaxError, ValueError):  # whoever runs it says so
+        finder.run_script(str(path))
+    found = {module.__file__ for module in finder.modules.values() if module.__file__} - {str(path)}
+    return [path, *map(pathlib.Path, sorted(found))]
+
+
+_Code = tuple[tuple[pathlib.Path, str], ...]  # files and their digests
+_Ran = tuple[types.ModuleType, dict[str, str]]  # a module, and the digests of the files that it read when it ran
+_imported: dict[pathlib.Path, str] = {}  # digests of modules beside files that were run
+_ran: dict[tuple[pathlib.Path, _Code], _Ran] = {}
+
+
+def _run(path: pathlib.Path, code: _Code) -> _Ran:
+    if any(_imported.get(file, now) != now for file, now in code[1:]):  # imported before it was changed
+        beside = {str(file) for file, _ in code[1:]}
+        for other in [key for key, module in sys.modules.items() if getattr(module, "__file__", None) in beside]:
+            del sys.modules[other]
+    _imported.update(code[1:])
     # No module that is imported by name can have this one.
-    name = f"{path.stem}({digest})"
+    name = f"{path.stem}({digest(repr(code))[:16]})"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None  # for a name that ends in .py
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
     try:
-        spec.loader.exec_module(module)
+        with noting() as read:
+            spec.loader.exec_module(module)
     except Exception as error:  # the user's code may raise anything
         del sys.modules[name]
         missing = isinstance(error, ModuleNotFoundError)
         hint = "; modules beside the file are found if its folder is in PYTHONPATH" if missing else ""
         raise ConfigError(f"{path} cannot be run: {described(error)}{hint}") from error
-    return module
+    return module, read
 
 
 def described(error: Exception) -> str:

@@ -1,19 +1,29 @@
-"""Files that are written completely or not at all, their digests, and numbers that JSON can hold."""
+"""Files that are written completely or not at all, what is read meanwhile, digests, and numbers that JSON can hold."""
 
 import contextlib
+import contextvars
 import errno
 import fcntl
+import functools
 import hashlib
 import math
 import os
 import pathlib
 import secrets
+import sys
+import sysconfig
 from collections.abc import Iterator
 from typing import Any
 
 from hugwbc.errors import ConfigError
 
 LOCK = "run.lock"
+# What the commit and the versions of packages stand for, and what belongs to the system.
+_PACKAGE = pathlib.Path(__file__).parent
+_SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr/lib", "/usr/share", sysconfig.get_path("stdlib"))
+_INSTALLED = (str(_PACKAGE), str(_PACKAGE.parent / "models"), *_SYSTEM)
+_NOT_OWN = {"__pycache__", ".cache", "site-packages", "dist-packages"}
+_reading: contextvars.ContextVar[set[str] | None] = contextvars.ContextVar("reading", default=None)
 
 
 def write_whole(path: str | pathlib.Path, content: bytes | str) -> None:
@@ -89,9 +99,55 @@ def read_file(path: pathlib.Path, largest: int) -> bytes:
     return content
 
 
+@contextlib.contextmanager
+def noting() -> Iterator[dict[str, str]]:
+    """Collect the user's files that this thread reads meanwhile, with their digests, which are there at the end.
+
+    Whatever Python opens counts, and what libraries in other languages read if their callers `note` it.
+    """
+    _watch_reading()
+    names: set[str] = set()
+    found: dict[str, str] = {}
+    before = _reading.set(names)
+    try:
+        yield found
+    finally:
+        _reading.reset(before)
+        for name in sorted(names):
+            if is_own(name) and (now := digest_of(name)) is not None:
+                note(name)  # for whoever else collects
+                found[name] = now
+
+
+def note(path: str | pathlib.Path) -> None:
+    """Let those that collect know that a file is read."""
+    if (names := _reading.get()) is not None:
+        names.add(os.fspath(path))
+
+
+def is_own(path: str | pathlib.Path) -> bool:
+    """Return whether a file is neither part of an installed package or the system nor a cache."""
+    parts = pathlib.Path(os.path.abspath(path))
+    return not _NOT_OWN & {*parts.parts} and not any(parts.is_relative_to(root) for root in _INSTALLED)
+
+
+@functools.cache
+def _watch_reading() -> None:
+    def see(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open" and isinstance(arguments[0], str) and not (arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR):
+            note(arguments[0])
+
+    sys.addaudithook(see)
+
+
 def digest(content: bytes | str) -> str:
     """Return 32 hexadecimal digits of the SHA-256 of bytes, or of a text as UTF-8."""
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:32]
+
+
+def digest_of(path: str | pathlib.Path) -> str | None:
+    """Return the digest of a file, or None if there is none."""
+    return digest(pathlib.Path(path).read_bytes()) if os.path.isfile(path) else None
 
 
 def finite_json(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds

@@ -2,7 +2,8 @@
 
 import dataclasses
 import threading
-from collections.abc import Callable, Iterable, Sequence
+import types
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 import polars as pl
@@ -12,7 +13,8 @@ from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.plans import Plan
-from hugwbc.evaluation.store import Store, controller_digest
+from hugwbc.evaluation.store import READ, Store, controller_digest
+from hugwbc.files import noting
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.viz.plots import Panel
 
@@ -156,13 +158,17 @@ def run_plans(
 
 def _run_job(job: tuple[Callable[..., Row], Settings, ControllerSpec, str, int, Plan]) -> tuple[int, Row]:
     episode, settings, spec, digest, index, plan = job
-    return index, {**plan.tags, **episode(_controller(spec, digest), settings, plan)}
+    controller = _controller(spec, digest)
+    with noting() as read:
+        row = episode(controller, settings, plan)
+    return index, {**plan.tags, **row, READ: {**_last.read, **read}}
 
 
 class _Last(threading.local):
     """The last controller of a thread: a controller has a state, and a worker may run several threads."""
 
     key: object = None
+    read: Mapping[str, str] = types.MappingProxyType({})
     controller: Controller | None = None
 
 
@@ -172,5 +178,8 @@ _last = _Last()
 def _controller(spec: ControllerSpec, digest: str) -> Controller:
     """Return the controller, made once in each thread as long as it and its files stay the same."""
     if _last.controller is None or _last.key != (spec, digest):
-        _last.key, _last.controller = (spec, digest), spec.build()
+        with noting() as read:
+            _last.key, _last.controller = (spec, digest), spec.build()
+        known = set(map(str, spec.files()))  # by the digest of the controller
+        _last.read = {name: found for name, found in read.items() if name not in known}
     return _last.controller

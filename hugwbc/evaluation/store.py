@@ -5,6 +5,7 @@ appended, each by one write, so that a killed run loses only the episodes that w
 """
 
 import dataclasses
+import functools
 import inspect
 import json
 import os
@@ -12,17 +13,16 @@ import pathlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import hugwbc
 from hugwbc import extensions
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
-from hugwbc.files import digest, write_whole, writing
+from hugwbc.files import digest, digest_of, is_own, note, noting, write_whole, writing
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.source import source_commit
 
 DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
-_EPISODE = "_episode"
+_EPISODE, READ = "_episode", "_read"  # of a row: digest of its plan, and those of files that only the episode read
 Episode = Callable[..., Row]
 """What runs one episode: a function of a module."""
 
@@ -45,11 +45,12 @@ class StoredTable:
 
     def add(self, plan: Plan, row: Row) -> Row:
         """Append the row of an episode, and return it as it will be read."""
-        episode = digest(repr(plan))
+        episode, known = digest(repr(plan)), self._key["files"]
+        read = {name: found for name, found in row.pop(READ, {}).items() if known.get(name) != found}
         self._rows[episode] = json.loads(json.dumps(row))
         if self.path is not None:
             with writing(self.path):
-                _append(self.path, self._key, {_EPISODE: episode, **row})
+                _append(self.path, self._key, {_EPISODE: episode, **({READ: read} if read else {}), **row})
         return self._rows[episode]
 
 
@@ -92,7 +93,7 @@ def table_key(experiment: str, episode: Episode, settings: Settings, spec: Contr
 
     A shipped policy counts by its digest for the controller that it drives. A user's own code may load any of them.
     """
-    files = {str(path): digest(path.read_bytes()) for path in _files(episode, settings)}
+    files = _files(episode, settings)
     own = spec.is_own or any(path.endswith(".py") for path in files)
     return json.loads(
         json.dumps(
@@ -114,18 +115,19 @@ def controller_digest(spec: ControllerSpec) -> str:
     return digest(json.dumps(spec.identity(), sort_keys=True, default=str))
 
 
-def _files(episode: Episode, settings: Settings) -> Iterator[pathlib.Path]:
-    """Yield the files that settings name, motions in a folder included, and those of a user's own experiment."""
-    for part in (type(settings), episode):
-        source = pathlib.Path(inspect.getfile(part))
-        if source.is_file() and not source.is_relative_to(pathlib.Path(hugwbc.__file__).parent):
-            yield source
-    for text in _texts(dataclasses.asdict(settings)):
-        path = extensions.split_object(text)[0] if extensions.names_object(text) else pathlib.Path(text)
-        if path.suffix and path.is_file():
-            yield path
-        elif path.is_dir():
-            yield from sorted(path.glob("*.npz"))
+def _files(episode: Episode, settings: Settings) -> dict[str, str]:
+    """Return the digests of what settings name and read, motions in a folder included, and of a user's own code."""
+    with noting() as read:
+        code = [pathlib.Path(inspect.getfile(part)) for part in (type(settings), episode)]
+        for text in _texts(dataclasses.asdict(settings)):
+            path = extensions.split_object(text)[0] if extensions.names_object(text) else pathlib.Path(text)
+            for file in sorted(path.glob("*.npz")) if path.is_dir() else [path] if path.suffix else []:
+                note(file)
+            code += [path] * extensions.names_object(text)
+        for path in [path for path in code if is_own(path) and path.is_file()]:
+            extensions.note_code(path)
+        dataclasses.replace(settings)  # reads everything again
+    return read
 
 
 def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401  of settings
@@ -150,10 +152,12 @@ def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
     if _key_of(path) != key:
         raise ResultFileError(f"{path} does not match its name; move it away, or choose another folder")
     rows: dict[str, Row] = {}
+    now = functools.cache(digest_of)
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
         try:
             row = json.loads(line)
-            rows[row.pop(_EPISODE)] = row
+            if all(now(name) == found for name, found in row.pop(READ, {}).items()):
+                rows[row.pop(_EPISODE)] = row
         except (ValueError, KeyError, AttributeError, TypeError):
             continue  # a killed run left half a line: its episode runs again
     return rows

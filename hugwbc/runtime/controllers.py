@@ -298,19 +298,22 @@ class ControllerSpec:
         """Return the files that the controller is built from: contract and network, policy, or the user's code."""
         given = None if self.policy is None else pathlib.Path(self.policy)
         if self.is_own:
-            code = [extensions.split_object(self.name)[0]] if extensions.names_object(self.name) else []
+            code = (
+                extensions.code_of(extensions.split_object(self.name)[0]) if extensions.names_object(self.name) else []
+            )
             if given is not None and given.is_dir():
                 return code + sorted(path for path in given.rglob("*") if path.is_file())
             return code if given is None or not given.is_file() else [*code, given]
         if self.name in _OURS and self.name != "learned":
             return []
         path = policy_file(given or DEFAULT_POLICY if self.name == "learned" else self.name)
-        if path.suffix not in _CONTRACTS:
-            return [path]
         from hugwbc.learned.policy.contract import load_contract
+        from hugwbc.learned.policy.network_files import with_weights
 
+        if path.suffix not in _CONTRACTS:
+            return with_weights(path)
         network = load_contract(path).policy if given is None or self.name == "learned" else given
-        return [path] if network is None else [path, network]
+        return [path] if network is None else [path, *with_weights(network)]
 
 
 def _takes(factory: Callable[..., Any], parameter: str) -> bool:

@@ -152,6 +152,8 @@ class Contract:
         observation_clip: bound of the scaled observations.
         state: recurrent state of an ONNX network: the name of each state input and of the output with its next value.
             A TorchScript network keeps its state itself.
+        action: network's output that holds the actions: its name, or its number in the tuple of a TorchScript network;
+            by default the one called action or actions, or the only one with a number for each joint.
         clock_period: period of the clock [s]; None for a clock that follows the commanded stride frequency.
         held_pose: positions of joints that the policy does not move, if they differ from the robot's nominal pose
             [rad].
@@ -178,6 +180,7 @@ class Contract:
     action_clip: Positive | None = None
     observation_clip: Positive | None = None
     state: dict[str, str] = dataclasses.field(default_factory=dict)
+    action: str = ""
     clock_period: Positive | None = None
     held_pose: dict[JointName, float] = dataclasses.field(default_factory=dict)
     waist_rate: NotNegative = 0.0

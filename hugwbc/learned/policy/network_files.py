@@ -6,16 +6,20 @@ None is unpickled. A TorchScript file nevertheless contains a program, which run
 import importlib
 import json
 import pathlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from hugwbc.errors import PolicyFileError, needing
+from hugwbc.files import note
 
 TORCHSCRIPT_SUFFIXES = (".pt", ".pth", ".ts", ".jit")
 ONNX_SUFFIX = ".onnx"
 SUFFIXES = (*TORCHSCRIPT_SUFFIXES, ONNX_SUFFIX)
+# Types of ONNX inputs that an observation can be given as.
+_TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(float16)": np.float16}
 # Methods that exporters add to clear the recurrent state; legged_gym and rsl_rl use the first.
 _RESETS = ("reset_memory", "reset")
 
@@ -41,6 +45,8 @@ def load_network(path: pathlib.Path, state: Mapping[str, str]) -> Network:
     """
     if not path.is_file():
         raise PolicyFileError(f"there is no policy file {path}; give the path of a {', '.join(SUFFIXES)} file")
+    for file in with_weights(path):
+        note(file)
     if path.suffix in TORCHSCRIPT_SUFFIXES:
         if state:
             raise PolicyFileError(f"{path} is TorchScript, which keeps its state itself; leave out the field state")
@@ -50,14 +56,27 @@ def load_network(path: pathlib.Path, state: Mapping[str, str]) -> Network:
     raise PolicyFileError(f"{path} ends in '{path.suffix}'; valid is TorchScript or ONNX: {', '.join(SUFFIXES)}")
 
 
+def with_weights(path: pathlib.Path) -> list[pathlib.Path]:
+    """Return a network's file, and those in which an ONNX file says that its weights are."""
+    content = path.read_bytes() if path.suffix == ONNX_SUFFIX and path.is_file() else b""
+    # Fields 1 and 2 of a StringStringEntryProto of ONNX: the key "location", and a length and the value.
+    ends = [match.end() for match in re.finditer(rb"\x0a\x08location\x12", content)]
+    names = {content[end + 1 : end + 1 + content[end]].decode(errors="replace") for end in ends}
+    return [path, *(path.parent / name for name in sorted(names) if (path.parent / name).is_file())]
+
+
 class TorchScriptNetwork:
-    """A scripted or traced module; it may keep a recurrent state in its buffers, as legged_gym's exporter does."""
+    """A scripted or traced module; it may keep a recurrent state in its buffers, as legged_gym's exporter does.
+
+    Attributes:
+        action: name or number of the output that holds the actions.
+    """
 
     def __init__(self, path: pathlib.Path) -> None:
         import torch
 
         torch.set_num_threads(1)  # more threads only cost time for one robot
-        self._torch = torch
+        self._torch, self.action = torch, "0"
         try:
             self._module: Any = torch.jit.load(str(path), map_location="cpu").eval()
         except (RuntimeError, ValueError, OSError) as error:
@@ -67,6 +86,7 @@ class TorchScriptNetwork:
                 "A checkpoint written by torch.save is a pickle and is not loaded"
             ) from error
         self._start = {name: buffer.clone() for name, buffer in self._module.named_buffers()}
+        self._dtype = next((p.dtype for p in self._module.parameters() if p.is_floating_point()), torch.float32)
 
     def reset(self) -> None:
         """Restore all buffers from the file, and then call the module's own reset if it has one."""
@@ -80,11 +100,17 @@ class TorchScriptNetwork:
 
     def __call__(self, inputs: Sequence[np.ndarray]) -> np.ndarray:
         """Return the actions, shape (m,)."""
+        return self.outputs(inputs)[self.action]
+
+    def outputs(self, inputs: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+        """Return all outputs, flat; those of a tuple are called by their number."""
         with self._torch.no_grad():
-            output = self._module(*(self._torch.from_numpy(row)[None] for row in inputs))
-        # Exported actor-critics return more than the actions, which come first.
-        action = output[0] if isinstance(output, tuple | list) else output
-        return action.reshape(-1).double().numpy()
+            found: Any = self._module(*(self._torch.from_numpy(row)[None].to(self._dtype) for row in inputs))
+        if not isinstance(found, dict):
+            parts = found if isinstance(found, tuple | list) else (found,)
+            found = dict(zip(getattr(found, "_fields", map(str, range(len(parts)))), parts, strict=True))
+        tensors = {name: part for name, part in found.items() if isinstance(part, self._torch.Tensor)}
+        return {str(name): part.reshape(-1).double().numpy() for name, part in tensors.items()}
 
 
 class OnnxNetwork:
@@ -92,12 +118,15 @@ class OnnxNetwork:
 
     Attributes:
         metadata: what `hugwbc export` wrote besides the network; empty for other files.
+        action: name of the output that holds the actions.
     """
 
     def __init__(self, path: pathlib.Path, state: Mapping[str, str]) -> None:
-        self._session = _session(path)
+        self._session, self._path = _session(path), path
         self.metadata = _metadata(self._session, path)
-        self._shapes = {node.name: node.shape for node in self._session.get_inputs()}
+        nodes = self._session.get_inputs()
+        self._shapes = {node.name: node.shape for node in nodes}
+        self._types = {node.name: _TYPES.get(node.type, np.float32) for node in nodes}
         outputs = [node.name for node in self._session.get_outputs()]
         self._state = dict(state)
         self._observed = [name for name in self._shapes if name not in state]
@@ -110,7 +139,15 @@ class OnnxNetwork:
                 "field state every input but the observation, with the output that gives its next value "
                 f"({', '.join(missing) or 'some'} {'is' if missing else 'are'} missing)"
             )
-        self._action = actions[0]
+        self.action, self._actions = actions[0], actions
+        for node in nodes:
+            batch = node.shape[:-1]
+            one_robot = node.name in state or (len(batch) <= 1 and not any(isinstance(n, int) and n > 1 for n in batch))
+            if not one_robot or node.type not in _TYPES:
+                raise PolicyFileError(
+                    f"{path} reads {node.name} as {node.type} of shape {node.shape}; export it for one robot, of shape "
+                    f"(1, numbers) or with a free first size, as {', '.join(_TYPES)}"
+                )
         self.reset()
 
     def reset(self) -> None:
@@ -119,14 +156,31 @@ class OnnxNetwork:
 
     def _zeros(self, name: str) -> np.ndarray:
         # A free dimension is the batch, which is one robot.
-        return np.zeros([size if isinstance(size, int) else 1 for size in self._shapes[name]], np.float32)
+        return np.zeros([size if isinstance(size, int) else 1 for size in self._shapes[name]], self._types[name])
 
     def __call__(self, inputs: Sequence[np.ndarray]) -> np.ndarray:
         """Return the actions, shape (m,)."""
-        given = {name: row[None] for name, row in zip(self._observed, inputs, strict=True)}
-        action, *states = self._session.run([self._action, *self._state.values()], {**given, **self._values})
-        self._values = dict(zip(self._state, states, strict=True))
-        return np.asarray(action, dtype=float).reshape(-1)
+        (action,) = self._run([self.action], inputs)
+        return action
+
+    def outputs(self, inputs: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+        """Return all outputs but the recurrent state, flat."""
+        return dict(zip(self._actions, self._run(self._actions, inputs), strict=True))
+
+    def _run(self, names: Sequence[str], inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
+        if len(inputs) != len(self._observed):
+            raise PolicyFileError(
+                f"{self._path} reads {', '.join(self._observed)}, and the contract gives {len(inputs)} of them: the "
+                "terms of observation, then those of command, which is a second input. Name recurrent ones in state; "
+                "others cannot be given, so export the network without them"
+            )
+        given = {
+            name: (row if len(self._shapes[name]) == 1 else row[None]).astype(self._types[name], copy=False)
+            for name, row in zip(self._observed, inputs, strict=True)
+        }
+        found = self._session.run([*names, *self._state.values()], {**given, **self._values})
+        self._values = dict(zip(self._state, found[len(names) :], strict=True))
+        return [np.asarray(part, dtype=float).reshape(-1) for part in found[: len(names)]]
 
 
 def _session(path: pathlib.Path) -> Any:  # noqa: ANN401  an optional package

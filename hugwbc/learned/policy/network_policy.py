@@ -1,8 +1,9 @@
 """A policy's network as a controller, ours or another project's, by its contract; it needs no torch by itself."""
 
 import dataclasses
+import logging
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,12 +14,14 @@ from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy.contract import Contract, Term, contract_of, load_contract
 from hugwbc.learned.policy.feed_forward import FeedForward
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
-from hugwbc.learned.policy.network_files import Network, OnnxNetwork, load_network
+from hugwbc.learned.policy.network_files import Network, OnnxNetwork, TorchScriptNetwork, load_network
 from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
 LARGEST_READING = 1e10  # [rad], [rad/s], MuJoCo's own bound; far beyond it the network overflows
+_GAIN_FACTOR = 10.0  # of the robot's own gains; public policies have up to 5
+_log = logging.getLogger(__name__)
 _F = COMMAND_NAMES.index("f")
 
 
@@ -56,7 +59,13 @@ def tried(network: Network, contract: Contract, path: pathlib.Path) -> Network:
     asked = f"{contract.history.frames} x ({'), and ('.join(terms)}) = {' and '.join(map(str, sizes))} numbers"
     try:
         network.reset()
-        action = network([np.zeros(size, np.float32) for size in sizes])
+        given = [np.zeros(size, np.float32) for size in sizes]
+        if isinstance(network, OnnxNetwork | TorchScriptNetwork):
+            network.action = _action_of(network.outputs(given), contract, path)
+            network.reset()
+        action = network(given)
+    except PolicyFileError:
+        raise
     except Exception as error:  # whatever torch and onnxruntime raise on a wrong shape
         reason = str(error).strip().splitlines()[-1]
         raise PolicyFileError(f"{path} does not take the contract's observation, {asked}: {reason}") from error
@@ -65,7 +74,38 @@ def tried(network: Network, contract: Contract, path: pathlib.Path) -> Network:
             f"{path} gives {action.size} actions ({np.isfinite(action).sum()} finite), the contract has "
             f"{len(contract.joints)} joints: {', '.join(contract.joints)}; make them agree"
         )
+    _check_gains(contract, path)
     return network
+
+
+def _action_of(found: Mapping[str, np.ndarray], contract: Contract, path: pathlib.Path) -> str:
+    """Return which output holds the actions: the contract's, the only one, that of the name, or the only one to fit."""
+    fitting = [name for name, part in found.items() if part.size == len(contract.joints)]
+    named = [name for name in found if name.casefold() in ("action", "actions")]
+    wanted = [contract.action] if contract.action else list(found) if len(found) == 1 else named or fitting
+    if len(wanted) != 1 or wanted[0] not in found:
+        sizes = ", ".join(f"{name} ({part.size})" for name, part in found.items())
+        raise PolicyFileError(
+            f"{path} has the outputs {sizes}, and {contract.action or f'{len(wanted)} of them'} could be the actions "
+            f"of {len(contract.joints)} joints; say in the contract which one is: action: NAME"
+        )
+    return wanted[0]
+
+
+def _check_gains(contract: Contract, path: pathlib.Path) -> None:
+    """Log gains with which a joint's drive would oscillate, or that are far from those of the robot.
+
+    A delay t takes kp * t away from the damping kd of a joint, and nothing is left from kp * t = kd on.
+    """
+    robot = load_robot(contract.robot)
+    for name, kp, kd in zip(contract.joints, contract.kp, contract.kd, strict=True):
+        joint = robot.index(name)
+        if kp * robot.command_delay >= kd or max(kp / robot.kp[joint], kd / robot.kd[joint]) > _GAIN_FACTOR:
+            _log.warning(
+                "%s: %s has kp = %g and kd = %g in the contract, with which the robot may shake; plausible are up to "
+                "%g times the robot's %g and %g, and kd above %g * kp",
+                *(path, name, kp, kd, _GAIN_FACTOR, robot.kp[joint], robot.kd[joint], robot.command_delay),
+            )
 
 
 def _inputs(contract: Contract) -> tuple[tuple[Term, ...], ...]:

@@ -1,0 +1,133 @@
+"""Stored episodes are of the contents of everything that was read for them, however deep a file names another."""
+
+import pathlib
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from hugwbc.cli import main
+from hugwbc.evaluation.episode import CountedSettings
+from hugwbc.evaluation.experiment import run_experiment
+from hugwbc.evaluation.experiments import behaviours, experiment_of
+from hugwbc.evaluation.experiments.behaviours import EXPERIMENT, BehavioursSettings
+from hugwbc.evaluation.store import Store
+from hugwbc.runtime.controllers import ControllerSpec
+
+HOLD = ControllerSpec("hold")
+THING = """<mujoco><asset><mesh name="w" file="wedge.obj"/></asset><include file="more.xml"/><worldbody><body name="b">
+<freejoint/><geom type="mesh" mesh="w" mass="{}"/></body></worldbody></mujoco>"""
+WEDGE = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nv 0 0 {0}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+MORE = '<mujoco><worldbody><body name="c" pos="0 {} 0"><geom size=".1"/></body></worldbody></mujoco>'
+STAND = (
+    "from hugwbc.behaviours import stand\nimport beside\ndef still(view):\n    return (yield from stand(view, 0.1))\n"
+)
+MEASURE = """
+import pathlib
+import numpy as np
+from hugwbc.evaluation.episode import CountedSettings
+from hugwbc.evaluation.experiment import Experiment, numbered
+from hugwbc.scripts import load_script
+import near
+
+HERE = pathlib.Path(__file__).parent
+ONCE = np.loadtxt(HERE / "once.csv")
+
+def measure(controller, settings, plan):
+    script, own = load_script(HERE / "script.yaml"), np.loadtxt(HERE / "own.csv")
+    return {"once": float(ONCE), "x": near.VALUE, "end": float(script.hands_at(2.0).left[0]), "own": float(own)}
+
+MINE = Experiment("mine", "", CountedSettings, numbered, measure, lambda settings, rows: [])
+"""
+SCRIPT = "segments: [{label: a, duration: 3, hands: {frame: pelvis, left: {file: hand.csv}}}]"
+
+
+@pytest.fixture
+def played(monkeypatch):
+    """The scenes of the episodes of behaviours that are simulated."""
+    seen, whole = [], behaviours.rollout
+    monkeypatch.setattr(behaviours, "rollout", lambda *a, **k: (seen.append(a[2].scene), whole(*a, **k))[1])
+    return seen
+
+
+def test_a_changed_file_that_a_scenes_file_names_runs_again(tmp_path: pathlib.Path, played, monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    texts = {
+        "scene.yaml": "objects: [{{name: k, mjcf: thing.xml, position: [{}, 0]}}]",
+        "thing.xml": THING, "wedge.obj": WEDGE, "more.xml": MORE, "beside.py": "x = {}",
+    }  # fmt: skip
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text.format(3))
+    (tmp_path / "mine.py").write_text(STAND)
+    command = ["evaluate", "behaviours", "--controller", "hold", "--behaviour", f"{tmp_path / 'mine.py'}:still"]
+    command += ["--scene", str(tmp_path / "scene.yaml"), "--episodes", "1", "--duration", "0.2", "--settle", "0.1"]
+    command += ["--results", str(tmp_path / "rows")]
+    for _ in range(2):
+        assert main(command) == 0 and len(played) == 1
+    for number, (name, text) in enumerate(texts.items(), start=2):
+        (tmp_path / name).write_text(text.format(2.5))
+        assert main(command) == 0 and len(played) == number, name
+    (tmp_path / "unrelated.xml").write_text("")
+    assert main(command) == 0 and len(played) == 1 + len(texts)
+
+
+def test_what_only_an_episode_reads_counts_too(tmp_path: pathlib.Path, monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "mine.py").write_text(MEASURE)
+    (tmp_path / "script.yaml").write_text(SCRIPT)
+    texts = {
+        "near.py": "VALUE = {}",
+        "hand.csv": "t,x,y,z\n0,0.3,0.2,0\n2,{},0.2,0\n",
+        "own.csv": "{}",
+        "once.csv": "{}",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text.format(0.25))
+
+    def row() -> list[float]:
+        settings = CountedSettings(duration=0.2, settle=0.1)
+        result = run_experiment(experiment_of(f"{tmp_path / 'mine.py'}:MINE"), settings, HOLD, store=Store(tmp_path))
+        return [result.rows[0][name] for name in ("x", "end", "own", "once")]
+
+    expected = [0.25, 0.25, 0.25, 0.25]
+    assert row() == expected
+    for place, (name, text) in enumerate(texts.items()):
+        (tmp_path / name).write_text(text.format(0.375))
+        expected[place] = 0.375
+        assert row() == row() == expected, name
+
+
+def test_a_policys_weights_in_another_file_count(tmp_path: pathlib.Path) -> None:
+    weights = numpy_helper.from_array(np.zeros((3, 10), np.float32), "w")
+    values = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1, k]) for n, k in (("obs", 3), ("action", 10))]
+    node = helper.make_node("MatMul", ["obs", "w"], ["action"])
+    graph = helper.make_graph([node], "g", [values[0]], [values[1]], [weights])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    path = tmp_path / "net.onnx"
+    onnx.save(model, str(path), save_as_external_data=True, location="net weights.bin", size_threshold=0)
+    shipped = (
+        pathlib.Path(experiment_of.__code__.co_filename).parents[3] / "models/h1/policies/unitree-h1/contract.yaml"
+    )
+    text = shipped.read_text().partition("observation:")[0] + "observation: [gravity]\npolicy: net.onnx\n"
+    (tmp_path / "mine.yaml").write_text(text)
+    spec = ControllerSpec(str(tmp_path / "mine.yaml"))
+    assert spec.build().period == 0.02 and len(spec.files()) == 3
+    before = spec.identity()
+    (tmp_path / "net weights.bin").write_bytes(np.ones(30, np.float32).tobytes())
+    assert spec.identity() != before
+
+
+def test_a_scene_in_a_file_of_code_counts_what_it_reads(tmp_path: pathlib.Path, played) -> None:
+    thing = "pathlib.Path(__file__).parent / 'thing.xml'"
+    code = "import pathlib\nfrom hugwbc.sim.scenes import Mjcf, Scene\n" + STAND.replace("import beside\n", "")
+    (tmp_path / "mine.py").write_text(f"{code}THE = Scene((Mjcf(name='k', mjcf={thing}, position=(3.0, 0.0)),))")
+    mine = f"{tmp_path / 'mine.py'}"
+    for count in (1, 2):
+        (tmp_path / "thing.xml").write_text(MORE.format(count))
+        for _ in range(2):
+            settings = BehavioursSettings(
+                behaviour=f"{mine}:still", scene=f"{mine}:THE", episodes=1, duration=0.2, settle=0.1
+            )
+            run_experiment(EXPERIMENT, settings, HOLD, store=Store(tmp_path))
+            assert len(played) == count
