@@ -69,9 +69,9 @@ class CapturedWorld:
         grips: last gripper requests, to be published.
     """
 
-    def __init__(self, note: Callable[[str], None] = lambda problem: None) -> None:
-        """Begin without a capture; `note` is told what has gone wrong with the captures."""
-        self.note = note
+    def __init__(self, tell: Callable[[str], None] = lambda problem: None) -> None:
+        """Begin without a capture; what goes wrong with the captures is told."""
+        self._tell = tell
         self.grips: tuple[Grip, ...] = ()
         self._last: Capture | None = None
         self._now = 0.0
@@ -103,6 +103,10 @@ class CapturedWorld:
     def grip(self, grips: tuple[Grip, ...]) -> None:
         """Note the gripper requests."""
         self.grips = grips
+
+    def note(self, problem: str) -> None:
+        """Tell what has gone wrong."""
+        self._tell(problem)
 
 
 def text_of_grips(grips: Iterable[Grip]) -> str:

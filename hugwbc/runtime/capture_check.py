@@ -16,9 +16,9 @@ _REPEATS = 20  # pictures with equal numbers, which are one
 _TILT = 0.26  # [rad] between the gravity that is seen and that of the IMU
 # [m], [rad], and per way or turn: how far a motion that is seen may differ from the odometry's.
 _WAY, _TURN, _DRIFT = 0.12, 0.2, 0.4
+_STILL = 0.05  # [m], [rad], a motion that is none
 # Mean contradiction that is left by what explains a capture, and by which explanations differ.
 _EXPLAINED, _ALIKE = 0.5, 0.05
-_STILL = 0.05  # [m], [rad], a motion that is none
 _QUARTER = {axis: rotations.to_matrix(np.insert(np.eye(3)[i], 0, 1.0) / np.sqrt(2.0)) for i, axis in enumerate("xyz")}
 _SAME, _MIRROR = np.eye(3), np.diag([1.0, -1.0, 1.0])
 # What a capture may do wrong, likely things first: words, and what mends positions, and orientations from either side.
@@ -29,15 +29,10 @@ _MENDING = {
     "its world is left-handed": (_MIRROR, _MIRROR, _MIRROR),
     "y of its positions has the wrong sign": (_MIRROR, _SAME, _SAME),
     "x of its positions has the wrong sign": (np.diag([-1.0, 1.0, 1.0]), _SAME, _SAME),
-    **{
-        f"its rigid body is turned by {90 * turns} degrees about the pelvis' {axis}": (
-            _SAME,
-            _SAME,
-            np.linalg.matrix_power(_QUARTER[axis].T, turns),
-        )
-        for turns, axis in itertools.product((1, 3, 2), "zyx")
-    },
 }
+for _turns, _axis in itertools.product((1, 3, 2), "zyx"):
+    _words = f"its rigid body is turned by {90 * _turns} degrees about the pelvis' {_axis}"
+    _MENDING[_words] = _SAME, _SAME, np.linalg.matrix_power(_QUARTER[_axis].T, _turns)
 _ORDERS = {"": [0, 1, 2, 3], "its quaternions are in the order x, y, z, w": [3, 0, 1, 2]}
 
 
@@ -75,52 +70,41 @@ class CaptureCheck:
     def reset(self) -> None:
         """Forget the past."""
         self.refusal = ""
-        self._past: collections.deque[tuple[float, np.ndarray]] = collections.deque()  # the robot's own poses
-        # Time of a picture, the pose of the robot in it, and its own pose of that time, oldest first.
+        # Time of a picture, the pose of the robot in it, and its own pose when it arrived, oldest first.
         self._pairs: collections.deque[tuple[float, np.ndarray, np.ndarray]] = collections.deque()
         self._good: Picture | None = None
         self._right = 0.0  # time of the last picture without a contradiction [s]
         self._wrong = self._repeated = 0  # pictures since then, and with the same pose to the last digit
 
     def admitted(self, picture: Picture | None, state: RobotState) -> Picture | None:
-        """Return the newest picture that fits the robot, None before the first.
-
-        Args:
-            picture: the newest one.
-            state: the estimate, without correction by pictures.
-        """
-        if picture is None or state.position is None or self.refusal:
+        """Return the newest picture that fits the robot's estimate before any correction; None before the first."""
+        last = self._pairs[-1] if self._pairs else None
+        if picture is None or state.position is None or self.refusal or (last and picture.time <= last[0]):
             return self._good
-        self._past.append((state.time, np.concatenate((state.position, state.orientation))))
-        while self._past[0][0] < state.time - LONGEST_AGE:
-            self._past.popleft()
-        if self._pairs and picture.time <= self._pairs[-1][0]:
-            return self._good
-        own = min(self._past, key=lambda past: abs(past[0] - picture.time))[1]
-        self._right = self._right if self._pairs else picture.time
-        repeats = bool(self._pairs) and np.array_equal(picture.robot, self._pairs[-1][1])
+        self._right = picture.time if last is None else self._right
+        repeats = last is not None and np.array_equal(picture.robot, last[1])
         self._repeated = self._repeated + 1 if repeats else 0
-        self._pairs.append((picture.time, picture.robot, own))
+        self._pairs.append((picture.time, picture.robot, np.concatenate((state.position, state.orientation))))
         while self._pairs[0][0] < picture.time - _WINDOW:
             self._pairs.popleft()
-        seen, mine = (np.array((self._pairs[0][i], self._pairs[-1][i])) for i in (1, 2))
+        seen, own = (np.array((self._pairs[0][i], self._pairs[-1][i])) for i in (1, 2))
         late, frozen = state.time - picture.time > LONGEST_AGE, self._repeated >= _REPEATS
-        if not (late or frozen) and _misfit(seen[:, :3], rotations.to_matrix(seen[:, 3:]), mine)[1] <= 1.0:
+        if not (late or frozen) and _misfit(seen[:, :3], rotations.to_matrix(seen[:, 3:]), own)[1] <= 1.0:
             self._good, self._right, self._wrong = picture, picture.time, -1
         self._wrong += 1
         if self._wrong >= _LEAST and picture.time - self._right > _LONGEST:
             why = "its pictures come too late" if late else self._cause(frozen)
             self.refusal = (
-                "motion capture refused, since it contradicts the robot's IMU and odometry: "
-                f"{why}; send the pelvis' position in metres and quaternion (w, x, y, z) in a world with z up"
+                f"motion capture refused at {state.time:.1f} s: it contradicts the robot's IMU and odometry, {why}; "
+                "send the pelvis' position in metres and quaternion (w, x, y, z) in a world with z up"
             )
         return self._good
 
     def _cause(self, frozen: bool) -> str:
         """Return what is likely wrong with the capture, in words."""
         seen, own = (np.array([pair[i] for pair in self._pairs]) for i in (1, 2))
-        still = np.abs(seen - seen.mean(axis=0)).max() < _STILL
-        if frozen or (still and np.abs(own - own.mean(axis=0)).max() > _STILL):
+        moves = [bool(np.abs(poses - poses.mean(axis=0)).max() > _STILL) for poses in (seen, own)]
+        if frozen or moves == [False, True]:
             return "its pose does not move with the robot: it is frozen, or another object's"
         causes = {}
         for (world, (mend, left, right)), (order, places) in itertools.product(_MENDING.items(), _ORDERS.items()):
