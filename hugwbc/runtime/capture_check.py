@@ -17,8 +17,7 @@ _TILT = 0.26  # [rad] between the gravity that is seen and that of the IMU
 # [m], [rad], and per way or turn: how far a motion that is seen may differ from the odometry's.
 _WAY, _TURN, _DRIFT = 0.12, 0.2, 0.4
 _STILL = 0.05  # [m], [rad], a motion that is none
-# Mean contradiction that is left by what explains a capture, and by which explanations differ.
-_EXPLAINED, _ALIKE = 0.5, 0.05
+_ALIKE = 0.05  # mean contradictions that differ by less are equal, and the likelier explanation counts
 _QUARTER = {axis: rotations.to_matrix(np.insert(np.eye(3)[i], 0, 1.0) / np.sqrt(2.0)) for i, axis in enumerate("xyz")}
 _SAME, _MIRROR = np.eye(3), np.diag([1.0, -1.0, 1.0])
 # What a capture may do wrong, likely things first: words, and what mends positions, and orientations from either side.
@@ -113,4 +112,4 @@ class CaptureCheck:
             causes[words] = float(_misfit(seen[:, :3] @ mend.T, turns, own).mean())
         best = min(causes.values())
         likely = next(words for words, misfit in causes.items() if misfit < best + _ALIKE)
-        return likely if best < _EXPLAINED else "check its axes, its units and its order of numbers"
+        return likely if best < 1.0 else "check its axes, its units and its order of numbers"

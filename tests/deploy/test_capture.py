@@ -178,7 +178,7 @@ def test_a_capture_with_y_up_is_refused_in_the_log_and_not_looked_at(standing, y
     box = np.array([[1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0]])
     for _ in range(250):
         state = standing.next()
-        robot = np.concatenate((rng.normal(0.0, 0.002, 3) + [3.0, 2.0, 1.0], turn))
+        robot = np.append(np.add((3.0, 2.0, 1.0), rng.normal(0.0, 0.002, 3)), turn)
         pilot.see(Capture(state.state.time - 0.01, robot, ("box",), box, (None, None)))
         pilot.observe(state)
     view = source.views[-1]  # type: ignore[attr-defined]
