@@ -8,6 +8,7 @@ import numpy as np
 
 from hugwbc.errors import CommandError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.numeric import number
 
 COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
@@ -70,7 +71,11 @@ class Command:
         h: pelvis height above the ground below it, minus the nominal 0.98 m [m].
         p: pelvis pitch, forward positive [rad].
         w: waist yaw, the angle of the torso joint [rad].
-        gait: one of the gaits; its name is understood as well.
+        gait: one of the gaits; its name and its number are understood as well.
+
+    Raises:
+        CommandError: if a value is no number; NaN and infinity are for `validate` and `clamp`.
+        UnknownNameError: if there is no such gait.
     """
 
     v_x: float = 0.0
@@ -84,7 +89,13 @@ class Command:
     gait: Gait = Gait.STANDING
 
     def __post_init__(self) -> None:
-        if isinstance(self.gait, str):
+        for name in COMMAND_NAMES:
+            value = getattr(self, name)
+            if type(value) is not float:
+                if (converted := number(value)) is None:
+                    raise CommandError(f"command {name} is {value!r:.60}; give a number", at=(name,))
+                object.__setattr__(self, name, converted)
+        if type(self.gait) is not Gait:
             object.__setattr__(self, "gait", Gait.parse(self.gait))
 
     def array(self) -> np.ndarray:

@@ -3,12 +3,13 @@
 import dataclasses
 import functools
 import math
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from hugwbc.commands import Command
-from hugwbc.errors import TargetError
+from hugwbc.errors import ConfigError, TargetError
+from hugwbc.numeric import Shape, flags, keep_floats, number
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
@@ -18,6 +19,7 @@ class JointCommand:
     """A command to all joints: torque = tau + kp (q - q_measured) + kd (dq - dq_measured), then limited.
 
     It holds the five vectors of a Unitree robot's low-level command, each of shape (19,), in the robot's joint order.
+    What other libraries call numbers is converted; what is none, or has another shape, becomes NaN (`is_finite`).
 
     Attributes:
         q: position targets [rad].
@@ -32,6 +34,9 @@ class JointCommand:
     kp: np.ndarray
     kd: np.ndarray
     tau: np.ndarray
+
+    def __post_init__(self) -> None:
+        keep_floats(self, _JOINT_VECTORS)
 
     @classmethod
     def position(cls, robot: Robot, q: np.ndarray) -> "JointCommand":
@@ -66,6 +71,8 @@ class UpperBody:
             Along its force a hand gives way, across it holds its position. By default none.
         stiffness: of both hands as springs [N/m]; None for the servo's own.
         payload: mass that the left and the right hand carry [kg], shape (2,); None if it is not known.
+
+    What other libraries call numbers is converted; what is none, or has another shape, becomes NaN (`is_finite`).
     """
 
     q: np.ndarray
@@ -78,6 +85,13 @@ class UpperBody:
     hand_force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
     stiffness: float | None = None
     payload: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        keep_floats(self, _ARM_NUMBERS, _OPTIONAL)
+        mask = flags(self.mask, (8,))
+        if mask is None:
+            object.__setattr__(self, "q", np.full(8, np.nan))
+        object.__setattr__(self, "mask", np.zeros(8, dtype=bool) if mask is None else mask)
 
     @classmethod
     def none(cls) -> "UpperBody":
@@ -101,21 +115,26 @@ class UpperBody:
             ddq: accelerations [rad/s^2], shape (8,); None for zeros.
             tau: torques in addition to those of the servo [N*m], shape (8,); None for zeros.
         """
-        q = np.asarray(q, dtype=float)
-        dq = np.zeros(8) if dq is None else np.asarray(dq, dtype=float)
-        ddq = np.zeros(8) if ddq is None else np.asarray(ddq, dtype=float)
-        tau = np.zeros(8) if tau is None else np.asarray(tau, dtype=float)
-        for name, value, unit in (
-            ("positions", q, "radians"),
-            ("velocities", dq, "radians per second"),
-            ("accelerations", ddq, "radians per second squared"),
-            ("torques", tau, "newton metres"),
+        dq, ddq, tau = (np.zeros(8) if value is None else value for value in (dq, ddq, tau))
+        given = cls(q, dq, np.ones(8, dtype=bool), ddq, tau)
+        for name, value, kept, unit in (
+            ("positions", q, given.q, "radians"),
+            ("velocities", dq, given.dq, "radians per second"),
+            ("accelerations", ddq, given.ddq, "radians per second squared"),
+            ("torques", tau, given.tau, "newton metres"),
         ):
-            if value.shape != (8,) or not np.all(np.isfinite(value)):
+            if not np.isfinite(kept).all():
                 raise TargetError(
                     f"arm {name} are {value}; give eight finite numbers in the order of Robot.arm_names, in {unit}"
                 )
-        return cls(q, dq, np.ones(8, dtype=bool), ddq, tau)
+        return given
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all numbers are finite, and the stiffness is above 0."""
+        given = [value for name in _ARM_NUMBERS if (value := getattr(self, name)) is not None]
+        finite = np.isfinite(np.concatenate([np.ravel(value) for value in given])).all()
+        return bool(finite) and (self.stiffness is None or self.stiffness > 0.0)
 
     @property
     def indicator(self) -> bool:
@@ -123,13 +142,26 @@ class UpperBody:
         return bool(np.count_nonzero(self.mask))  # faster than `any`
 
 
+_JOINT_VECTORS: dict[str, Shape] = {field.name: (19,) for field in dataclasses.fields(JointCommand)}
+_OPTIONAL = ("kp", "kd", "stiffness", "payload")
+_ARM_NUMBERS: dict[str, Shape] = {
+    **dict.fromkeys(("q", "dq", "ddq", "tau", "kp", "kd"), (8,)),
+    **{"hand_force": (2, 3), "stiffness": (), "payload": (2,)},
+}
+
+
 @runtime_checkable
 class Controller(Protocol):
     """A whole-body controller.
 
-    These four members are all that simulation, safety filter, evaluation, viewer and command line require. What a
-    controller has beyond them it declares by the members of `HasPhase`, `HasFootholds` or
-    `HasPlannedAcceleration`. A class need not inherit from any of these protocols.
+    These four members are all that simulation, safety filter, evaluation, viewer and command line require; a class need
+    not inherit from this one. Properties that a controller may have beyond them (`hugwbc.runtime.moment.PlanView`):
+
+    - `phase`: the common phase of the gait (`hugwbc.gait`) in the current control period, in [0, 1), for pictures.
+    - `footholds`: where the sole centre of each swing foot will land, world x and y [m], shape (2, 2); NaN for other
+      feet; for pictures.
+    - `planned_acceleration`: joint accelerations that the last command should cause [rad/s^2], shape (19,), or None,
+      with which the state estimator lags less.
 
     Attributes:
         name: short name for tables.
@@ -148,34 +180,18 @@ class Controller(Protocol):
         ...
 
 
-@runtime_checkable
-class HasPhase(Protocol):
-    """A controller that keeps a gait clock, which pictures show."""
-
-    @property
-    def phase(self) -> float:
-        """The common phase of the gait (`hugwbc.gait`) in the current control period, in [0, 1)."""
-        ...
-
-
-@runtime_checkable
-class HasFootholds(Protocol):
-    """A controller that plans its footholds, which pictures show."""
-
-    @property
-    def footholds(self) -> np.ndarray:
-        """Where the sole centre of each swing foot will land, world x and y [m], shape (2, 2); NaN for other feet."""
-        ...
-
-
-@runtime_checkable
-class HasPlannedAcceleration(Protocol):
-    """A controller that predicts joint accelerations, with which the state estimator lags less."""
-
-    @property
-    def planned_acceleration(self) -> np.ndarray | None:
-        """Joint accelerations that the last command should cause [rad/s^2], shape (19,); None without a plan."""
-        ...
+def check_controller(controller: Any, origin: str) -> tuple[str, float]:  # noqa: ANN401  of somebody else
+    """Return name and period [s] of a controller; refuse an object that is none, from an origin for the message."""
+    if not isinstance(controller, Controller):
+        missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
+        what = f"a {type(controller).__name__} without {', '.join(missing)}"
+        raise ConfigError(f"{origin} gives {what}; see hugwbc.controller.Controller")
+    if not isinstance(controller.name, str) or not controller.name:
+        raise ConfigError(f"{origin} has name = {controller.name!r}; give a short text for tables")
+    period = number(controller.period)
+    if period is None or not 0.0 < period < math.inf:
+        raise ConfigError(f"{origin} has period = {controller.period!r}; give the time between two calls of act [s]")
+    return controller.name, period
 
 
 def override_arms(joint_command: JointCommand, upper_body: UpperBody, robot: Robot) -> JointCommand:

@@ -12,6 +12,7 @@ import numpy as np
 
 from hugwbc.blends import minimum_jerk
 from hugwbc.errors import UnknownNameError
+from hugwbc.numeric import number
 from hugwbc.state import GRAVITY
 
 # Standard deviation of the switching intervals of the expected contact, in units of the homogenised phase.
@@ -39,11 +40,11 @@ class Gait(enum.IntEnum):
         return self.name.lower()
 
     @classmethod
-    def parse(cls, label: str) -> "Gait":
-        """Return the gait with a label."""
+    def parse(cls, label: object) -> "Gait":
+        """Return the gait with a label, or with a number as a data set stores it."""
         try:
-            return cls[label.upper()]
-        except (KeyError, AttributeError):
+            return cls[label.upper()] if isinstance(label, str) else cls(number(label))  # type: ignore[arg-type]
+        except (KeyError, ValueError):
             raise UnknownNameError("gait", label, [gait.label for gait in cls]) from None
 
     @property

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.numeric import Shape, keep_floats
 
 GRAVITY = 9.81  # [m/s^2]
 
@@ -14,6 +15,8 @@ GRAVITY = 9.81  # [m/s^2]
 @dataclasses.dataclass(frozen=True, eq=False)
 class RobotState:
     """One reading of the robot; joint vectors follow `Robot.joint_names`, quaternions are (w, x, y, z).
+
+    What other libraries call numbers is converted; what is none, or has another shape, becomes NaN (`is_usable`).
 
     Attributes:
         q, dq: joint positions [rad] and velocities [rad/s], shape (19,).
@@ -50,6 +53,12 @@ class RobotState:
     coasted: tuple[str, ...] = ()
     lost: str = ""
 
+    def __post_init__(self) -> None:
+        keep_floats(self, _NUMBERS, _OPTIONAL)
+        if type(self.coasted) is not tuple or type(self.lost) is not str:
+            object.__setattr__(self, "coasted", ())
+            object.__setattr__(self, "lost", "" if self.lost is None else str(self.lost))
+
     @property
     def projected_gravity(self) -> np.ndarray:
         """Unit vector of gravity in the pelvis frame, shape (3,)."""
@@ -74,8 +83,15 @@ class RobotState:
         return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
 
 
-_NO_VECTORS = ("time", "age", "coasted", "lost")
-_VECTORS = tuple(field.name for field in dataclasses.fields(RobotState) if field.name not in _NO_VECTORS)
+_NUMBERS: dict[str, Shape] = {
+    **dict.fromkeys(("q", "dq", "torque"), (19,)),
+    "orientation": (4,),
+    **dict.fromkeys(("angular_velocity", "position", "velocity", "imu_gyro", "imu_accelerometer"), (3,)),
+    **dict.fromkeys(("foot_force", "hand_force"), (2, 3)),
+    **dict.fromkeys(("time", "age"), ()),
+}
+_OPTIONAL = tuple(field.name for field in dataclasses.fields(RobotState) if field.default is None)
+_VECTORS = tuple(name for name, shape in _NUMBERS.items() if shape)
 
 
 def pelvis_from_torso_imu(

@@ -7,6 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from hugwbc.errors import TargetError, UnknownNameError
+from hugwbc.numeric import Shape, floats, keep_floats, number
 from hugwbc.robot import SIDES
 
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
@@ -22,8 +23,9 @@ STIFFNESS = (50.0, 5000.0)  # [N/m], range of a hand's stiffness: from a light s
 class HandTargets:
     """Target positions of both hands (the tips of the forearms), or of the arm joints instead.
 
-    The constructor checks nothing, so that a control loop can carry whatever arrives. Users call `HandTargets.of`,
-    which checks.
+    The constructor refuses nothing, so that a control loop can carry whatever arrives: what other libraries call
+    numbers is converted, and what is none, or has another shape, becomes NaN (`is_usable`). Users call
+    `HandTargets.of`, which checks.
 
     Attributes:
         left, right: positions [m], shape (3,); None for a hand that rests next to the body.
@@ -63,6 +65,9 @@ class HandTargets:
     right_force: np.ndarray | None = None
     stiffness: float | None = None
     payload: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        keep_floats(self, _SHAPES, _SHAPES)
 
     @classmethod
     def of(
@@ -123,34 +128,27 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the frame is known, and all given vectors hold finite numbers: three for hands, eight for joints.
-
-        Stiffness and payload must be finite numbers as well.
-        """
-        if self.frame not in HAND_FRAMES:
-            return False
-        points = (self.left, self.right, self.left_direction, self.right_direction, self.left_force, self.right_force)
-        sized = [(vector, 3) for vector in points] + [(vector, 8) for vector in (self.joints, self.joint_velocity)]
-        sized.append((self.payload, 2))
-        finite = all(vector is None or _is_finite(vector, size) for vector, size in sized)
-        return finite and (self.stiffness is None or _is_finite(np.array([self.stiffness]), 1))
+        """Whether the frame is known, and all numbers that are given are finite."""
+        given = [value for name in _SHAPES if (value := getattr(self, name)) is not None]
+        finite = all(np.isfinite(value).all() for value in given)
+        return finite and isinstance(self.frame, str) and self.frame in HAND_FRAMES
 
     def forces(self) -> np.ndarray:
         """Return the wanted force of the left, then of the right hand in the axes of `frame` [N], shape (2, 3)."""
         return np.stack([np.zeros(3) if f is None else f for f in (self.left_force, self.right_force)])
 
 
+_SHAPES: dict[str, Shape] = {
+    **dict.fromkeys(("left", "right", "left_direction", "right_direction", "left_force", "right_force"), (3,)),
+    **dict.fromkeys(("joints", "joint_velocity"), (8,)),
+    **{"payload": (2,), "stiffness": (), "stamp": ()},
+}
+
+
 def _both(check: Callable[[str, object], np.ndarray], what: str, *values: object) -> list[np.ndarray | None]:
     """Return what is given for the left and the right hand after a check, which gets its name for the message."""
     pairs = zip(SIDES, values, strict=True)
     return [None if value is None else check(f"{side} {what}", value) for side, value in pairs]
-
-
-def _is_finite(vector: np.ndarray, size: int) -> bool:
-    try:
-        return np.shape(vector) == (size,) and bool(np.isfinite(vector).all())
-    except (TypeError, ValueError):  # not numbers, or rows of different lengths
-        return False
 
 
 def position(name: str, value: object) -> np.ndarray:
@@ -160,15 +158,14 @@ def position(name: str, value: object) -> np.ndarray:
         name: what the point is, for the message.
         value: any sequence of three numbers [m].
     """
-    point = _numbers(value)
+    point = floats(value, (3,))
     # A NaN fails the comparison.
-    if point.shape != (3,) or not np.all(np.abs(point) <= FARTHEST):
+    if point is None or not np.all(np.abs(point) <= FARTHEST):
         raise TargetError(
             f"{name} is {value}; give three finite numbers x, y, z in metres, such as (0.3, 0.2, 0.1), "
             f"from -{FARTHEST:g} to {FARTHEST:g}"
         )
-    point.setflags(write=False)
-    return point
+    return _fixed(point)
 
 
 def direction(name: str, value: object) -> np.ndarray:
@@ -182,9 +179,7 @@ def direction(name: str, value: object) -> np.ndarray:
     length = float(np.linalg.norm(vector))
     if length < 1e-6:
         raise TargetError(f"{name} is {value}; give a vector that is not zero, such as (1, 0, 0)")
-    unit = vector / length
-    unit.setflags(write=False)
-    return unit
+    return _fixed(vector / length)
 
 
 def hand_force(name: str, value: object) -> np.ndarray:
@@ -194,44 +189,42 @@ def hand_force(name: str, value: object) -> np.ndarray:
         name: what the force is, for the message.
         value: any sequence of three numbers [N].
     """
-    vector = _numbers(value)
-    if vector.shape != (3,) or not float(np.linalg.norm(vector)) <= STRONGEST:  # a NaN fails the comparison
+    vector = floats(value, (3,))
+    if vector is None or not float(np.linalg.norm(vector)) <= STRONGEST:  # a NaN fails the comparison
         raise TargetError(
             f"{name} is {value}; give three finite numbers x, y, z in newtons, such as (15, 0, 0), together at most "
             f"{STRONGEST:g} N"
         )
-    vector.setflags(write=False)
-    return vector
+    return _fixed(vector)
 
 
 def hand_payload(value: object) -> np.ndarray:
     """Return the value as read-only payloads of the left and the right hand [kg], shape (2,)."""
-    masses = _numbers(value)
-    if masses.shape != (2,) or not np.all((masses >= 0.0) & (masses <= HEAVIEST)):
+    masses = floats(value, (2,))
+    if masses is None or not np.all((masses >= 0.0) & (masses <= HEAVIEST)):
         raise TargetError(
             f"payload is {value}; give the masses in the left and the right hand in kg, such as (3, 0), each from 0 to "
             f"{HEAVIEST:g} kg"
         )
-    masses.setflags(write=False)
-    return masses
+    return _fixed(masses)
 
 
 def hand_stiffness(value: float) -> float:
     """Return the value as the stiffness of hands [N/m]."""
-    stiffness = _numbers(value)
-    if stiffness.shape != () or not STIFFNESS[0] <= float(stiffness) <= STIFFNESS[1]:
+    stiffness = number(value)
+    if stiffness is None or not STIFFNESS[0] <= stiffness <= STIFFNESS[1]:
         raise TargetError(
             f"stiffness is {value}; give a number in newtons per metre from {STIFFNESS[0]:g} to {STIFFNESS[1]:g}, "
             "or None for the servo's own"
         )
-    return float(stiffness)
+    return stiffness
 
 
-def _numbers(value: object) -> np.ndarray:
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        return np.empty(0)
+def _fixed(vector: np.ndarray) -> np.ndarray:
+    """Return a read-only copy."""
+    copy = vector.copy()
+    copy.setflags(write=False)
+    return copy
 
 
 def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,9 +1,12 @@
 """Commands: the paper's ranges, validation messages, clamping and sampling."""
 
 import math
+from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, strategies as st
 
 from hugwbc.commands import COMMAND_NAMES, Command, CommandChange, command_ranges, default_command, sample_all
@@ -120,3 +123,31 @@ def test_a_gait_is_understood_by_its_name() -> None:
     assert Command(v_x=0.5, gait="walking").gait is Gait.WALKING
     with pytest.raises(UnknownNameError, match="walking"):
         Command(gait="walkng")
+
+
+@pytest.mark.parametrize(
+    "stored", [1, 1.0, np.int8(1), np.float32(1), np.array(1), torch.tensor(1), np.str_("walking")]
+)
+def test_a_gait_is_understood_as_data_sets_store_it(stored) -> None:
+    assert Command(gait=stored).gait is Gait.WALKING
+
+
+@pytest.mark.parametrize("stored", [7, -1, 1.5, b"walking", None, True, [1], math.nan, 10**400])
+def test_what_is_no_gait_is_refused(stored) -> None:
+    with pytest.raises(UnknownNameError, match="gait"):
+        Command(gait=stored)
+
+
+@pytest.mark.parametrize(
+    "value", [np.float16(0.5), np.array(0.5), torch.tensor(0.5, requires_grad=True), Fraction(1, 2), Decimal("0.5")]
+)
+def test_numbers_of_other_libraries_become_floats(value) -> None:
+    command = Command(v_x=value, gait=Gait.WALKING)
+    assert type(command.v_x) is float and command.clamp() == (command, ()) and command.v_x == 0.5
+    assert math.isnan(Command(v_x=np.float32("nan")).v_x), "NaN is for the control loop to replace"
+
+
+@pytest.mark.parametrize("value", ["0.5", b"0.5", None, 10**400, [0.5], np.zeros(2), True, 1j])
+def test_what_is_no_number_is_refused(value) -> None:
+    with pytest.raises(CommandError, match=r"command v_x is .*; give a number"):
+        Command(v_x=value)

@@ -17,7 +17,7 @@ from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.motion_switcher import release_modes
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder, Recording, replay
-from hugwbc.deploy.relay import Settings
+from hugwbc.deploy.relay import RIVAL, Settings
 from hugwbc.deploy.remote import OF_KEY, Request
 from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.sticks import Sticks
@@ -35,6 +35,7 @@ from hugwbc.upper_ik import UpperBodySource
 
 FAULT = 1
 _PATIENCE, _POLL = 60.0, 0.5  # [s] for the first state
+_LISTEN = 0.5  # [s] for commands of another program
 _KEYS = "keys, each with Enter: s start, r run, q or an empty line stop (twice: end)"
 # What a recording must hold for its replay.
 _RECORDED = ("controller", "policy", "robot", "script", "task", "seed")
@@ -107,6 +108,8 @@ def _deploy(
     _await_robot(endpoint, options.net)
     if options.release and not options.settings.dry_run:
         say(release_modes(endpoint, required=options.net != LOOPBACK))
+    if not options.settings.dry_run:
+        _be_alone(endpoint, options.settings.slower)
     say(f"remote control: Start, A, Select; {_KEYS}")
     side = RobotSide(pilot, robot, endpoint, options.settings, recorder, say, connect)
     listen(lambda line: side.ask(OF_KEY.get(line[:1] or " ", Request.STOP)))
@@ -126,6 +129,14 @@ def _await_robot(endpoint: Endpoint, net: str) -> None:
             raise DeploymentError(
                 f"no state has arrived on {net} for {_PATIENCE:g} s; check the robot, the network and the domain"
             )
+
+
+def _be_alone(endpoint: Endpoint, slower: float) -> None:
+    """Refuse a robot that another program commands."""
+    endpoint.rivals()
+    time.sleep(_LISTEN * slower)
+    if endpoint.rivals():
+        raise DeploymentError(f"{RIVAL}; end that program first: with two, a robot falls")
 
 
 def summary(side: RobotSide, wall: float) -> str:

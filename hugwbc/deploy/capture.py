@@ -12,7 +12,7 @@ Both are JSON in the type `std_msgs/String`, which ROS 2 reads as well. Poses ar
 import dataclasses
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from hugwbc.sim.scenes.objects import Picture
 OBJECTS, GRIPS = "rt/hugwbc/objects", "rt/hugwbc/grips"
 LONGEST = 32768  # characters of a text
 STRONGEST = 1e4  # [N]
-FARTHEST = 1000.0  # [m]
+FARTHEST = 100.0  # [m]; the height of a pelvis in millimetres is beyond it
 _RESTART = 1.0  # [s]
 _POSE = 7
 
@@ -69,7 +69,9 @@ class CapturedWorld:
         grips: last gripper requests, to be published.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, tell: Callable[[str], None] = lambda problem: None) -> None:
+        """Begin without a capture; what goes wrong with the captures is told."""
+        self._tell = tell
         self.grips: tuple[Grip, ...] = ()
         self._last: Capture | None = None
         self._now = 0.0
@@ -101,6 +103,10 @@ class CapturedWorld:
     def grip(self, grips: tuple[Grip, ...]) -> None:
         """Note the gripper requests."""
         self.grips = grips
+
+    def note(self, problem: str) -> None:
+        """Tell what has gone wrong."""
+        self._tell(problem)
 
 
 def text_of_grips(grips: Iterable[Grip]) -> str:

@@ -88,6 +88,7 @@ class DdsEndpoint:
         self._wait = WaitSet(self._participant)
         self._wait.attach(unread)
         self._condition, self._error = unread, DDSException
+        self._rivals: Any = None  # a reader of what others send in this end's place
         self._service: Service | None = None
         self._calls: tuple[Any, Any] | None = None
         self._call_count = 0
@@ -116,6 +117,18 @@ class DdsEndpoint:
             data = [sample.data for sample in samples if isinstance(sample, _Raw)]
             return [message for one in data if (message := from_cdr(self._receives, one)) is not None]
         return []
+
+    def rivals(self) -> int:
+        """Return how many messages others have sent in this end's place; see `Endpoint.rivals`."""
+        if self._rivals is None:
+            from cyclonedds.qos import Policy, Qos
+            from cyclonedds.sub import DataReader
+
+            others = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(1), Policy.IgnoreLocal.Participant)
+            self._rivals = DataReader(self._participant, self._topic(self._sends), qos=others)
+        with contextlib.suppress(self._error):
+            return sum(isinstance(sample, _Raw) for sample in self._rivals.take(N=HISTORY))
+        return 0
 
     def publish(self, topic: str, text: str) -> None:
         """Send a text on a topic besides states and commands."""
@@ -198,7 +211,7 @@ class DdsEndpoint:
         self._calls = None
         self._text_writers.clear()
         self._text_readers.clear()
-        del self._reader, self._writer
+        del self._reader, self._writer, self._rivals
         del self._participant, self._domain
 
 

@@ -64,7 +64,7 @@ class Pilot:
         # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
         # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
         self.estimator = StateEstimator(robot, base_weight=0.0)
-        self._world = CapturedWorld()
+        self._world = CapturedWorld(lambda problem: self.machine.refuse(problem, self._last_time))
         self._control = ControlPeriod(
             controller,
             source,

@@ -29,6 +29,7 @@ from hugwbc.settings import Share, settings
 
 PERIOD = 0.002  # [s] between two commands
 FADE = 2.0  # [s] of damping at the end of a deployment
+RIVAL = "another program commands this robot"
 POLL = 0.05  # [s], longest wait of a thread before it looks whether to end
 END = b"E"  # kind of a relay's last note, before its figures; the others are those of a recording
 NOTE = struct.Struct("<cd")  # head of a note to the pilot: kind, time [s]
@@ -132,6 +133,7 @@ class Line:
         self.timing = Timing(PERIOD)  # latency and jitter, on the robot's clock
         self._outlet = Outlet(self.intake, watch.limits.late, watch.period, watch.damping)
         self.sent, self._told = 0, False  # commands; whether the fault was told
+        self._rivalled = False  # whether a second program was told
 
     @property
     def fault(self) -> str | None:
@@ -154,6 +156,15 @@ class Line:
         else:
             self._outlet.arrived(state.state.time, now)
         return state
+
+    def look_out(self) -> None:
+        """Damp as long as another program commands the robot, too, and tell."""
+        if self.settings.dry_run or not self._endpoint.rivals():
+            return
+        self._outlet.fail(RIVAL)
+        if not self._rivalled:
+            self._rivalled = True
+            self._tell(f"{RIVAL}; end one of the two")
 
     def publish(self, now: float) -> None:
         """Send what is due now [s]."""
@@ -204,6 +215,7 @@ class Relay(Line):
         with contextlib.suppress(OSError):  # the pilot's process is gone
             while not self._over.is_set():
                 raws = self._endpoint.receive(POLL)
+                self.look_out()
                 for raw in raws:
                     now = self.now()
                     self._link.send_bytes(NOTE.pack(recording.STATE, now) + raw)

@@ -16,7 +16,7 @@ from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
 from hugwbc.deploy.messages import Messages, StateMessage
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
-from hugwbc.deploy.relay import DECISION, END, FADE, NOTE, POLL, Line, Relay, Settings, Watch, relay
+from hugwbc.deploy.relay import DECISION, END, FADE, NOTE, PERIOD, POLL, Line, Relay, Settings, Watch, relay
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.timing import keep_apart, real_time
@@ -24,6 +24,7 @@ from hugwbc.deploy.transport import Endpoint
 from hugwbc.errors import CaptureError, DeploymentError
 from hugwbc.robot import Robot
 
+_GONE = "the process that reads and publishes has ended"
 _PATIENCE = 10.0  # [s] for a robot that sends nothing: beyond the duration, and in lockstep between two states
 
 
@@ -180,11 +181,22 @@ class RobotSide(Line):
                 states = [state for note in notes if (state := self._hear(note)) is not None]
                 for index, state in enumerate(states, 1):
                     self.handle(*state, behind=index < len(states))
+        except (EOFError, OSError):
+            self._failure = self._failure or DeploymentError(f"{_GONE}: the robot gets no commands any more")
+            self._damp()
+            self._end.set()
         except BaseException as error:
-            gone = DeploymentError("the process that reads and publishes has ended: the robot gets no commands")
-            self._failure = self._failure or (gone if isinstance(error, EOFError | OSError) else error)
+            self._failure = self._failure or error
             # The relay damps, since the states are no longer answered.
             threading.Timer(FADE * self.settings.slower, self._end.set).start()
+
+    def _damp(self) -> None:
+        """Damp the joints for a while in the place of a relay that is gone."""
+        self._tell(f"watchdog: {_GONE}: damping")
+        slots = round(FADE / PERIOD) if self._message is not None and not self.settings.dry_run else 0
+        for _ in range(slots):
+            self._endpoint.send(self._watch.damping)
+            time.sleep(PERIOD * self.settings.slower)
 
     def _hear(self, note: bytes) -> tuple[bytes, StateMessage, float] | None:
         """Take a note of the relay; return the state that it holds and its arrival, if it is a sound one."""
@@ -237,6 +249,7 @@ class RobotSide(Line):
         In lockstep, time is that of the robot's clock: it stands still while the robot waits.
         """
         raws = self._endpoint.receive(timeout)
+        self.look_out()
         begin = time.perf_counter()
         for raw in raws:
             now = self._messages.unpack_state(raw).state.time if len(raw) == self.intake.size else 0.0

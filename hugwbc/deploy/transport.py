@@ -24,6 +24,13 @@ class Endpoint(Protocol):
         """Return the messages that have arrived, oldest first; wait up to `timeout` [s] for the first one."""
         ...
 
+    def rivals(self) -> int:
+        """Return how many messages others have sent in this end's place since the last call; the first one subscribes.
+
+        A robot follows whoever sends last, so that two programs that command it make it fall.
+        """
+        ...
+
     def publish(self, topic: str, text: str) -> None:
         """Send a text on a topic besides states and commands."""
         ...

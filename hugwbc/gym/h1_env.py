@@ -16,6 +16,7 @@ from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.terms import further_terms
+from hugwbc.numeric import floats
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
 _LARGEST = 1e4  # bound of every number of an observation
@@ -131,10 +132,11 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _admitted(self, actions: np.ndarray) -> np.ndarray:
         """Return finite actions within the space."""
-        given = np.array(actions, dtype=np.float32)
-        if given.shape != (self.num_envs, obs.JOINTS):
-            raise ConfigError(f"the actions have the shape {given.shape}; give ({self.num_envs}, {obs.JOINTS})")
-        return np.nan_to_num(given).clip(-LARGEST_ACTION, LARGEST_ACTION)
+        given = floats(actions, (self.num_envs, obs.JOINTS))
+        if given is None:
+            shape = getattr(actions, "shape", "unknown")
+            raise ConfigError(f"the actions have the shape {shape}; give ({self.num_envs}, {obs.JOINTS}) numbers")
+        return np.nan_to_num(given).clip(-LARGEST_ACTION, LARGEST_ACTION).astype(np.float32)
 
     def _last(self, final: Observation, done: np.ndarray, truncated: np.ndarray) -> dict[str, Any]:
         """Return the last observations of the episodes that have ended, in the places of their robots."""
@@ -183,7 +185,8 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
             Observation, reward, whether the robot fell, whether the time was over, and `info` with "critic" and at the
             end "reason".
         """
-        observation, reward, fell, over, info = self._robots.step(np.asarray(action)[None])
+        given = floats(action, (obs.JOINTS,))
+        observation, reward, fell, over, info = self._robots.step(action if given is None else given[None])
         told = {"critic": info["critic"][0]}
         last = observation[0]
         if "final_obs" in info:

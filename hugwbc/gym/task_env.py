@@ -12,6 +12,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.gym.episode import Episode
 from hugwbc.gym.task_action import ActionLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
+from hugwbc.numeric import floats
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.view import View
 from hugwbc.sim import Arena, Scene, Simulation, load_scene
@@ -119,9 +120,10 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "seed".
         """
         episode = self._running
-        given = np.asarray(action, dtype=float)
-        if given.shape != self._action.shape:
-            raise ConfigError(f"the action has the shape {given.shape}; give {self._action.size} numbers from -1 to 1")
+        given = floats(action, self._action.shape)
+        if given is None:
+            shape = getattr(action, "shape", "unknown")
+            raise ConfigError(f"the action has the shape {shape}; give {self._action.size} numbers from -1 to 1")
         self._action = np.where(np.isnan(given), self._action, given).clip(-1.0, 1.0)
         episode.behaviour.wish = self.actions.decode(self._action)
         episode.advance(self._ticks)

@@ -19,6 +19,7 @@ from hugwbc.scripts.command_source import CommandSource, SeeingSource
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
+from hugwbc.upper_ik.source import STALE_TIME
 
 LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator, if the controller's period is longer
 _ROUNDING = 1e-9  # [s]
@@ -137,7 +138,7 @@ class ControlPeriod:
             upper_body: turns hand targets into arm targets; None ignores hand targets.
         """
         self.safe = SafetyFilter(controller, robot=robot)
-        self.plan = PlanView(controller)
+        self.plan = PlanView(controller, self.safe)
         self.estimator, self.upper_body = estimator, upper_body
         self.hands: HandTargets | None = None
         self.ik_s = 0.0
@@ -148,6 +149,8 @@ class ControlPeriod:
         self._arms = robot.arms
         self._commanded_arms: np.ndarray | None = None
         self._free_arms = UpperBody.none()
+        self._asked: tuple[Command, HandTargets | None] = (Command(), None)  # what the source gave last
+        self._unheard = 0.0  # [s] since then
 
     def locate(self, reading: RobotState, now: float) -> None:
         """Start the estimate from the reading of a robot that stands at rest, which arrives now [s]."""
@@ -162,6 +165,7 @@ class ControlPeriod:
         self.locate(reading, now)
         self.safe.reset(self.estimate)
         self.hands, self.ik_s, self._commanded_arms = None, 0.0, None
+        self._asked, self._unheard = (Command(), None), 0.0
         if self.upper_body is not None:
             self.upper_body.reset()
         if self._seeing is not None:
@@ -188,19 +192,44 @@ class ControlPeriod:
             self._unseen.clear()
 
     def decide(self, t: float) -> JointCommand:
-        """Return the joint command for the next period, which begins at time t of the run [s]."""
-        state = placed = self.estimate
-        if self._seeing is not None:
-            view = self._sight.look(t, state)
-            self._seeing.see(view)
-            self._sight.grip(self._seeing.grips)
-            placed = view.state
-        command, arms = self._source.command_at(t), self._free_arms
+        """Return the joint command for the next period, which begins at time t of the run [s].
+
+        Where the source raises or gives something else, its last command and hand targets count for `STALE_TIME`;
+        then the robot stands, and the arms go back to the controller.
+        """
+        self._placed, arms = self.estimate, self._free_arms
+        asked = self.safe.ask("source_failures", "the source", lambda: self._ask(t))
+        self._unheard = 0.0 if asked is not None else self._unheard + self.safe.period
+        if asked is not None or self._unheard > STALE_TIME:
+            self._asked = asked or (Command(), None)
+        command, self.hands = self._asked
         if self.upper_body is not None:
-            self.hands = self._source.hands_at(t)
             begin = time.perf_counter()
-            arms, command = self.upper_body.update(placed, self.hands, command, self.safe.period, self._commanded_arms)
+            moved = self.safe.ask("source_failures", "the source of arm targets", lambda: self._move_arms(command))
+            arms, command = moved or (arms, command)
             self.ik_s = time.perf_counter() - begin
-        joints = self.safe.act(state, command, arms)
+        joints = self.safe.act(self.estimate, command, arms)
         self._commanded_arms = joints.q[self._arms]
         return joints
+
+    def _ask(self, t: float) -> tuple[Command, HandTargets | None]:
+        """Ask the source for command and hand targets."""
+        if self._seeing is not None:
+            view = self._sight.look(t, self.estimate)
+            self._placed = view.state
+            self._seeing.see(view)
+            self._sight.grip(self._seeing.grips)
+        command = self._source.command_at(t)
+        hands = None if self.upper_body is None else self._source.hands_at(t)
+        if not isinstance(command, Command) or not isinstance(hands, HandTargets | None):
+            given = f"a {type(command).__name__} and a {type(hands).__name__}"
+            raise TypeError(f"it gave {given} instead of a Command, and HandTargets or None")
+        return command, hands
+
+    def _move_arms(self, command: Command) -> tuple[UpperBody, Command]:
+        """Return the arm targets, and the command as the hands need it."""
+        assert self.upper_body is not None
+        arms, adapted = self.upper_body.update(
+            self._placed, self.hands, command, self.safe.period, self._commanded_arms
+        )
+        return arms, adapted

@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import importlib
 import inspect
-import math
 import pathlib
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
@@ -22,7 +21,7 @@ import numpy as np
 import hugwbc
 from hugwbc import extensions
 from hugwbc.commands import Command
-from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
+from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.files import digest
 from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
@@ -243,7 +242,7 @@ class ControllerSpec:
             if self.name in _OURS:
                 raise
             raise ConfigError(f"{origin} cannot be built: {extensions.described(error)}") from error
-        _check_members(controller, origin)
+        check_controller(controller, origin)
         return controller
 
     @property
@@ -318,17 +317,3 @@ class ControllerSpec:
 
 def _takes(factory: Callable[..., Any], parameter: str) -> bool:
     return parameter in inspect.signature(factory).parameters
-
-
-def _check_members(controller: Any, origin: str) -> None:  # noqa: ANN401  what somebody else's code returned
-    """Refuse an object that is not a controller."""
-    if not isinstance(controller, Controller):
-        missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
-        raise ConfigError(
-            f"{origin} gives a {type(controller).__name__} without {', '.join(missing)}; see "
-            "hugwbc.controller.Controller"
-        )
-    if not isinstance(controller.name, str) or not controller.name:
-        raise ConfigError(f"{origin} has name = {controller.name!r}; give a short text for tables")
-    if type(controller.period) not in (int, float) or not 0.0 < controller.period < math.inf:
-        raise ConfigError(f"{origin} has period = {controller.period!r}; give the time between two calls of act [s]")

@@ -93,7 +93,8 @@ class ControlLoop:
         if self.control.estimator is None:  # a push or a viewer may have changed the state since the last step
             self.control.observe(self.simulation.sense(), self.simulation.time)
         if self._following is not None:
-            self._following.follow(self.simulation.state())
+            following, truth = self._following, self.simulation.state()
+            self.safe.ask("source_failures", "the source", lambda: following.follow(truth))
         return self.control.decide(t)
 
     def step(self, command: JointCommand, duration: float) -> RobotState:

@@ -4,7 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from hugwbc.controller import Controller, HasFootholds, HasPhase, HasPlannedAcceleration
+from hugwbc.controller import Controller
+from hugwbc.numeric import floats
+from hugwbc.runtime.safety import SafetyFilter
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,28 +48,32 @@ SCENE_FIELDS = ("hand_force", "object_pose")  # which a record has only of a rob
 
 
 class PlanView:
-    """A controller's plan, as far as it has one; its parts are determined once, here.
+    """A controller's plan, as far as it has one and gives it in its form (`hugwbc.controller.Controller`)."""
 
-    See `hugwbc.controller.HasPhase`, `HasFootholds` and `HasPlannedAcceleration`.
-    """
+    def __init__(self, controller: Controller, safe: SafetyFilter) -> None:
+        """Look at a controller; its safety filter counts what it raises."""
+        self._controller, self._safe = controller, safe
 
-    def __init__(self, controller: Controller) -> None:
-        """Look at a controller."""
-        self._phase = controller if isinstance(controller, HasPhase) else None
-        self._footholds = controller if isinstance(controller, HasFootholds) else None
-        self._acceleration = controller if isinstance(controller, HasPlannedAcceleration) else None
+    def _read(self, name: str, shape: tuple[int, ...]) -> np.ndarray | None:
+        value = self._safe.ask(
+            "failures", f"{name} of {self._safe.name}", lambda: getattr(self._controller, name, None)
+        )
+        return floats(value, shape)
 
     @property
     def phase(self) -> float:
         """The common gait phase in [0, 1); NaN without one."""
-        return np.nan if self._phase is None else self._phase.phase
+        phase = self._read("phase", ())
+        return np.nan if phase is None else float(phase)
 
     @property
     def footholds(self) -> np.ndarray:
         """The planned footholds, world x and y [m], shape (2, 2); NaN without a plan. The array is the caller's."""
-        return np.full((2, 2), np.nan) if self._footholds is None else self._footholds.footholds.copy()
+        footholds = self._read("footholds", (2, 2))
+        return np.full((2, 2), np.nan) if footholds is None else footholds.copy()
 
     @property
     def acceleration(self) -> np.ndarray | None:
-        """The planned joint accelerations [rad/s^2], shape (19,); None without a plan."""
-        return None if self._acceleration is None else self._acceleration.planned_acceleration
+        """The planned joint accelerations [rad/s^2], shape (19,), all finite; None without a plan."""
+        planned = self._read("planned_acceleration", (19,))
+        return planned if planned is not None and np.isfinite(planned).all() else None

@@ -3,15 +3,17 @@
 import dataclasses
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
 from hugwbc.arm_servo import ArmServo
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, CommandChange
-from hugwbc.controller import Controller, JointCommand, UpperBody, override_arms
+from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
+from hugwbc.extensions import described
 from hugwbc.kinematics import in_place
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.lowering import Lowering
@@ -19,8 +21,13 @@ from hugwbc.runtime.motor_watch import MotorWatch
 from hugwbc.runtime.payload import PayloadObserver
 from hugwbc.state import RobotState
 
+T = TypeVar("T")
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
-_LIMITED = ("positions_limited", "speeds_limited", "torques_limited")
+_GAINS = [_VECTORS.index(name) for name in ("kp", "kd")]
+# Counters of what was clamped in the five vectors.
+_LIMITED = ("positions_limited", "speeds_limited", "gains_limited", "gains_limited", "torques_limited")
+# [rad], and as a part of a joint's highest speed: a drive that gives all its torque for less is a switch.
+_LEAST_ERROR, _LEAST_SPEED = 0.05, 0.1
 HOLD_TIME = 0.1  # [s] for which the last good joint command is repeated without a new one, before the joints are damped
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
 
@@ -37,12 +44,14 @@ class SafetyReport:
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
         bad_states: states with NaN or infinity, or with an orientation that is not a unit quaternion.
         bad_outputs: joint commands of the controller with NaN or infinity, or of a wrong size.
-        failures: exceptions of the controller, and return values that are not joint commands.
+        failures: exceptions of the controller, and return values that are not joint commands or its plans.
+        source_failures: exceptions of the sources of commands and arm targets, and what is not theirs to return.
         held: ticks on which the last good joint command was repeated.
         damped: ticks on which the joints were damped.
         positions_limited: joint commands with a position target that was clamped.
         torques_limited: joint commands with a feed-forward torque that was clamped.
         speeds_limited: joint commands with a velocity target that was clamped.
+        gains_limited: stiffnesses, and dampings, of joint commands that were clamped to 0 or `gain_limits`.
         overruns: calls of the controller that took longer than its period.
         readings_refused: states in which the reading of a sensor was replaced, by the sensor.
         braked: ticks on which a moving robot that was told to stand still braked (`hugwbc.runtime.braking`).
@@ -58,26 +67,18 @@ class SafetyReport:
     bad_states: int = 0
     bad_outputs: int = 0
     failures: int = 0
+    source_failures: int = 0
     held: int = 0
     damped: int = 0
     positions_limited: int = 0
     torques_limited: int = 0
     speeds_limited: int = 0
+    gains_limited: int = 0
     overruns: int = 0
     readings_refused: dict[str, int] = dataclasses.field(default_factory=dict)
     braked: int = 0
     lowered: int = 0
     messages: tuple[str, ...] = ()
-
-
-def _loads_are_finite(upper_body: UpperBody) -> bool:
-    payload, stiffness = upper_body.payload, upper_body.stiffness
-    return (
-        np.shape(upper_body.hand_force) == (len(SIDES), 3)
-        and bool(np.isfinite(upper_body.hand_force).all())
-        and (payload is None or (np.shape(payload) == (len(SIDES),) and bool(np.isfinite(payload).all())))
-        and (stiffness is None or (np.isfinite(stiffness) and stiffness > 0.0))
-    )
 
 
 def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
@@ -90,13 +91,21 @@ def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     return robot.lower - margin, robot.upper + margin
 
 
+def gain_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return the highest stiffness [N*m/rad] and damping [N*m*s/rad] of each joint, each of shape (19,).
+
+    They give the drive's full torque for an error of 0.05 rad, or of a tenth of the joint's highest speed.
+    """
+    return robot.torque_limit / _LEAST_ERROR, robot.torque_limit / (_LEAST_SPEED * robot.velocity_limit)
+
+
 class Handover:
     """A blend of the arm command where external control takes the arms, and where it gives them back.
 
     The servo of the arms and the controller drive them with other gains, and one of them carries the arms' weight by
     feed-forward torque, the other perhaps by an offset of its position targets. The step in each of the five vectors
     of the joint command is therefore added to the new command at first, which leaves the torque as it was, and fades
-    over `HANDOVER_TIME`.
+    over `HANDOVER_TIME`. The gains go from those before to the present ones, so that none leaves their range.
 
     The positions of a takeover have no step, since the targets start at the controller's own arm command
     (`hugwbc.upper_ik.Takeover`). In a hand-back they return to where that command was before the takeover; its arm
@@ -112,7 +121,7 @@ class Handover:
         """Forget any difference."""
         self._taken: bool | None = None
         self._last: np.ndarray | None = None
-        self._offset = np.zeros((len(_VECTORS), self._size))
+        self._before = self._offset = np.zeros((len(_VECTORS), self._size))
         self._elapsed = HANDOVER_TIME
 
     def __call__(self, command: JointCommand, upper_body: UpperBody, dt: float) -> JointCommand:
@@ -127,9 +136,10 @@ class Handover:
             return command
         now = np.array([getattr(command, name)[self._arms] for name in _VECTORS])
         if self._last is not None and self._taken is not upper_body.indicator:
-            self._offset, self._elapsed = self._last - now, 0.0
+            self._before, self._offset, self._elapsed = self._last, self._last - now, 0.0
         self._taken = upper_body.indicator
         if self._elapsed < HANDOVER_TIME:
+            self._offset[_GAINS] = (self._before - now)[_GAINS]
             now = now + (1.0 - smooth_step(self._elapsed / HANDOVER_TIME)) * self._offset
             self._elapsed += dt
             vectors = {name: getattr(command, name).copy() for name in _VECTORS}
@@ -156,8 +166,9 @@ class SafetyFilter:
     - Arms under external control are driven by one servo, whatever the controller (`ArmServo`). It compensates
       the payload, which is told or estimated (`PayloadObserver`, attribute `payload`). At takeover and release of the
       arms, the step in their command fades (`Handover`).
-    - Position targets are clamped to `target_limits`, velocity targets to the joints' highest speeds, and feed-forward
-      torques to the torque limits.
+    - Position targets are clamped to `target_limits`, velocity targets to the joints' highest speeds, gains to 0 and
+      `gain_limits`, and feed-forward torques to the torque limits.
+    - What is no `RobotState`, `Command` or `UpperBody` counts as one that cannot be used.
     - Every change is counted in `report()`.
     """
 
@@ -177,11 +188,11 @@ class SafetyFilter:
         """
         self.controller = controller
         self.robot = robot or load_robot()
-        self.name, self.period = controller.name, controller.period
+        self.name, self.period = check_controller(controller, "the controller")
         lowest, highest = target_limits(self.robot)
-        # Of position and velocity targets and of feed-forward torques.
-        self._high = np.array((highest, self.robot.velocity_limit, self.robot.torque_limit))
-        self._low = np.array((lowest, -self.robot.velocity_limit, -self.robot.torque_limit))
+        speed, torque = self.robot.velocity_limit, self.robot.torque_limit
+        self._high = np.array((highest, speed, *gain_limits(self.robot), torque))
+        self._low = np.array((lowest, -speed, *np.zeros((2, torque.size)), -torque))
         self._arm_limits = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]
         self._handover = Handover(self.robot.arms)
         self.payload = PayloadObserver()
@@ -201,6 +212,7 @@ class SafetyFilter:
         self._braking = Braking()
         self._first: dict[str, str | CommandChange] = {}  # event of each kind, in order
         self._given: Command | None = None
+        self._begun = False  # whether the controller has been reset
         self._asked: Command | None = None
         self._last = JointCommand.position(self.robot, q.copy())
         self._last_upper = UpperBody.none()
@@ -210,13 +222,19 @@ class SafetyFilter:
 
     def reset(self, state: RobotState) -> None:
         """Clear the counters and start the controller from this state."""
+        state = state if isinstance(state, RobotState) else _NOTHING
         self._start(state.q if state.is_finite else self.robot.nominal)
         if state.is_usable:
-            self.controller.reset(state)
+            self.ask("failures", self.name, lambda: self._begin(state))
+
+    def _begin(self, state: RobotState) -> None:
+        self.controller.reset(state)
+        self._begun = True
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
         self.last_tick_s = 0.0  # of a controller that is not called
+        state = state if isinstance(state, RobotState) else _NOTHING
         joints = self._filtered(state, command, upper_body)
         self.motors.note(joints)
         return joints
@@ -269,6 +287,14 @@ class SafetyFilter:
             ),
         )
 
+    def ask(self, counter: str, who: str, question: Callable[[], T]) -> T | None:
+        """Return the answer of somebody else's code; count an exception, and return None."""
+        try:
+            return question()
+        except Exception as error:  # the last line of defence of a running robot
+            self._count(counter, "" if counter in self._first else f"{who} raised {described(error)}")
+            return None
+
     def _count(self, counter: str, message: str = "") -> None:
         self._counts[counter] = self._counts.get(counter, 0) + 1
         if message:
@@ -280,6 +306,9 @@ class SafetyFilter:
             self._first.setdefault(f"{kind} {change.name}", change)
 
     def _valid_command(self, command: Command) -> Command:
+        if not isinstance(command, Command):
+            self._count("source_failures", f"a command is a {type(command).__name__}: keeping the last good one")
+            command = self._given or Command()
         if command is not self._given:  # most ticks repeat the last command
             self._given, self._valid = command, command.clamp()
         valid, changes = self._valid
@@ -296,10 +325,7 @@ class SafetyFilter:
     def _valid_upper_body(self, upper_body: UpperBody) -> UpperBody:
         if upper_body is self._last_upper:  # free arms, or a source that repeats itself
             return upper_body
-        vectors = (upper_body.q, upper_body.dq, upper_body.ddq, upper_body.tau)
-        sizes = {np.shape(vector) for vector in (*vectors, upper_body.mask)}
-        numbers = np.isfinite(np.concatenate(vectors)).all() if sizes == {self.robot.arms.shape} else False
-        if not numbers or not _loads_are_finite(upper_body):
+        if not isinstance(upper_body, UpperBody) or not upper_body.is_finite:
             self._count(
                 "upper_body_rejected",
                 "external arm targets are not eight finite numbers each, or the hands' loads are not finite: keeping "
@@ -319,26 +345,26 @@ class SafetyFilter:
             self._count("bad_states", "the state is not finite, or has no orientation: holding, then damping")
             return None
         begin = self._clock()
-        try:
-            if self._missing_s > HOLD_TIME:
-                self.controller.reset(state)
-            output = self.controller.act(state, command, upper_body)
-            usable = {np.shape(getattr(output, name)) for name in _VECTORS} == {
-                self.robot.kp.shape
-            } and output.is_finite
-        except Exception as error:  # the last line of defence of a running robot
-            self._count("failures", f"{self.name} raised {type(error).__name__}: {error}")
-            output, usable = None, False
+        output = self.ask("failures", self.name, lambda: self._call(state, command, upper_body))
         self.last_tick_s = self._clock() - begin
         if self.last_tick_s > self.period:
             self._count("overruns")
-        if output is not None and not usable:
+        if output is not None and not output.is_finite:
             self._count(
                 "bad_outputs",
                 f"{self.name} gave a joint command that is not {self.robot.kp.size} finite numbers each: holding, then "
                 "damping",
             )
-        return output if usable else None
+            return None
+        return output
+
+    def _call(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        if not self._begun or self._missing_s > HOLD_TIME:
+            self._begin(state)
+        output = self.controller.act(state, command, upper_body)
+        if not isinstance(output, JointCommand):
+            raise TypeError(f"act returned a {type(output).__name__} instead of a JointCommand")
+        return output
 
     def _fallback(self, state: RobotState) -> JointCommand:
         self._missing_s += self.period
@@ -352,7 +378,7 @@ class SafetyFilter:
 
     def limited(self, output: JointCommand) -> JointCommand:
         """Return a finite joint command within all limits, and count what was changed."""
-        before = np.array((output.q, output.dq, output.tau))
+        before = np.array([getattr(output, name) for name in _VECTORS])
         after = _clip(before, self._low, self._high)
         changed = before != after
         if changed.any():
@@ -360,7 +386,10 @@ class SafetyFilter:
                 if joints.any():
                     joint = self.robot.joint_names[int(np.argmax(way))]
                     self._count(counter, f"{counter.replace('_', ' ')}, first at {joint}")
-        return JointCommand(q=after[0], dq=after[1], kp=output.kp, kd=output.kd, tau=after[2])
+        return JointCommand(*after)
+
+
+_NOTHING = RobotState(np.full(19, np.nan), np.full(19, np.nan), np.full(4, np.nan), np.full(3, np.nan))
 
 
 def _clip(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

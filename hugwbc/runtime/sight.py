@@ -12,6 +12,7 @@ from hugwbc import rotations
 from hugwbc.errors import HugwbcError
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot
+from hugwbc.runtime.capture_check import LONGEST_AGE, CaptureCheck
 from hugwbc.scripts.view import Grip, SeenObjects, View
 from hugwbc.sim import Engine
 from hugwbc.sim.scenes.objects import Picture
@@ -19,7 +20,6 @@ from hugwbc.state import RobotState
 
 CORRECTION_TIME = 0.25  # [s], over which the robot's seen poses are averaged; odometry holds it steady in between
 SMOOTHING_TIME = 0.1  # [s], over which an object's seen poses are averaged
-LONGEST_AGE = 0.2  # [s], of a picture that corrects the estimate
 
 
 class Average:
@@ -124,6 +124,10 @@ class World(Protocol):
         """Take the gripper requests of this tick."""
         ...
 
+    def note(self, problem: str) -> None:
+        """Tell whoever judges or watches the run what has gone wrong."""
+        ...
+
 
 class SimulatedWorld:
     """The world of a simulation."""
@@ -151,6 +155,10 @@ class SimulatedWorld:
         if grips:
             carry_out(grips, self._simulation)
 
+    def note(self, problem: str) -> None:
+        """Note a problem of the scene, for the verdict."""
+        self._simulation.objects.problems.append(problem)
+
 
 class Sight:
     """Builds the `View` of every tick from the estimate, the motion capture and the grippers."""
@@ -166,7 +174,7 @@ class Sight:
         """
         self._world, self._noisy, self._drifting = world, noisy, drifting
         self._kinematics = Kinematics(robot)
-        self._robot = SeenRobot()
+        self._robot, self._check = SeenRobot(), CaptureCheck()
         self._average = Average(SMOOTHING_TIME)
         self._names: tuple[str, ...] = ()  # of the objects whose poses follow
         self._poses: np.ndarray | None = None
@@ -174,6 +182,7 @@ class Sight:
     def reset(self) -> None:
         """Forget the past before a new run."""
         self._robot.reset()
+        self._check.reset()
         self._average.reset()
         self._poses = None
 
@@ -184,15 +193,18 @@ class Sight:
             time: since the start of the run [s].
             state: the estimate, or the reading of a robot that needs none.
         """
-        picture = self._world.picture()
+        picture, refused = self._world.picture(), self._check.refusal
         if self._drifting:
+            picture = self._check.admitted(picture, state)
             state = self._robot.corrected(state, picture)
+        if self._check.refusal and not refused:
+            self._world.note(self._check.refusal)
         self._kinematics.update(state)
         return View(
             time=time,
             state=state,
             hands=np.array([self._kinematics.position(f"{side}_hand") for side in SIDES]),
-            objects=self._objects(picture),
+            objects=self._objects(None if self._check.refusal else picture),
             hand_force=state.hand_force,
             held=(self._world.held(SIDES[0]), self._world.held(SIDES[1])),
         )

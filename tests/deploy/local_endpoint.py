@@ -15,6 +15,7 @@ class LocalEndpoint:
         self._messages: collections.deque[bytes] = collections.deque(maxlen=HISTORY)
         self._texts = collections.defaultdict(lambda: collections.deque[str](maxlen=HISTORY))
         self._service: Service | None = None
+        self.heard_rivals = 0
 
     def send(self, message: bytes) -> None:
         with self.other._changed:
@@ -27,6 +28,10 @@ class LocalEndpoint:
             messages = list(self._messages)
             self._messages.clear()
         return messages
+
+    def rivals(self) -> int:
+        heard, self.heard_rivals = self.heard_rivals, 0
+        return heard
 
     def publish(self, topic: str, text: str) -> None:
         self.other._texts[topic].append(text)

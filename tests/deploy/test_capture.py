@@ -167,3 +167,28 @@ def test_a_run_among_objects_is_replayed_bit_for_bit(tmp_path, standing, jumping
     assert result.different == 0 and result.states == 52
     np.testing.assert_array_equal(again.views[-1].state.position, source.views[-1].state.position)
     np.testing.assert_array_equal(again.views[-1].objects["parcel"].position, POSE[:3])
+
+
+@pytest.mark.parametrize("y_up", [False, True])
+def test_a_capture_with_y_up_is_refused_in_the_log_and_not_looked_at(standing, y_up) -> None:
+    source, rng = Looker(), np.random.default_rng(0)
+    pilot = make_pilot(source=source)
+    bring_to(Mode.RUN, pilot, standing)
+    turn = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0]) if y_up else np.array([1.0, 0.0, 0.0, 0.0])
+    box = np.array([[1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0]])
+    for _ in range(250):
+        state = standing.next()
+        robot = np.append(np.add((3.0, 2.0, 1.0), rng.normal(0.0, 0.002, 3)), turn)
+        pilot.see(Capture(state.state.time - 0.01, robot, ("box",), box, (None, None)))
+        pilot.observe(state)
+    view = source.views[-1]  # type: ignore[attr-defined]
+    told = [str(event) for event in pilot.machine.events if "motion capture" in event.reason]
+    assert len(told) == y_up and all("run: refused" in line and "y up" in line for line in told)
+    assert (view.objects.keys() == {"box"}) is not y_up
+    assert bool(np.linalg.norm(view.position[:2] - [3.0, 2.0]) < 0.05) is not y_up
+    assert pilot.mode is Mode.RUN
+
+
+def test_a_pose_in_millimetres_is_refused() -> None:
+    with pytest.raises(CaptureError, match="not a position within 100 m"):
+        Capture.of(json.dumps({"tick": 1, "robot": [200, 30, 980, 1, 0, 0, 0], "objects": {}, "held": [None, None]}))

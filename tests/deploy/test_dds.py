@@ -103,6 +103,35 @@ def test_the_makers_order_of_messages_works_and_a_client_without_check_sum_is_to
         assert "torque 0.00 of the limit" in told
 
 
+RIVAL = """
+import sys, time
+from hugwbc import JointCommand, load_robot
+from hugwbc.deploy.dds import DdsEndpoint
+from hugwbc.deploy.messages import Messages
+
+robot, endpoint = load_robot(), DdsEndpoint(robot=False, net="lo", domain=int(sys.argv[1]))
+message = Messages(robot).pack_command(JointCommand.position(robot, robot.nominal))
+for _ in range(150):
+    endpoint.send(message)
+    time.sleep(0.02)
+"""
+
+
+def test_a_second_program_is_told_and_damps_and_a_second_deploy_is_refused(processes, free_domain) -> None:
+    words = ("--domain", free_domain, "--slower", "10")  # for a busy machine
+    processes.hugwbc("simulate-robot", *words, "--duration", "30", "--schedule", "0.2 Start")
+    first = processes.hugwbc("deploy", "--controller", "hold", *words, "--duration", "6")
+    told = [first.stdout.readline()]  # type: ignore[union-attr]
+    while "start pose" not in told[-1]:
+        told.append(first.stdout.readline())  # type: ignore[union-attr]
+    output(processes.start(["-c", RIVAL, str(free_domain)]))
+    text = output(processes.hugwbc("deploy", "--controller", "hold", *words), 2)
+    assert "another program commands this robot; end that program first" in text
+    text = output(first, 1)
+    assert "another program commands this robot; end one of the two" in text
+    assert "start pose -> damping: another program commands this robot" in text
+
+
 @pytest.mark.parametrize(("net", "domain", "words"), [("eth77", 1, "no network interface"), ("lo", 999, "DDS domain")])
 def test_networks_that_do_not_exist_are_refused(net, domain, words) -> None:
     with pytest.raises(ConfigError, match=words):

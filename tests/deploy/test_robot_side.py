@@ -280,3 +280,40 @@ def test_a_robot_that_is_slower_than_its_clock_is_damped_at_the_end(standing, mo
     feeder.thread.join(10.0)
     command = Messages(H1).unpack_command(feeder.messages[-1]).command
     assert pilot.mode is Mode.DAMPING and np.all(command.kd == DAMPING_GAIN)
+
+
+def test_a_second_program_is_told_and_damps_a_driven_robot(standing) -> None:
+    bench = Bench(standing)
+    bench.side.look_out()
+    assert not is_damping(bench.slot()) and bench.told == []
+    bench.side._endpoint.heard_rivals = 1  # type: ignore[attr-defined]
+    bench.side.look_out()
+    assert is_damping(bench.slot())
+    bench.slot()
+    assert any("another program commands this robot" in line for line in bench.told)
+    assert "another program" in bench.pilot.machine.events[-1].reason
+
+
+def test_a_second_program_is_told_while_the_joints_are_limp_and_keeps_them_so(standing) -> None:
+    _, end = local_pair()
+    told: list[str] = []
+    side = RobotSide(make_pilot(), H1, end, tell=told.append)
+    for _ in range(3):
+        end.heard_rivals = 1
+        side.look_out()
+    assert len(told) == 1 and "another program" in told[0] and side.fault is None
+
+
+def test_a_relay_that_is_killed_is_told_at_once_and_this_process_damps(standing, monkeypatch) -> None:
+    monkeypatch.setattr(robot_side, "FADE", 0.2)
+    bench = Bench(standing)
+    bench.robot_end.receive(0.0)
+    bench.side._far.close()
+    begin = time.perf_counter()
+    tell = bench.side._tell
+    bench.side._tell = lambda line: (tell(line), told_after.append(time.perf_counter() - begin))  # type: ignore
+    told_after: list[float] = []
+    bench.side._control()
+    assert told_after[0] < 0.1 and "process that reads and publishes has ended: damping" in bench.told[0]
+    assert all(map(is_damping, bench.robot_end.receive(0.0)))
+    assert "gets no commands" in str(bench.side._failure) and bench.side._end.is_set()

@@ -7,7 +7,8 @@ import pytest
 
 from hugwbc import Command, load_robot
 from hugwbc.controller import JointCommand, UpperBody, override_arms
-from hugwbc.errors import ConfigError
+from hugwbc.errors import CommandError, ConfigError
+from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop, substeps_of, world_targets
@@ -145,3 +146,85 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
     assert heights[second] < -0.1
     assert np.all(np.diff(heights[: second + 1]) <= 1e-9), "no way back for targets that are not usable for a moment"
     assert heights[-1] == 0.0, "the request has ended"
+
+
+class _Stubborn:
+    """A source that walks for five ticks, and then does as it is told."""
+
+    def __init__(self, command=None, hands=None):
+        self.command, self.hands, self.asked = command, hands, 0
+
+    def command_at(self, t):
+        self.asked += 1
+        return Command(v_x=0.3, gait=Gait.WALKING) if self.asked <= 5 or self.command is None else self.command()
+
+    def hands_at(self, t):
+        return None if self.asked <= 5 or self.hands is None else self.hands()
+
+
+def _raise(error):
+    raise error
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ({"command": lambda: None}, "the source raised TypeError: it gave a NoneType"),
+        ({"command": lambda: _raise(RuntimeError("gone"))}, "the source raised RuntimeError: gone"),
+        ({"command": lambda: Command(v_x=10**400)}, "the source raised CommandError"),
+        ({"command": lambda: Command(v_x=0.3, gait=b"walking")}, "unknown gait"),
+        ({"hands": lambda: 1 / 0}, "the source raised ZeroDivisionError"),
+        ({"hands": lambda: (0.3, 0.2, 0.1)}, "and a tuple instead of a Command, and HandTargets or None"),
+    ],
+)
+def test_a_source_that_raises_or_gives_something_else_leads_to_a_stand_and_is_told(what, words):
+    loop = ControlLoop(HoldController(), _Stubborn(**what), Simulation(sensing="exact"), UpperBodySource())
+    loop.reset()
+    commands = []
+    for tick in range(60):
+        assert loop.decide(tick * loop.period).is_finite
+        commands.append(loop.safe.command)
+    assert all(command.gait is Gait.WALKING for command in commands[:25]), "half a second of the last command"
+    assert commands[-1] == Command()
+    report = loop.safe.report()
+    assert report.source_failures == 55 and report.failures == 0 and any(words in m for m in report.messages)
+
+
+def test_hand_targets_of_two_numbers_move_no_arm_and_can_be_shown():
+    hands = HandTargets((0.3, 0.2), [0.3, -0.2, 0.1])  # type: ignore[arg-type]
+    loop = ControlLoop(HoldController(), Constant(Command(), hands), Simulation(sensing="exact"), UpperBodySource())
+    loop.reset()
+    for tick in range(3):
+        assert loop.decide(tick * loop.period).q == pytest.approx(ROBOT.nominal)
+        assert np.isnan(loop.moment().hand_target_world[0]).all()
+
+
+class _Unruly(HoldController):
+    """A controller whose plans cannot be read."""
+
+    phase = property(lambda self: _raise(RuntimeError("no clock")))
+    footholds = property(lambda self: [[0.1, 0.2]])
+    planned_acceleration = property(lambda self: _raise(CommandError("no plan")))
+
+
+def test_plans_that_raise_or_have_another_form_are_none_and_are_told():
+    loop = ControlLoop(_Unruly(), Constant(Command()), Simulation())
+    loop.reset()
+    loop.step(loop.decide(0.0), loop.period)
+    moment = loop.moment()
+    assert np.isnan(moment.phase) and moment.foothold.shape == (2, 2) and np.isnan(moment.foothold).all()
+    assert loop.safe.report().failures > 0
+    assert loop.safe.report().messages[0].startswith("planned_acceleration of hold raised CommandError: no plan")
+
+
+def test_hands_that_become_soft_during_the_takeover_never_have_negative_stiffness():
+    """The public way: hand targets, and a tenth of a second later the same with a stiffness of 50 N/m."""
+
+    class Softer(Constant):
+        def hands_at(self, t):
+            return HandTargets.of((0.3, 0.3, 0.1), (0.3, -0.3, 0.1), stiffness=50.0 if t >= 0.1 else None)
+
+    loop = ControlLoop(HoldController(), Softer(Command()), Simulation(sensing="exact"), UpperBodySource())
+    loop.reset()
+    least = min(loop.decide(tick * loop.period).kp.min() for tick in range(40))
+    assert 0.0 < least < 20.0 and loop.safe.report().gains_limited == 0

@@ -1,13 +1,18 @@
 import dataclasses
+import decimal
+import fractions
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings, strategies as st
 
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, command_ranges, load_robot
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import override_arms
-from hugwbc.runtime.safety import Handover, SafetyFilter
+from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.learned.policy.contract import load_contract
+from hugwbc.runtime.safety import Handover, SafetyFilter, gain_limits
 from tests.conftest import make_state
 
 ROBOT = load_robot()
@@ -264,3 +269,105 @@ def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(
             np.testing.assert_array_equal(getattr(found, name), vector)
     assert safe.report() == plain.report()
     assert faded > 100 and safe.report().held > 0 and safe.report().damped > 0
+
+
+@pytest.mark.parametrize("name", ["kp", "kd"])
+@pytest.mark.parametrize("factor", [-1.0, -1e-3, 1e6])
+def test_gains_that_drive_joints_away_or_chatter_are_clamped_and_counted(filtered, name, factor):
+    recorder, safe = filtered
+    recorder.answer = dataclasses.replace(recorder.answer, **{name: factor * getattr(ROBOT, name)})
+    output = safe.act(make_state(), Command(), UpperBody.none())
+    highest = gain_limits(ROBOT)[("kp", "kd").index(name)]
+    np.testing.assert_array_equal(getattr(output, name), np.zeros(19) if factor < 0.0 else highest)
+    report = safe.report()
+    assert report.gains_limited == 1 and "gains limited, first at" in report.messages[0]
+
+
+@pytest.mark.parametrize("name", ["unitree-h1", "leggedlab-h1"])
+def test_other_projects_gains_are_within_the_limits(name):
+    contract = load_contract(name)
+    stiffest, most_damped = (limit[ROBOT.indices(contract.joints)] for limit in gain_limits(ROBOT))
+    assert (np.array(contract.kp) <= 0.6 * stiffest).all() and (np.array(contract.kd) <= 0.6 * most_damped).all()
+
+
+@pytest.mark.parametrize("soft", [0.0, 5.0])
+def test_gains_that_change_while_the_arms_are_handed_over_stay_between_those_before_and_now(soft):
+    """Stiff hands that become soft a tenth of a second after the takeover."""
+    own, handover = JointCommand.position(ROBOT, ROBOT.nominal), Handover(ROBOT.arms)
+    handover(own, UpperBody.none(), DT)
+    for tick in range(30):
+        kp = np.full(8, 140.0 if tick < 5 else soft)
+        arms = dataclasses.replace(UpperBody.targets(ROBOT.nominal[ROBOT.arms]), kp=kp, kd=np.full(8, 3.0))
+        faded = handover(override_arms(own, arms, ROBOT), arms, DT)
+        assert min(20.0, kp[0]) <= faded.kp[ROBOT.arms].min() and faded.kp.max() <= 300.0
+    np.testing.assert_array_equal(faded.kp[ROBOT.arms], soft)
+
+
+GRADIENT = torch.full((19,), 0.5, requires_grad=True)
+ODD = {
+    "none": None,
+    "text": "ahead",
+    "bytes": b"0.3",
+    "flag": True,
+    "huge": 10**400,
+    "complex": 1j,
+    "object": object(),
+    "too many": np.zeros(20),
+    "too few": [0.0] * 7,
+    "turned": np.zeros((19, 1)),
+    "texts": ["0.1"] * 19,
+    "ragged": [[1.0], [2.0, 3.0]],
+    "gradient": GRADIENT,
+    "tensor": torch.tensor(0.25),
+    "half": np.float16(0.25),
+    "zero-dimensional": np.array(0.25),
+    "fraction": fractions.Fraction(1, 4),
+    "decimal": decimal.Decimal("0.25"),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("kind", [RobotState, Command, UpperBody, JointCommand])
+def test_one_odd_field_anywhere_never_raises_in_the_filter_and_never_gets_out(filtered, kind, odd):
+    recorder, safe = filtered
+    sound = {
+        RobotState: make_state(position=np.zeros(3)),
+        Command: Command(gait=Gait.WALKING),
+        UpperBody: UpperBody.targets(np.zeros(8)),
+        JointCommand: recorder.answer,
+    }
+    for field in dataclasses.fields(kind):
+        try:
+            given = sound | {kind: dataclasses.replace(sound[kind], **{field.name: ODD[odd]})}
+        except HugwbcError as error:
+            assert kind is Command and ("give a number" in str(error) or "gait" in str(error))
+            continue
+        recorder.answer = given[JointCommand]
+        output = safe.act(given[RobotState], given[Command], given[UpperBody])
+        assert output.is_finite and {getattr(output, f.name).shape for f in dataclasses.fields(output)} == {(19,)}
+    safe.reset(make_state())
+    for wrong in ((ODD[odd], Command(), UpperBody.none()), (make_state(), ODD[odd], UpperBody.none()),
+                  (make_state(), Command(), ODD[odd])):  # fmt: skip
+        assert safe.act(*wrong).is_finite
+    recorder.answer = ODD[odd]
+    assert safe.act(make_state(), Command(), UpperBody.none()).is_finite
+    assert safe.report().failures >= 1 and safe.report().source_failures == 1
+
+
+def test_a_controller_that_raises_in_its_reset_is_held_and_reset_again(filtered):
+    recorder, safe = filtered
+    recorder.reset = lambda state: 1 / 0
+    safe.reset(make_state())
+    assert safe.act(make_state(), Command(), UpperBody.none()).is_finite
+    assert safe.report().failures == 2 and "ZeroDivisionError" in safe.report().messages[0]
+    del recorder.reset
+    recorder.answer = JointCommand.position(ROBOT, ROBOT.nominal + 0.01)
+    np.testing.assert_array_equal(safe.act(make_state(), Command(), UpperBody.none()).q, ROBOT.nominal + 0.01)
+
+
+@pytest.mark.parametrize("period", [0.0, float("nan"), "0.02", None])
+def test_a_controller_without_a_period_is_refused(period):
+    recorder = Recorder()
+    recorder.period = period
+    with pytest.raises(ConfigError, match="give the time between two calls of act"):
+        SafetyFilter(recorder)

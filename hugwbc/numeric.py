@@ -1,0 +1,64 @@
+"""Numbers of other libraries where they enter: lists, NumPy's and torch's of any width, decimals and fractions."""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+Shape = tuple[int, ...]
+_FLOAT = np.dtype(float)
+
+
+def floats(value: Any, shape: Shape) -> np.ndarray | None:  # noqa: ANN401  whatever arrives
+    """Return a value as an array of floats; None if it is none of that shape, or does not fit into floats.
+
+    An array of floats is returned as it is. Texts and truth values are no numbers. Never raises.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
+        return value
+    return _array(value, shape, "iufO", float)
+
+
+def flags(value: Any, shape: Shape) -> np.ndarray | None:  # noqa: ANN401  whatever arrives
+    """Return a value as an array of truth values, likewise; numbers count as true unless they are 0."""
+    if type(value) is np.ndarray and value.dtype == bool and value.shape == shape:
+        return value
+    return _array(value, shape, "biuf", bool)
+
+
+def _array(value: Any, shape: Shape, kinds: str, to: type) -> np.ndarray | None:  # noqa: ANN401  whatever arrives
+    try:
+        if value is None:  # NumPy takes it for NaN
+            return None
+        array = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
+        return array.astype(to) if array.dtype.kind in kinds and array.shape == shape else None
+    except Exception:  # the code of somebody else may raise anything
+        return None
+
+
+def number(value: Any) -> float | None:  # noqa: ANN401  whatever arrives
+    """Return a value as a float; None if it is no single number. Never raises."""
+    if type(value) is float:
+        return value
+    array = floats(value, ())
+    return None if array is None else float(array)
+
+
+def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collection[str] = ()) -> None:
+    """Convert the fields of a frozen dataclass to floats of their shapes; what is none becomes NaN, to be noticed.
+
+    None stays where it is optional.
+    """
+    fields = vars(record)
+    for name, shape in shapes.items():
+        value = fields[name]
+        if value is None and name in optional:
+            continue
+        if not shape:
+            if type(value) is not float:
+                converted = number(value)
+                fields[name] = math.nan if converted is None else converted
+        elif type(value) is not np.ndarray or value.dtype is not _FLOAT or value.shape != shape:
+            array = floats(value, shape)
+            fields[name] = np.full(shape, np.nan) if array is None else array
