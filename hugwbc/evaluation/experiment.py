@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from hugwbc.controller import Controller
+from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure
@@ -108,26 +109,41 @@ def run_experiment(
     told, store = spec.told(settings.conditions.told_arena), store or Store(None)
     table = store.table(experiment.name, experiment.episode, settings, told)
     rows: list[Row] = []
+    measured = 0  # of the rows; the others were stored
     plans = list(experiment.plan(settings))
     while plans:
         found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
         missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
         for index, row in run_plans(experiment.episode, settings, told, missing, execution):
             found[index] = table.add(plans[index], row)
+            measured += 1
             on_progress((len(rows) + len(found)) / (len(rows) + len(plans)))
         rows += [found[index] for index in range(len(plans))]
         plans = list(experiment.following(settings, rows))
-    frames: list[pl.DataFrame | None] = [frame_of(rows)]
-    if experiment.beside is not None:
-        common = {field.name: getattr(settings, field.name) for field in dataclasses.fields(Settings)}
-        other = experiment.beside
-        beside = store.rows_of(other.name, other.episode, other.settings(**common), told)
-        frames.append(frame_of(beside) if beside else None)
+    try:
+        summary = experiment.figures(settings, frame_of(rows), *_beside(experiment, settings, told, store))
+    except (pl.exceptions.PolarsError, TypeError, ValueError) as error:
+        if measured == len(rows):
+            raise
+        raise ResultFileError(
+            f"{table.path} has rows that experiment '{experiment.name}' did not write ({error}); remove it, and its "
+            "episodes run again"
+        ) from error
     figures = [
         dataclasses.replace(figure, controller=spec.label) if figure.estimate is not None else figure
-        for figure in experiment.figures(settings, *frames)
+        for figure in summary
     ]
     return Result(experiment.name, spec.label, settings, rows, figures)
+
+
+def _beside(experiment: Experiment[S], settings: S, spec: ControllerSpec, store: Store) -> list[pl.DataFrame | None]:
+    """Return the stored rows that the figures take besides, None if there are none; empty if they take none."""
+    other = experiment.beside
+    if other is None:
+        return []
+    common = {field.name: getattr(settings, field.name) for field in dataclasses.fields(Settings)}
+    rows = store.rows_of(other.name, other.episode, other.settings(**common), spec)
+    return [frame_of(rows) if rows else None]
 
 
 def numbered(settings: CountedSettings) -> list[Plan]:

@@ -158,7 +158,7 @@ def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
             row = json.loads(line)
             if all(now(name) == found for name, found in row.pop(READ, {}).items()):
                 rows[row.pop(_EPISODE)] = row
-        except (ValueError, KeyError, AttributeError, TypeError):
+        except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
             continue  # a killed run left half a line: its episode runs again
     return rows
 

@@ -1,5 +1,6 @@
 """Rows are kept, an interrupted run goes on, and processes share the episodes."""
 
+import contextlib
 import dataclasses
 import json
 
@@ -145,6 +146,18 @@ def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):
         with pytest.raises(ResultFileError, match=message):
             run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
         assert path.read_text() == text
+
+
+@pytest.mark.parametrize("figures", ["{}", '{"place": "here"}', '{"place": [[1.0]]}', "[" * 20000])
+def test_rows_that_somebody_else_wrote_are_refused_or_run_again(tmp_path, figures):
+    run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
+    (path,) = tmp_path.iterdir()
+    key, *lines = path.read_text().splitlines()
+    number = json.loads(lines[0])["_episode"]
+    forged = [figures if figures[0] == "[" else json.dumps({"_episode": number, **json.loads(figures)})]
+    path.write_text("\n".join([key, *forged * len(lines)]) + "\n")
+    with contextlib.nullcontext() if figures[0] == "[" else pytest.raises(ResultFileError, match="did not write"):
+        assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path)).rows[0]["place"]
 
 
 def test_stored_rows_are_those_of_the_same_settings_but_for_their_number(tmp_path):
