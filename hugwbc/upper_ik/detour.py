@@ -29,6 +29,7 @@ MOVED = 0.05  # [m]; a target that moved this far is worth another search
 
 ARRIVED = 0.02  # [rad]; distance to the posture at which a detour ends
 CORNER = 0.15  # [rad]; this near to a corner an arm turns to the next one, because it cannot turn on the spot
+ROUNDING = 0.001  # [m]; an arm that is stalled next to an obstacle may slide along it
 PROBE = 0.2  # [rad] between two collision checks on a route
 
 
@@ -279,8 +280,8 @@ class Detours:
         return self._restrain(q, target, direct, body, dt)
 
     def _least_room(self, clearance: list[float]) -> np.ndarray:
-        """Return the clearance (2,) that the arms keep on detours from a posture with the given one [m]."""
-        return np.minimum(self._config.collision_margin / 2.0, clearance)
+        """Return the clearance that the arms keep on detours from a posture with the given one [m], shape (2,)."""
+        return np.minimum(self._config.collision_margin, clearance) - ROUNDING
 
     def _restrain(
         self, q: np.ndarray, target: np.ndarray, direct: np.ndarray, body: np.ndarray, dt: float
