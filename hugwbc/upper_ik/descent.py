@@ -153,8 +153,9 @@ class Descent:
         """Take one step from the hands' errors (2, 3) and return the requested travel of each hand [m]."""
         steps, parts = [], []
         for distance, safe, speed in zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), strict=True):
-            brake = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), safe)
-            steps.append(min(distance, (brake + speed) * dt))
+            fastest = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), self.config.hand_speed) + speed
+            # The target's own speed does not count next to an obstacle.
+            steps.append(min(distance, (fastest if safe == self.config.hand_speed else min(fastest, safe)) * dt))
             parts.append([steps[-1] / max(distance, 1e-9)])
         if goal.together:  # a hand next to an obstacle slows the other one down
             parts = [min(parts)] * 2
