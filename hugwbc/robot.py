@@ -37,17 +37,15 @@ FRICTION_SPEED = 0.2  # [rad/s] at which three quarters of the Coulomb friction 
 
 @dataclasses.dataclass(frozen=True)
 class Capsule:
-    """A cylinder with round ends, in a link's frame.
+    """A cylinder with round ends along the z axis of a link's frame.
 
     Attributes:
         pos: centre [m].
-        axis: direction of the cylinder, "x" or "z".
         radius: radius of the cylinder and its ends [m].
         length: length of the cylinder without its ends [m].
     """
 
     pos: tuple[float, float, float]
-    axis: str
     radius: float
     length: float
 
@@ -86,7 +84,8 @@ class Robot:
             level soles and an upright pelvis [m].
         squat_reach_per_pitch: forward shift of that point per pelvis pitch [m/rad].
         level_shank: lean of the shank up to which the ankle keeps the sole level [rad].
-        capsules: shapes for collision avoidance by link.
+        collision_pairs: pairs of links that can touch each other.
+        capsules: shapes that the arms avoid besides the links' collision shapes, by link.
         contact_links: links whose contacts the privileged observation flags.
     """
 
@@ -121,6 +120,7 @@ class Robot:
     squat_reach: tuple[float, ...]
     squat_reach_per_pitch: float
     level_shank: float
+    collision_pairs: frozenset[frozenset[str]]
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
 
@@ -316,7 +316,8 @@ def _load_robot(name: str) -> Robot:
             squat_reach=tuple(table["squat"]["reach"]),
             squat_reach_per_pitch=float(table["squat"]["reach_per_pitch"]),
             level_shank=float(table["squat"]["level_shank"]),
-            capsules=_capsules(table["capsules"]),
+            collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
+            capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
             contact_links=tuple(table["contact_links"]),
         )
     except (IndexError, KeyError, TypeError) as error:
@@ -338,14 +339,3 @@ def _shoulder(joints: Mapping[str, Any]) -> np.ndarray:
     angle = pitch["rpy"][0]
     turn = np.array([[1, 0, 0], [0, math.cos(angle), -math.sin(angle)], [0, math.sin(angle), math.cos(angle)]])
     return np.array(joints["torso_joint"]["xyz"]) + pitch["xyz"] + turn @ roll["xyz"]
-
-
-def _capsules(table: Mapping[str, Any]) -> dict[str, tuple[Capsule, ...]]:
-    """Read the capsules of all links, and mirror those of left links to the right."""
-    capsules = {}
-    for link, shapes in table.items():
-        capsules[link] = tuple(Capsule(tuple(s["pos"]), s["axis"], s["radius"], s["length"]) for s in shapes)
-        if link.startswith("left_"):
-            mirrored = [dataclasses.replace(c, pos=(c.pos[0], 0.0 - c.pos[1], c.pos[2])) for c in capsules[link]]
-            capsules[link.replace("left_", "right_", 1)] = tuple(mirrored)
-    return capsules

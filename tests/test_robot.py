@@ -112,17 +112,6 @@ def test_dimensions_follow_from_the_joints() -> None:
         assert np.all((robot.lower[arm] <= posture) & (posture <= robot.upper[arm]))
 
 
-def test_capsules_of_the_right_side_mirror_those_of_the_left() -> None:
-    capsules = load_robot().capsules
-    assert set(capsules) == {
-        "torso_link",
-        *(f"{side}_{part}_link" for side in ("left", "right") for part in ("hip_pitch", "elbow")),
-    }
-    for left, right in zip(capsules["left_elbow_link"], capsules["right_elbow_link"], strict=True):
-        assert (left.radius, left.length, left.axis) == (right.radius, right.length, right.axis)
-        np.testing.assert_array_equal(np.multiply(left.pos, [1, -1, 1]), right.pos)
-
-
 def test_missing_models_folder_says_what_to_do(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(robot_module, "__file__", str(tmp_path / "hugwbc" / "robot.py"))
     with pytest.raises(ModelError, match="reinstall hugwbc with its models"):

@@ -64,7 +64,7 @@ class Descent:
         lower, upper: joint position limits minus the margin [rad], shape (8,).
         velocity_limit: highest joint speeds [rad/s], shape (8,).
         placo: placo's robot, at the posture `q`.
-        clearance: measures the distances of the forearms at that posture.
+        clearance: measures the distances of the arms at that posture.
         without_collisions: number of steps that had to be solved without collision avoidance.
     """
 
@@ -75,7 +75,7 @@ class Descent:
         self._arms = arms = ArmSolver(self._robot, config, still=body)
         self.lower, self.upper, self.velocity_limit = arms.lower, arms.upper, arms.velocity_limit
         self.placo, self._columns, self._solver = arms.placo, arms.columns, arms.solver
-        self.clearance = Clearance(self.placo)
+        self.clearance = Clearance(self.placo, self._robot)
         self._body = self._robot.indices(body)
         self._body_low, self._body_high = self._robot.lower[self._body], self._robot.upper[self._body]
         self._body_columns = np.array([self.placo.get_joint_offset(name) for name in body])
@@ -96,9 +96,10 @@ class Descent:
         self.q = np.minimum(np.maximum(q, self.lower), self.upper)
         self._put(self.q, body)
         # Near an obstacle, a hand moves only as fast as its arm can still stop.
-        self._safe_speed = [self._stoppable(clearance) for clearance in self.clearance()]
+        self._safe_speed = [self.stoppable(clearance) for clearance in self.clearance()]
 
-    def _stoppable(self, clearance: float) -> float:
+    def stoppable(self, clearance: float) -> float:
+        """Return the speed of a hand from which it can stop within its arm's clearance [m/s]."""
         room = max(clearance - self.config.collision_margin, 0.0)
         stopping = math.sqrt(2.0 * self.config.collision_deceleration * room)
         return min(max(stopping, self.config.touch_speed), self.config.hand_speed)
@@ -152,9 +153,12 @@ class Descent:
         """Take one step from the hands' errors (2, 3) and return the requested travel of each hand [m]."""
         steps, parts = [], []
         for distance, safe, speed in zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), strict=True):
-            brake = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), safe)
-            steps.append(min(distance, (brake + speed) * dt))
+            fastest = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), self.config.hand_speed) + speed
+            # The target's own speed does not count next to an obstacle.
+            steps.append(min(distance, (fastest if safe == self.config.hand_speed else min(fastest, safe)) * dt))
             parts.append([steps[-1] / max(distance, 1e-9)])
+        if goal.together:  # a hand next to an obstacle slows the other one down
+            parts = [min(parts)] * 2
         aim = self.hands + error * np.array(parts)
         for task, point in zip(self._arms.hands, aim, strict=True):
             task.target_world = point

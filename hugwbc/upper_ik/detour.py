@@ -29,6 +29,7 @@ MOVED = 0.05  # [m]; a target that moved this far is worth another search
 
 ARRIVED = 0.02  # [rad]; distance to the posture at which a detour ends
 CORNER = 0.15  # [rad]; this near to a corner an arm turns to the next one, because it cannot turn on the spot
+ROUNDING = 0.001  # [m]; an arm that is stalled next to an obstacle may slide along it
 PROBE = 0.2  # [rad] between two collision checks on a route
 
 
@@ -200,8 +201,8 @@ class Scout:
 class Detours:
     """Detours of the arms, each on its own, to postures found by `Scout`, in straight lines in joint space.
 
-    A route is taken if the forearm is free of collisions on it, with the body and the other arm as they are now. Each
-    call checks one route: first the direct one, then those via known postures.
+    A route is taken if the arm is free of collisions on it, with the body and the other arm as they are now, and left
+    where they have come into its way. Each call checks one route: first the direct one, then those via known postures.
 
     Attributes:
         active: whether each arm is on a detour, shape (2,), bool.
@@ -244,7 +245,7 @@ class Detours:
         joints = slice(4 * arm, 4 * arm + 4)
         probe = q.copy()
         self._descent.forward(probe, body)
-        least = min(0.0, self._descent.clearance()[arm])
+        least = self._least_room(self._descent.clearance())[arm]
         for part in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(end - start).max() / PROBE)))[1:]:
             probe[joints] = start + part * (end - start)
             self._descent.forward(probe, body)
@@ -276,12 +277,19 @@ class Detours:
             brake = np.inf if vias else np.sqrt(self._config.acceleration * longest)
             target[joints] = q[joints] + way * min(1.0, min(self._config.detour_speed, brake) * dt / max(longest, 1e-9))
             self.active[arm] = bool(vias) or longest > ARRIVED
-        return self._slow_hands(q, target, body, dt)
+        return self._restrain(q, target, direct, body, dt)
 
-    def _slow_hands(self, q: np.ndarray, target: np.ndarray, body: np.ndarray, dt: float) -> np.ndarray:
-        """Shorten the steps of arms on a detour whose hand would exceed its speed limit."""
-        start = self._descent.forward(q, body).copy()
+    def _least_room(self, clearance: list[float]) -> np.ndarray:
+        """Return the clearance that the arms keep on detours from a posture with the given one [m], shape (2,)."""
+        return np.minimum(self._config.collision_margin, clearance) - ROUNDING
+
+    def _restrain(
+        self, q: np.ndarray, target: np.ndarray, direct: np.ndarray, body: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """Leave detours that have become blocked, and shorten steps in which a hand would exceed its speed limit."""
+        start, clearance = self._descent.forward(q, body).copy(), self._descent.clearance()
         travel = lengths(self._descent.forward(target, body) - start)
-        part = np.minimum(1.0, self._config.hand_speed * dt / np.maximum(travel, 1e-9))
-        part = np.where(self.active, part, 1.0)
-        return q + np.repeat(part, 4) * (target - q)
+        self.active &= self._descent.clearance() >= self._least_room(clearance)
+        fastest = np.array([self._descent.stoppable(room) for room in clearance])
+        part = np.minimum(1.0, fastest * dt / np.maximum(travel, 1e-9))
+        return np.where(np.repeat(self.active, 4), q + np.repeat(part, 4) * (target - q), direct)

@@ -1,14 +1,17 @@
-"""The robot model of the inverse kinematics: moving arms, waist and hips, and capsules that must not touch."""
+"""The robot model of the inverse kinematics: moving arms, waist and hips, and shapes that must not touch."""
 
+import itertools
 import xml.etree.ElementTree as ElementTree
 
+import coal
+import numpy as np
 import pinocchio as pin
 import placo
 
 from hugwbc.robot import SIDES, Robot
 
-_FOREARM_LINK = "elbow_link"
-_TURNS = {"x": "0 1.570796 0", "z": "0 0 0"}  # from the z axis of a cylinder in a URDF
+_WIDEST = 0.07  # [m]; a box that is wider gets several capsules side by side
+_ROUND = 1.03  # ratio of a capsule's radius to that of the box's corners: a little wider, but shorter at its ends
 HIP_NAMES = tuple(f"{side}_hip_{part}_joint" for side in SIDES for part in ("yaw", "roll", "pitch"))
 HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 
@@ -16,28 +19,18 @@ HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     """Build placo's model of the robot with arms, waist and hips; knees and ankles are fixed.
 
-    The robot's capsules stand for its shape: their distances have a closed form and take half the time of those of
-    cylinders, which need an iteration. Collision pairs are each forearm with the chest, the head, both thighs and the
-    other forearm.
+    Its shapes are capsules around the collision boxes of the simulated robot, and the robot's capsules around what has
+    none. (Flat faces would do without the difference, but the nearest points of two parallel ones jump from edge to
+    edge, and the arms chatter.) Its collision pairs are those of the robot's table in which an arm takes part.
 
     Args:
-        robot: gives names, description and capsules.
+        robot: gives names, description, capsules and collision pairs.
         on_column: whether to add two joints by which the pelvis moves up and down and pitches.
     """
     root = ElementTree.parse(robot.urdf_path).getroot()
     for link in root.findall("link"):
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(shape)
-        name = str(link.get("name"))
-        # URDF has no capsules; Pinocchio turns the cylinders that are named here into capsules.
-        capsules = ElementTree.SubElement(link, "collision_checking")
-        for number, capsule in enumerate(robot.capsules.get(name, ())):
-            collision = ElementTree.SubElement(link, "collision", name=f"{name}_{number}")
-            ElementTree.SubElement(capsules, "capsule", name=f"{name}_{number}")
-            xyz = " ".join(map(str, capsule.pos))
-            ElementTree.SubElement(collision, "origin", xyz=xyz, rpy=_TURNS[capsule.axis])
-            geometry = ElementTree.SubElement(collision, "geometry")
-            ElementTree.SubElement(geometry, "cylinder", radius=str(capsule.radius), length=str(capsule.length))
+        for visual in link.findall("visual"):
+            link.remove(visual)
     stiff = {robot.joint_names[index] for index in robot.legs} - set(HIP_NAMES)
     for joint in root.findall("joint"):
         if joint.get("name") in stiff:
@@ -45,7 +38,7 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     if on_column:
         _put_on_column(root)
     wrapper = placo.RobotWrapper(robot.name, 0, ElementTree.tostring(root, encoding="unicode"))
-    _keep_forearm_pairs(wrapper.collision_model)
+    _set_shapes(wrapper, robot)
     return wrapper
 
 
@@ -62,27 +55,51 @@ def _put_on_column(root: ElementTree.Element) -> None:
         ElementTree.SubElement(joint, "limit", lower="-1", upper="1", velocity="1", effort="1")
 
 
-def _keep_forearm_pairs(model: pin.GeometryModel) -> None:
-    names = [geometry.name for geometry in model.geometryObjects]
-    pairs = [(pair.first, pair.second) for pair in model.collisionPairs]
-    for first, second in pairs:
-        if _FOREARM_LINK not in names[first] + names[second]:
-            model.removeCollisionPair(pin.CollisionPair(first, second))
+def _set_shapes(wrapper: placo.RobotWrapper, robot: Robot) -> None:
+    model, frames = wrapper.collision_model, wrapper.model.frames
+    boxes = [(shape.name, shape.parentFrame, shape.placement, shape.geometry) for shape in model.geometryObjects]
+    capsules = [(frame, *capsule) for _, frame, place, box in boxes for capsule in _around(place, box)]
+    for link, shapes in robot.capsules.items():
+        frame = wrapper.model.getFrameId(link)
+        for shape in shapes:
+            place = frames[frame].placement * pin.SE3(np.eye(3), np.array(shape.pos))
+            capsules.append((frame, place, coal.Capsule(shape.radius, shape.length)))
+    for name, *_ in boxes:
+        model.removeGeometryObject(name)
+    for number, (frame, place, capsule) in enumerate(capsules):
+        name, joint = f"{frames[frame].name}_{number}", frames[frame].parentJoint
+        model.addGeometryObject(pin.GeometryObject(name, joint, frame, place, capsule))
+    links = [frames[frame].name for frame, *_ in capsules]
+    arms = [wrapper.model.names[frames[frame].parentJoint] in robot.arm_names for frame, *_ in capsules]
+    for first, second in itertools.combinations(range(len(links)), 2):
+        if {links[first], links[second]} in robot.collision_pairs and (arms[first] or arms[second]):
+            model.addCollisionPair(pin.CollisionPair(first, second))
+
+
+def _around(place: pin.SE3, box: coal.Box) -> list[tuple[pin.SE3, coal.Capsule]]:
+    """Return capsules along a box's longest side that enclose it together, and their placements."""
+    half = np.array(box.halfSide)
+    axis = int(half.argmax())
+    cells = np.ceil(2.0 * half / _WIDEST - 1e-9).astype(int)
+    cells[axis] = 1
+    corner = float(np.linalg.norm(np.delete(half / cells, axis)))  # the corners' distance from a capsule's axis
+    length = max(2.0 * (half[axis] - corner * np.sqrt(_ROUND**2 - 1.0)), 0.0)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.eye(3)[axis]).matrix()
+    middles = [half * ((2.0 * np.array(cell) + 1.0) / cells - 1.0) for cell in np.ndindex(*cells)]
+    return [(place * pin.SE3(turn, middle), coal.Capsule(_ROUND * corner, float(length))) for middle in middles]
 
 
 class Clearance:
-    """The distances of the forearms to everything that they could touch, at the posture of a placo model."""
+    """The distances of the arms to everything that they could touch, at the posture of a placo model."""
 
-    def __init__(self, wrapper: placo.RobotWrapper) -> None:
+    def __init__(self, wrapper: placo.RobotWrapper, robot: Robot) -> None:
         self._wrapper = wrapper
-        names = [geometry.name for geometry in wrapper.collision_model.geometryObjects]
-        pairs = [(names[pair.first], names[pair.second]) for pair in wrapper.collision_model.collisionPairs]
-        self._of_arm = [
-            [i for i, pair in enumerate(pairs) if any(name.startswith(f"{side}_{_FOREARM_LINK}") for name in pair)]
-            for side in SIDES
-        ]
+        moved_by = [wrapper.model.names[shape.parentJoint] for shape in wrapper.collision_model.geometryObjects]
+        pairs = [{moved_by[pair.first], moved_by[pair.second]} for pair in wrapper.collision_model.collisionPairs]
+        arms = (robot.arm_names[:4], robot.arm_names[4:])
+        self._of_arm = [[i for i, pair in enumerate(pairs) if not pair.isdisjoint(arm)] for arm in arms]
 
     def __call__(self) -> list[float]:
-        """Return the least distance of the left and the right forearm, negative in a collision [m]."""
+        """Return the least distance of the left and the right arm, negative in a collision [m]."""
         distances = [pair.min_distance for pair in self._wrapper.distances()]
         return [min([distances[i] for i in pairs]) for pairs in self._of_arm]

@@ -36,10 +36,10 @@ def test_a_hand_slows_down_so_that_it_could_stop_at_its_target(descent):
 def test_near_something_to_touch_it_goes_only_as_fast_as_it_can_stop(descent):
     room = 0.02
     stopping = math.sqrt(2.0 * CONFIG.collision_deceleration * room)
-    inside = descent._stoppable(CONFIG.collision_margin + room)
+    inside = descent.stoppable(CONFIG.collision_margin + room)
     assert inside == pytest.approx(min(max(stopping, CONFIG.touch_speed), CONFIG.hand_speed))
-    assert descent._stoppable(-0.1) == CONFIG.touch_speed
-    assert descent._stoppable(10.0) == CONFIG.hand_speed
+    assert descent.stoppable(-0.1) == CONFIG.touch_speed
+    assert descent.stoppable(10.0) == CONFIG.hand_speed
 
 
 def test_the_forearm_is_as_long_as_the_models(descent):
