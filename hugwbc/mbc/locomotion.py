@@ -112,7 +112,7 @@ class Locomotion:
             Gait.WALKING if catching else command.gait,
             command.f,
             dt,
-            may_start=standing.ready or catching,
+            may_start=catching or (standing.ready and self._in_posture(command)),
             first_swing=standing.first_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
             landed=self._walking.loaded,
@@ -245,6 +245,10 @@ class Locomotion:
             leap.push(tick)
         else:
             leap.release()
+
+    def _in_posture(self, command: SmoothCommand) -> bool:
+        """Return whether the pelvis is at the height that a leap starts from; a walk starts at any."""
+        return command.gait is Gait.WALKING or abs(command.h_rate) <= self._params.leap_height_rate[0]
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
         """Return whether the robot can stand where the current step ends: slow, and with its feet side by side."""

@@ -223,6 +223,9 @@ class ControllerParams:
     """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
     hop_lowering: float = 0.06
     """Lowering of the pelvis for a hop [m]: its leg leans and must still reach the ground."""
+    hop_squat_speed: Positive = 0.3
+    """Speed [m/s] or rate of turning [rad/s] from which on a hop is no lower: one leg cannot push off from a squat and
+    travel as well."""
     free_leg_weight: float = 2.0
     """Weight of the joints of the leg that does not hop."""
     free_leg_gains: _Gains = (100.0, 20.0)
@@ -256,6 +259,8 @@ class ControllerParams:
     lift_torque: Positive = 0.85
     """Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
     that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly."""
+    hip_torque: Positive = 1.25
+    """Largest sum of what swinging and lifting a leg take of that torque, whose peaks do not coincide."""
     swing_reaction_per_speed: float = 0.3
     """Share of `SWING_REACTION` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
@@ -272,6 +277,8 @@ class ControllerParams:
     """Largest rate of f [Hz/s]."""
     height_rate: _Gains = (0.35, 2.0)
     """Largest rate and acceleration of h [m/s], [m/s^2]."""
+    leap_height_rate: _Gains = (0.05, 2.0)
+    """The same in a series of leaps [m/s], [m/s^2]: each leap starts from where the last one landed."""
     pitch_rate: _Gains = (0.8, 4.0)
     """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
     waist_rate: _Gains = (2.0, 10.0)

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.runtime import Simulation, load_controller
-from hugwbc.runtime.braking import DECELERATION, LONGEST, SLOW, Braking
+from hugwbc.runtime.braking import DECELERATION, LONGEST, PAUSE, SLOW, Braking
 from hugwbc.runtime.loop import ControlLoop
 
 DT = 0.02
@@ -53,12 +53,27 @@ def test_a_sway_within_a_stride_is_no_speed(state):
     assert stop(braking, moving(state, 0.0), DT)[0] == STAND
 
 
-def test_a_stand_and_another_gait_pass_at_once(state):
+def test_another_gait_begins_after_a_stop_and_a_stand_in_its_posture(state):
     braking = Braking()
     assert braking(STAND, moving(state, 1.0), DT) == STAND
-    braking(WALK, moving(state, 1.0), DT)
-    jump = dataclasses.replace(WALK, gait=Gait.JUMPING)
-    assert braking(jump, moving(state, 1.0), DT) == jump
+    assert braking(WALK, moving(state, 1.0), DT) == WALK
+    jump = dataclasses.replace(WALK, gait=Gait.JUMPING, p=0.3)
+    commands = [braking(jump, moving(state, 1.0), DT) for _ in range(100)]
+    assert all(command.gait is Gait.WALKING for command in commands) and braking.active
+    commands = [braking(jump, moving(state, 0.0), DT) for _ in range(100)]
+    stands = [command for command in commands if command.gait is Gait.STANDING]
+    assert len(stands) * DT == pytest.approx(PAUSE, abs=2 * DT) and stands[0] == Command(h=jump.h, p=0.3, w=jump.w)
+    assert commands[-1] == jump and not braking.active
+    for _ in range(50):
+        braking(jump, moving(state, 1.0), DT)
+    assert braking(WALK, moving(state, 1.0), DT).gait is Gait.JUMPING
+    assert braking(jump, moving(state, 1.0), DT) == jump, "back in the gait that it has, it goes on at once"
+
+
+def test_a_leap_keeps_its_posture_while_it_stops(state):
+    braking, jump = Braking(), Command(v_x=0.3, p=0.3, h=-0.1, gait=Gait.JUMPING)
+    braking(jump, moving(state, 0.3), DT)
+    assert all((command.p, command.h) == (0.3, -0.1) for command in stop(braking, moving(state, 0.3)))
 
 
 def test_an_unknown_velocity_is_waited_for_for_a_stride(state):
