@@ -248,7 +248,7 @@ class Locomotion:
 
     def _in_posture(self, command: SmoothCommand) -> bool:
         """Return whether the pelvis is at the height that a leap starts from; a walk starts at any."""
-        return command.gait is Gait.WALKING or abs(command.h_rate) <= self._params.leap_height_rate[0]
+        return command.gait is Gait.WALKING or abs(command.h_rate) <= self._params.hop_height_rate[0]
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
         """Return whether the robot can stand where the current step ends: slow, and with its feet side by side."""

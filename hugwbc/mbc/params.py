@@ -277,8 +277,8 @@ class ControllerParams:
     """Largest rate of f [Hz/s]."""
     height_rate: _Gains = (0.35, 2.0)
     """Largest rate and acceleration of h [m/s], [m/s^2]."""
-    leap_height_rate: _Gains = (0.05, 2.0)
-    """The same in a series of leaps [m/s], [m/s^2]: each leap starts from where the last one landed."""
+    hop_height_rate: _Gains = (0.05, 2.0)
+    """The same in a series of hops [m/s], [m/s^2]: a leg that lands lower than it took off has less force to spare."""
     pitch_rate: _Gains = (0.8, 4.0)
     """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
     waist_rate: _Gains = (2.0, 10.0)

@@ -87,7 +87,7 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
     excess = max(abs(speed) - params.clearance_speed, 0.0)
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
     reaction = SWING_REACTION / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
-    return max(params.min_clearance, min(reach, reaction, highest_lift(params, h, f, speed, robot)))
+    return max(params.min_clearance, min(reach, reaction, highest_lift(params, h, f, robot, speed=speed)))
 
 
 def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None) -> float:
@@ -107,7 +107,9 @@ def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None)
     return torque * robot.leg_length / (4.0 * PEAK * f * _leg(robot).swung)
 
 
-def highest_lift(params: ControllerParams, h: float, f: float, speed: float, robot: Robot | None = None) -> float:
+def highest_lift(
+    params: ControllerParams, h: float, f: float, robot: Robot | None = None, *, speed: float = 0.0
+) -> float:
     r"""Return the highest swing apex to which the hips can lift a leg in time [m].
 
     A knee of angle k puts the ankle :math:`L \cos(k / 2)` below the hip, L being the length of the straight leg, if the
@@ -124,8 +126,8 @@ def highest_lift(params: ControllerParams, h: float, f: float, speed: float, rob
         params: share of the hips' torque.
         h: pelvis height above nominal [m].
         f: stride frequency [Hz].
-        speed: speed along the heading [m/s].
         robot: gives torque, geometry and inertia of the legs; None for the H1.
+        speed: speed along the heading [m/s].
     """
     robot = robot or load_robot()
     leg, straight = _leg(robot), robot.leg_length

@@ -97,22 +97,12 @@ def test_a_leg_is_lifted_as_high_as_the_hip_bends_it_in_half_a_step():
     acceleration = PARAMS.lift_torque * PARAMS.torque_fraction * 180.0 / 0.2857
     for f in (2.0, 2.75, 3.5):
         knee = 2.0 * math.acos(0.7381 / 0.8) + acceleration * (0.25 / f) ** 2 / 6.0
-        assert highest_lift(PARAMS, 0.0, f, 0.0, HEAVIER) == pytest.approx(
-            0.7381 - 0.8 * math.cos(knee / 2.0), abs=1e-3
-        )
-    assert highest_lift(PARAMS, 0.0, 2.0, 0.0, HEAVIER) > PARAMS.clearance_at_nominal, (
-        "it lowers no single command of l"
-    )
-    assert highest_lift(PARAMS, -0.1, 3.0, 0.0, HEAVIER) > highest_lift(PARAMS, 0.0, 3.0, 0.0, HEAVIER), (
-        "a bent leg lifts faster"
-    )
-    assert highest_lift(PARAMS, 0.0, 3.0, 0.0, FITTED) > highest_lift(PARAMS, 0.0, 3.0, 0.0, HEAVIER)
-    assert highest_lift(PARAMS, 0.0, 0.1, 0.0, HEAVIER) == pytest.approx(0.7381, abs=1e-3), (
-        "a knee bends no further than π"
-    )
-    assert highest_lift(PARAMS, -5.0, 2.0, 0.0, HEAVIER) == pytest.approx(0.0, abs=1e-9), (
-        "an absurd height raises nothing"
-    )
+        assert highest_lift(PARAMS, 0.0, f, HEAVIER) == pytest.approx(0.7381 - 0.8 * math.cos(knee / 2.0), abs=1e-3)
+    assert highest_lift(PARAMS, 0.0, 2.0, HEAVIER) > PARAMS.clearance_at_nominal, "it lowers no single command of l"
+    assert highest_lift(PARAMS, -0.1, 3.0, HEAVIER) > highest_lift(PARAMS, 0.0, 3.0, HEAVIER), "a bent leg lifts faster"
+    assert highest_lift(PARAMS, 0.0, 3.0, FITTED) > highest_lift(PARAMS, 0.0, 3.0, HEAVIER)
+    assert highest_lift(PARAMS, 0.0, 0.1, HEAVIER) == pytest.approx(0.7381, abs=1e-3), "a knee bends no further than π"
+    assert highest_lift(PARAMS, -5.0, 2.0, HEAVIER) == pytest.approx(0.0, abs=1e-9), "an absurd height raises nothing"
 
 
 def test_the_sole_stays_level_until_the_ankle_ends():

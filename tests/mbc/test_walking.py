@@ -121,6 +121,6 @@ def test_a_step_after_one_that_ended_late_lifts_its_foot_less(standing_state):
             path.append(step.walking.trajectory.position[2] - ground)
         heights.append(max(path))
         assert path[-1] == pytest.approx(0.0, abs=0.003)
-    lift = highest_lift(PARAMS, 0.0, 0.5 / 0.18, 0.0, step.dynamics.robot)
+    lift = highest_lift(PARAMS, 0.0, 0.5 / 0.18, step.dynamics.robot)
     assert heights == pytest.approx([0.3, lift], abs=0.004)
     assert lift < 0.16
