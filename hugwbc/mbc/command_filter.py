@@ -124,8 +124,9 @@ class CommandFilter:
         changing = legs.running not in (Gait.STANDING, gait)
         limiting = legs.running if changing else gait
         wanted = (0.0, 0.0, 0.0) if changing or legs.waiting else (command.v_x, command.v_y, command.omega)
-        if limiting is Gait.WALKING:
+        if limiting in (Gait.WALKING, Gait.JUMPING):
             fastest = fastest_walk(params, command.f, self._robot)
+            fastest *= params.jump_speed if limiting is Gait.JUMPING else 1.0
             if abs(wanted[0]) > fastest:
                 report += (f"v_x = {wanted[0]:g} m/s is too fast for the hips at this f: using {fastest:.2f} m/s",)
                 wanted = (math.copysign(fastest, wanted[0]), *wanted[1:])

@@ -203,6 +203,8 @@ class ControllerParams:
     [1/s]."""
     gather_time: float = 0.3
     """Time by which the first and the last stance of a series of leaps are longer [s]."""
+    jump_speed: Positive = 0.85
+    """Share of the highest speed of a walk that jumps may have: both legs swing at once."""
     leap_width: float = 0.36
     """Distance between the centre lines of the feet when jumping in place [m]."""
     leap_placement: float = 0.12

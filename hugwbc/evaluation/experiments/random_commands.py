@@ -14,6 +14,7 @@ import polars as pl
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command, sample_all
 from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
@@ -36,6 +37,11 @@ class RandomCommandsSettings(CountedSettings):
 
     episodes: Count = 64  # number of episodes in all
     changing: bool = False  # change to any gait and other commands every 1 to 5 s, at once or with a ramp
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.changing and self.gait != Gait.WALKING.label:
+            raise ConfigError("changing draws every gait; leave --gait out")
 
 
 def plan(settings: RandomCommandsSettings) -> list[Plan]:
@@ -63,8 +69,13 @@ def random_schedule(rng: np.random.Generator, duration: float) -> Schedule:
 
 
 def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan) -> Row:
-    """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early."""
+    """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early.
+
+    With `changing`, return the last commanded gait instead.
+    """
     run = simulate(controller, settings, plan)
+    if settings.changing:
+        return {"gait": Gait(int(run.trace.gait[-1])).label, **ending(run.trace)}
     errors = metrics.tracking_errors(run.trace, settings.settle)
     feet = [name for name in ("f", "l") if name in sampled_commands(run.command.gait)]
     errors |= {name: episode_error(run.trace, name, settings.settle) for name in feet}
@@ -84,6 +95,8 @@ def figures(settings: RandomCommandsSettings, rows: pl.DataFrame, single: pl.Dat
         rows: rows of the episodes.
         single: stored rows of single commands with the same settings, if there are any.
     """
+    if settings.changing:
+        return [falls_figure("Changing gaits and commands", rows["fell"])]
     table, found = f"All commands at once, {settings.gait}", []
     errors: dict[str, list[float | None]] = {name: [] for name in ERROR_UNITS}
     for row in rows.filter(~pl.col("fell")).iter_rows(named=True):
