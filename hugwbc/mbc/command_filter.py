@@ -77,7 +77,10 @@ class CommandFilter:
     def __init__(self, params: ControllerParams, robot: Robot | None = None) -> None:
         self._params, self._robot = params, robot or load_robot()
         self._limits = (params.height_rate, params.pitch_rate, params.waist_rate)
-        self._hop_limits = (params.hop_height_rate, *self._limits[1:])
+        self._leap_limits = tuple(
+            (height_rate, params.leap_pitch_rate, params.waist_rate)
+            for height_rate in (params.jump_height_rate, params.hop_height_rate)
+        )
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, h: float, p: float, w: float) -> None:
@@ -160,8 +163,8 @@ class CommandFilter:
             h, why = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
             if abs(h - self._posed[0]) > _NOTABLE:
                 report += (f"h = {self._posed[0]:g} m {why}: using {h:.2f} m",)
-        hopping = legs.running in _HOPS and not legs.waiting
-        self._follow((h, pitch, waist), self._hop_limits if hopping else self._limits, dt)
+        leaping = legs.running in _LEAPS and not legs.waiting
+        self._follow((h, pitch, waist), self._leap_limits[limiting in _HOPS] if leaping else self._limits, dt)
         height = self._posture[0]
         if limiting in _LEAPS:
             apex = highest_leap_clearance(params, height, self._frequency)

@@ -247,8 +247,10 @@ class Locomotion:
             leap.release()
 
     def _in_posture(self, command: SmoothCommand) -> bool:
-        """Return whether the pelvis is at the height that a leap starts from; a walk starts at any."""
-        return command.gait is Gait.WALKING or abs(command.h_rate) <= self._params.hop_height_rate[0]
+        """Return whether the pelvis has the height and the pitch that a leap starts with; a walk starts with any."""
+        params, rates = self._params, (abs(command.h_rate), abs(command.p_rate))
+        slow = rates[0] <= params.hop_height_rate[0] and rates[1] <= params.leap_pitch_rate[0]
+        return command.gait is Gait.WALKING or slow
 
     def _may_stop(self, dynamics: Dynamics, command: SmoothCommand) -> bool:
         """Return whether the robot can stand where the current step ends: slow, and with its feet side by side."""

@@ -279,10 +279,14 @@ class ControllerParams:
     """Largest rate of f [Hz/s]."""
     height_rate: _Gains = (0.35, 2.0)
     """Largest rate and acceleration of h [m/s], [m/s^2]."""
-    hop_height_rate: _Gains = (0.05, 2.0)
-    """The same in a series of hops [m/s], [m/s^2]: a leg that lands lower than it took off has less force to spare."""
     pitch_rate: _Gains = (0.8, 4.0)
     """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
+    jump_height_rate: _Gains = (0.1, 2.0)
+    """That of h in a series of jumps: legs that land lower than they took off have less force to spare."""
+    hop_height_rate: _Gains = (0.05, 2.0)
+    """That of h in a series of hops."""
+    leap_pitch_rate: _Gains = (0.2, 4.0)
+    """That of p in a series of leaps: the body turns on in the flight."""
     waist_rate: _Gains = (2.0, 10.0)
     """Largest rate and acceleration of w [rad/s], [rad/s^2]."""
 
