@@ -66,7 +66,7 @@ class Braking:
             self.active = command.gait is not Gait.STANDING and self._stood < PAUSE
             if not self.active and command.gait is not Gait.STANDING:
                 self._begin(command)
-            return _stand(command) if self.active else command
+            return Command(h=command.h, p=command.p, w=command.w) if self.active else command
         self._note(_velocity(state), 1.0 / self._last.f + dt, dt)
         self.active = command.gait is not self._last.gait or self._jumps > 0.0
         if not self.active:
@@ -111,11 +111,6 @@ class Braking:
             old = self._velocities.popleft()
             if old is not None:
                 self._sum = [total - each for total, each in zip(self._sum, old, strict=True)]
-
-
-def _stand(command: Command) -> Command:
-    """Return a stand with the posture of a command."""
-    return Command(h=command.h, p=command.p, w=command.w)
 
 
 def _velocity(state: RobotState) -> _Velocity:

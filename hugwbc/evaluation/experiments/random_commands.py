@@ -47,10 +47,8 @@ class RandomCommandsSettings(CountedSettings):
 def plan(settings: RandomCommandsSettings) -> list[Plan]:
     """Return an episode for each drawn command, or for each drawn schedule of `changing`."""
     if settings.changing:
-        return [
-            Plan(draw, random_schedule(np.random.default_rng((settings.seed, draw)), settings.duration))
-            for draw in range(settings.episodes)
-        ]
+        draws = [(draw, np.random.default_rng((settings.seed, draw))) for draw in range(settings.episodes)]
+        return [Plan(draw, random_schedule(rng, settings.duration)) for draw, rng in draws]
     values = sample_all(settings.gaits[0], np.random.default_rng(settings.seed), settings.episodes)
     return [Plan(draw, Command.from_array(row, settings.gaits[draw % 2])) for draw, row in enumerate(values)]
 
@@ -69,10 +67,7 @@ def random_schedule(rng: np.random.Generator, duration: float) -> Schedule:
 
 
 def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan) -> Row:
-    """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early.
-
-    With `changing`, return the last commanded gait instead.
-    """
+    """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early."""
     run = simulate(controller, settings, plan)
     if settings.changing:
         return {"gait": Gait(int(run.trace.gait[-1])).label, **ending(run.trace)}
