@@ -77,6 +77,10 @@ class CommandFilter:
     def __init__(self, params: ControllerParams, robot: Robot | None = None) -> None:
         self._params, self._robot = params, robot or load_robot()
         self._limits = (params.height_rate, params.pitch_rate, params.waist_rate)
+        self._leap_limits = tuple(
+            (height_rate, params.leap_pitch_rate, params.waist_rate)
+            for height_rate in (params.jump_height_rate, params.hop_height_rate)
+        )
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, h: float, p: float, w: float) -> None:
@@ -85,6 +89,7 @@ class CommandFilter:
         self._velocity = (0.0, 0.0, 0.0)
         self._frequency: float | None = None
         self._posture = [h, p, w]
+        self._posed = h, p, w  # commanded before the gait changes
         self._rate = [0.0, 0.0, 0.0]
         self._arrived: GaitState | None = None  # gait state for which the last result has stopped changing
 
@@ -122,8 +127,9 @@ class CommandFilter:
         changing = legs.running not in (Gait.STANDING, gait)
         limiting = legs.running if changing else gait
         wanted = (0.0, 0.0, 0.0) if changing or legs.waiting else (command.v_x, command.v_y, command.omega)
-        if limiting is Gait.WALKING:
+        if limiting in (Gait.WALKING, Gait.JUMPING):
             fastest = fastest_walk(params, command.f, self._robot)
+            fastest *= params.jump_speed if limiting is Gait.JUMPING else 1.0
             if abs(wanted[0]) > fastest:
                 report += (f"v_x = {wanted[0]:g} m/s is too fast for the hips at this f: using {fastest:.2f} m/s",)
                 wanted = (math.copysign(fastest, wanted[0]), *wanted[1:])
@@ -149,17 +155,21 @@ class CommandFilter:
         if not changing or gait is Gait.STANDING:
             self._frequency = _towards(self._frequency, command.f, params.frequency_rate * dt)
 
-        h = command.h
+        # A posture that changes in the last leap turns the body in the air.
+        if not changing or limiting not in _LEAPS:
+            self._posed = command.h, command.p, command.w
+        h, pitch, waist = self._posed
         if stepping:
             h, why = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
-            if abs(h - command.h) > _NOTABLE:
-                report += (f"h = {command.h:g} m {why}: using {h:.2f} m",)
-        self._follow((h, command.p, command.w), dt)
+            if abs(h - self._posed[0]) > _NOTABLE:
+                report += (f"h = {self._posed[0]:g} m {why}: using {h:.2f} m",)
+        leaping = legs.running in _LEAPS and not legs.waiting
+        self._follow((h, pitch, waist), self._leap_limits[limiting in _HOPS] if leaping else self._limits, dt)
         height = self._posture[0]
         if limiting in _LEAPS:
             apex = highest_leap_clearance(params, height, self._frequency)
         else:
-            apex = highest_clearance(params, height, self._frequency, speed)
+            apex = highest_clearance(params, height, self._frequency, speed, self._robot)
         apex = min(command.l, apex)
         if stepping and apex < command.l - _NOTABLE:
             report += (
@@ -192,6 +202,9 @@ class CommandFilter:
             wanted, why = -params.hop_lowering, "is too high for a leg that leans"
         if gait in _LEAPS:
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait in _HOPS else 2))
+        if gait in _HOPS:
+            travel = min(math.hypot(*self._velocity) / params.hop_squat_speed, 1.0)
+            lowest += travel * max(-params.hop_lowering - lowest, 0.0)
         if h < lowest:
             # Where the room of the stance leg ends, the trailing leg of a fast walk still needs its lowering.
             least = lowest if gait in _LEAPS else lowest - lowering
@@ -199,9 +212,9 @@ class CommandFilter:
                 wanted, why = least, "leaves the stance leg no room to move"
         return wanted, why
 
-    def _follow(self, target: tuple[float, float, float], dt: float) -> None:
+    def _follow(self, target: tuple[float, float, float], rates: tuple[tuple[float, float], ...], dt: float) -> None:
         """Move the posture towards a target with bounded rates and bounded accelerations."""
-        for axis, limits in enumerate(self._limits):
+        for axis, limits in enumerate(rates):
             self._posture[axis], self._rate[axis] = approach(
                 self._posture[axis], self._rate[axis], target[axis], limits, dt
             )

@@ -103,6 +103,9 @@ class Locomotion:
         self.footholds[:] = np.nan
         standing.catching = max(standing.catching - dt, 0.0)
         catching = standing.catching > 0.0
+        # Leaps change their posture slowly, so that they start with it.
+        slow = self._params.hop_height_rate[0], self._params.leap_pitch_rate[0]
+        posed = abs(command.h_rate) <= slow[0] and abs(command.p_rate) <= slow[1]
         # Leaps take the ground to be level, and judge their feet by height: they land at once or not at all.
         walks = self.contact & (not plan.legs)
         self.ground.update(dynamics, walks, self.references.yaw, dt)
@@ -112,7 +115,7 @@ class Locomotion:
             Gait.WALKING if catching else command.gait,
             command.f,
             dt,
-            may_start=standing.ready or catching,
+            may_start=catching or (standing.ready and (command.gait is Gait.WALKING or posed)),
             first_swing=standing.first_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
             landed=self._walking.loaded,

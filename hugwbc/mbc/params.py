@@ -203,6 +203,8 @@ class ControllerParams:
     [1/s]."""
     gather_time: float = 0.3
     """Time by which the first and the last stance of a series of leaps are longer [s]."""
+    jump_speed: Positive = 0.85
+    """Share of the highest speed of a walk that jumps may have: both legs swing at once."""
     leap_width: float = 0.36
     """Distance between the centre lines of the feet when jumping in place [m]."""
     leap_placement: float = 0.12
@@ -223,6 +225,9 @@ class ControllerParams:
     """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
     hop_lowering: float = 0.06
     """Lowering of the pelvis for a hop [m]: its leg leans and must still reach the ground."""
+    hop_squat_speed: Positive = 0.3
+    """Speed [m/s] or rate of turning [rad/s] from which on a hop is no lower: one leg cannot push off from a squat and
+    travel as well."""
     free_leg_weight: float = 2.0
     """Weight of the joints of the leg that does not hop."""
     free_leg_gains: _Gains = (100.0, 20.0)
@@ -256,6 +261,8 @@ class ControllerParams:
     lift_torque: Positive = 0.85
     """Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
     that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly."""
+    hip_torque: Positive = 1.25
+    """Largest sum of what swinging and lifting a leg take of that torque, whose peaks do not coincide."""
     swing_reaction_per_speed: float = 0.3
     """Share of `SWING_REACTION` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
@@ -274,6 +281,12 @@ class ControllerParams:
     """Largest rate and acceleration of h [m/s], [m/s^2]."""
     pitch_rate: _Gains = (0.8, 4.0)
     """Largest rate and acceleration of p [rad/s], [rad/s^2]."""
+    jump_height_rate: _Gains = (0.1, 2.0)
+    """That of h in a series of jumps: legs that land lower than they took off have less force to spare."""
+    hop_height_rate: _Gains = (0.05, 2.0)
+    """That of h in a series of hops."""
+    leap_pitch_rate: _Gains = (0.2, 4.0)
+    """That of p in a series of leaps: the body turns on in the flight."""
     waist_rate: _Gains = (2.0, 10.0)
     """Largest rate and acceleration of w [rad/s], [rad/s^2]."""
 

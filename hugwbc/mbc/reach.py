@@ -71,22 +71,23 @@ def lowest_walking_height(
     return _interpolate(ahead, robot.squat_reach, robot.squat_heights)
 
 
-def highest_clearance(params: ControllerParams, h: float, f: float, speed: float) -> float:
+def highest_clearance(params: ControllerParams, h: float, f: float, speed: float, robot: Robot | None = None) -> float:
     """Return the highest swing apex that the leg reaches in time and whose reaction a narrow foot can bear [m].
 
-    Knee and ankle bound the apex by the height of the pelvis. The reaction of the swing, which grows with l f^2, bounds
-    it by the frequency. A fast walk leaves less of both.
+    Knee and ankle bound the apex by the height of the pelvis, the hips by their torque (`highest_lift`). The reaction
+    of the swing, which grows with l f^2, bounds it by the frequency. A fast walk leaves less of all.
 
     Args:
         params: bounds.
         h: pelvis height above nominal [m].
         f: stride frequency [Hz].
         speed: speed along the heading [m/s].
+        robot: gives torque, geometry and inertia of the legs; None for the H1.
     """
     excess = max(abs(speed) - params.clearance_speed, 0.0)
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
     reaction = SWING_REACTION / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
-    return max(params.min_clearance, min(reach, reaction))
+    return max(params.min_clearance, min(reach, reaction, highest_lift(params, h, f, robot, speed=speed)))
 
 
 def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None) -> float:
@@ -106,7 +107,9 @@ def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None)
     return torque * robot.leg_length / (4.0 * PEAK * f * _leg(robot).swung)
 
 
-def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot | None = None) -> float:
+def highest_lift(
+    params: ControllerParams, h: float, f: float, robot: Robot | None = None, *, speed: float = 0.0
+) -> float:
     r"""Return the highest swing apex to which the hips can lift a leg in time [m].
 
     A knee of angle k puts the ankle :math:`L \cos(k / 2)` below the hip, L being the length of the straight leg, if the
@@ -116,17 +119,21 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot | No
 
     if its acceleration starts at :math:`\ddot k` and falls linearly to the opposite at the apex, as that of a cubic
     from rest to rest. The hip carries the reaction of the knee's drive besides its own inertia and is the first joint
-    at its limit: its torque per :math:`\ddot k` comes from the mass matrix and hardly depends on k.
+    at its limit: its torque per :math:`\ddot k` comes from the mass matrix and hardly depends on k. What it takes to
+    swing the leg along the ground (`fastest_walk`) leaves less for the lift.
 
     Args:
         params: share of the hips' torque.
         h: pelvis height above nominal [m].
         f: stride frequency [Hz].
         robot: gives torque, geometry and inertia of the legs; None for the H1.
+        speed: speed along the heading [m/s].
     """
     robot = robot or load_robot()
     leg, straight = _leg(robot), robot.leg_length
-    torque = params.lift_torque * params.torque_fraction * float(robot.torque_limit[robot.index(_HIP)])
+    swings = params.swing_torque * abs(speed) / fastest_walk(params, f, robot)
+    share = params.torque_fraction * max(min(params.lift_torque, params.hip_torque - swings), 0.0)
+    torque = share * float(robot.torque_limit[robot.index(_HIP)])
     stands = min(max(leg.hip_height + h, 0.0), straight)  # an absurd height must not stop the loop
     bent = 2.0 * math.acos(stands / straight) + torque / (leg.lifted * 96.0 * f**2)
     return stands - straight * math.cos(0.5 * min(bent, math.pi))

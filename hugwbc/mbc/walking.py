@@ -117,7 +117,8 @@ class Walking:
         """
         params = self._params
         frequency = 0.5 / (self._plan.step_time - self._late)
-        lift = highest_lift(params, command.h - self._references.crouch.depth, frequency, dynamics.robot)
+        height, speed = command.h - self._references.crouch.depth, float(command.velocity[0])
+        lift = highest_lift(params, height, frequency, dynamics.robot, speed=speed)
         apex = min(command.l, max(lift, params.min_clearance))
         longest = params.max_step[1]
         share = (math.hypot(*step.tolist()) - params.long_step) / (longest - params.long_step)

@@ -153,7 +153,7 @@ EVENTS = {
     "speeds_limited": "velocity target beyond its limit",
     "gains_limited": "stiffness or damping below 0 or beyond its limit",
     "readings_refused": "reading of a sensor refused and replaced",
-    "braked": "braking first: told to stand while moving",
+    "braked": "braking first: told to change the gait while moving",
     "lowered": "kneeling down, or damped afterwards, since the state or a motor was lost",
     "overruns": "overruns: the controller took longer than its period (a simulation waits, a real robot does not; "
     "a busy computer causes them too)",

@@ -1,4 +1,4 @@
-"""Braking before a stand: a robot that moves keeps its gait until it is slow, and only then stands."""
+"""The way from one gait to another: brake until the robot is slow, stand, and only then start the other."""
 
 import collections
 import dataclasses
@@ -7,12 +7,14 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.commands import VELOCITY_NAMES, Command, command_ranges
+from hugwbc.commands import VELOCITY_NAMES, Command
 from hugwbc.gait import Gait
 from hugwbc.state import RobotState
 
 DECELERATION = np.array([1.0, 1.0, 2.0])  # of the commanded v_x, v_y [m/s^2] and omega [rad/s^2]
 SLOW = (0.15, 0.15, 0.3)  # [m/s], [m/s], [rad/s]; a slower robot may stand
+PAUSE = 0.5  # [s], shortest stand before another gait
+JUMPS = 1.5  # [s] of jumps after hops
 LONGEST = 4.0  # [s] at rest by the command, after which the robot stands however fast it seems to be
 
 
@@ -20,15 +22,18 @@ _Velocity = tuple[float, float, float] | None
 
 
 class Braking:
-    """Turns a jump to `standing` into a stop: brake in the present gait, then stand.
+    """Turns a jump from one gait to another into a stop: brake, stand, and then start the other.
 
     A controller that is switched from a fast walk straight to standing falls: the next step, which would catch the
-    body, is missing. The commanded velocity therefore falls at `DECELERATION` in the present gait. The robot stands
-    once its mean velocity over a stride is below `SLOW`, as the state says; the pelvis sways within a stride. A state
-    without velocity counts as slow one stride after the command has come to rest.
+    body, is missing. The commanded velocity therefore falls at `DECELERATION` in the present gait. A posture that
+    changes in a leap would turn the body in the air, so that only a walk takes the new one. From a hop the robot would
+    stand on one leg; it jumps for `JUMPS` first, which puts both feet down. It stands once its mean velocity over a
+    stride is below `SLOW`, as the state says; the pelvis sways within a stride. A state without velocity counts as slow
+    one stride after the command has come to rest. After a stand of `PAUSE`, in the posture of the command, another gait
+    may start.
 
     Attributes:
-        active: whether the robot brakes now.
+        active: whether the robot is on that way now.
     """
 
     def __init__(self) -> None:
@@ -37,7 +42,13 @@ class Braking:
     def reset(self) -> None:
         """Start from a standing robot."""
         self.active = False
-        self._last = Command()
+        self._stood = math.inf  # [s] since the robot stands
+        self._jumps = 0.0  # [s] of the jumps after hops that are left
+        self._begin(Command())
+
+    def _begin(self, command: Command) -> None:
+        """Start a gait at rest."""
+        self._last = command
         self._velocities: collections.deque[_Velocity] = collections.deque()  # of the last stride
         self._sum = [0.0, 0.0, 0.0]
         self._at_rest = 0.0  # [s] since the commanded velocity is 0
@@ -50,32 +61,37 @@ class Braking:
             state: the robot now.
             dt: the period [s].
         """
-        moving = self._last.gait is not Gait.STANDING
-        if moving:
-            self._note(_velocity(state), 1.0 / self._last.f + dt, dt)
-        if command.gait is not Gait.STANDING or not moving:
-            self._last, self.active, self._at_rest = command, False, 0.0
+        if self._last.gait is Gait.STANDING:
+            self._stood += dt
+            self.active = command.gait is not Gait.STANDING and self._stood < PAUSE
+            if not self.active and command.gait is not Gait.STANDING:
+                self._begin(command)
+            return Command(h=command.h, p=command.p, w=command.w) if self.active else command
+        self._note(_velocity(state), 1.0 / self._last.f + dt, dt)
+        self.active = command.gait is not self._last.gait or self._jumps > 0.0
+        if not self.active:
+            self._last, self._at_rest = command, 0.0
             return command
-        self.active = True
-        braked = self._slower(command, dt)
-        self._at_rest = 0.0 if any(getattr(braked, name) for name in VELOCITY_NAMES) else self._at_rest + dt
-        if self._slow(dt) or self._at_rest > LONGEST:
-            self.reset()
-            return command
-        self._last = braked
-        return braked
+        if self._last.gait.hops:
+            self._last, self._jumps = dataclasses.replace(self._last, gait=Gait.JUMPING), JUMPS
+        self._jumps -= dt
+        self._last = self._slower(command, dt)
+        self._at_rest = 0.0 if any(getattr(self._last, name) for name in VELOCITY_NAMES) else self._at_rest + dt
+        stops = self._jumps <= 0.0 and command.gait is not self._last.gait
+        if stops and (self._slow(dt) or self._at_rest > LONGEST):
+            self._stood = 0.0
+            self._begin(Command())
+            return self(command, state, dt)
+        return self._last
 
     def _slower(self, command: Command, dt: float) -> Command:
-        """Return the present gait with less velocity, and with the body posture of the command."""
+        """Return the present gait with less velocity; a walk also takes the body posture of the command."""
         last = self._last
         velocity = np.array([getattr(last, name) for name in VELOCITY_NAMES], dtype=float)
         velocity -= np.clip(velocity, -DECELERATION * dt, DECELERATION * dt)
-        ranges = command_ranges(last.gait)
-        posture = {
-            name: min(max(getattr(command, name), ranges[name].finishing[0]), ranges[name].finishing[1])
-            for name in ("h", "p", "w")
-        }
-        return dataclasses.replace(last, **dict(zip(VELOCITY_NAMES, velocity.tolist(), strict=True)), **posture)
+        changed = dict(zip(VELOCITY_NAMES, velocity.tolist(), strict=True))
+        posture = command if last.gait is Gait.WALKING else last
+        return dataclasses.replace(last, **changed, h=posture.h, p=posture.p, w=posture.w)
 
     def _slow(self, dt: float) -> bool:
         """Whether the mean velocity of the last stride is small, after at least one stride."""

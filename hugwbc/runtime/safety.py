@@ -54,7 +54,7 @@ class SafetyReport:
         gains_limited: stiffnesses, and dampings, of joint commands that were clamped to 0 or `gain_limits`.
         overruns: calls of the controller that took longer than its period.
         readings_refused: states in which the reading of a sensor was replaced, by the sensor.
-        braked: ticks on which a moving robot that was told to stand still braked (`hugwbc.runtime.braking`).
+        braked: ticks on which a robot braked or stood before it changed its gait (`hugwbc.runtime.braking`).
         lowered: ticks on which the robot knelt down, or was damped afterwards, with its state lost or a motor dead.
         messages: the first message of each kind of event.
     """
@@ -156,7 +156,7 @@ class SafetyFilter:
     - Commands are clamped to the range of their gait (`Command.clamp`; `command` holds the result). Combinations that
       the legs do not allow become the nearest ones that they do (`feasibility.feasible`). External arm targets are
       clamped to the joint limits.
-    - A robot that moves and is told to stand brakes first (`Braking`).
+    - A robot that moves and is told to change its gait brakes and stands first (`Braking`).
     - An unusable state (`RobotState.is_usable`), a joint command that is not finite, or an exception makes the filter
       repeat the last good joint command for `HOLD_TIME` and then damp the joints. After damping, the controller
       is reset on the first good state.
@@ -245,7 +245,7 @@ class SafetyFilter:
         feasible_command = self._braking(self._feasible_command(self.command), state, self.period)
         upper_body = self._valid_upper_body(upper_body)
         if self._braking.active:
-            self._count("braked", "told to stand while moving: braking first")
+            self._count("braked", "told to change the gait while moving: braking and standing first")
         for sensor in state.coasted:
             self._refused[sensor] = self._refused.get(sensor, 0) + 1
             self._first.setdefault(f"refused {sensor}", f"readings of {sensor} refused and replaced")

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
-from hugwbc.runtime import Simulation, load_controller
-from hugwbc.runtime.braking import DECELERATION, LONGEST, SLOW, Braking
+from hugwbc.evaluation.plans import Knot, Schedule
+from hugwbc.runtime import Simulation, load_controller, rollout
+from hugwbc.runtime.braking import DECELERATION, JUMPS, LONGEST, PAUSE, SLOW, Braking
 from hugwbc.runtime.loop import ControlLoop
 
 DT = 0.02
@@ -53,12 +54,44 @@ def test_a_sway_within_a_stride_is_no_speed(state):
     assert stop(braking, moving(state, 0.0), DT)[0] == STAND
 
 
-def test_a_stand_and_another_gait_pass_at_once(state):
+def test_another_gait_begins_after_a_stop_and_a_stand_in_its_posture(state):
     braking = Braking()
     assert braking(STAND, moving(state, 1.0), DT) == STAND
-    braking(WALK, moving(state, 1.0), DT)
-    jump = dataclasses.replace(WALK, gait=Gait.JUMPING)
-    assert braking(jump, moving(state, 1.0), DT) == jump
+    assert braking(WALK, moving(state, 1.0), DT) == WALK
+    jump = dataclasses.replace(WALK, gait=Gait.JUMPING, p=0.3)
+    commands = [braking(jump, moving(state, 1.0), DT) for _ in range(100)]
+    assert all(command.gait is Gait.WALKING for command in commands) and braking.active
+    commands = [braking(jump, moving(state, 0.0), DT) for _ in range(100)]
+    stands = [command for command in commands if command.gait is Gait.STANDING]
+    assert len(stands) * DT == pytest.approx(PAUSE, abs=2 * DT) and stands[0] == Command(h=jump.h, p=0.3, w=jump.w)
+    assert commands[-1] == jump and not braking.active
+    for _ in range(50):
+        braking(jump, moving(state, 1.0), DT)
+    assert braking(WALK, moving(state, 1.0), DT).gait is Gait.JUMPING
+    assert braking(jump, moving(state, 1.0), DT) == jump, "back in the gait that it has, it goes on at once"
+
+
+def test_a_leap_keeps_its_posture_while_it_stops(state):
+    braking, jump = Braking(), Command(v_x=0.3, p=0.3, h=-0.1, gait=Gait.JUMPING)
+    braking(jump, moving(state, 0.3), DT)
+    assert all((command.p, command.h) == (0.3, -0.1) for command in stop(braking, moving(state, 0.3)))
+
+
+@pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
+def test_a_hop_ends_by_jumps_on_both_legs(state, gait):
+    braking, hop = Braking(), Command(v_y=0.2, h=-0.1, gait=gait)
+    braking(hop, moving(state, 0.0), DT)
+    commands = stop(braking, moving(state, 0.0), 2.0)
+    jumps = [command for command in commands if command.gait is Gait.JUMPING]
+    assert len(jumps) * DT == pytest.approx(JUMPS, abs=2 * DT) and commands[-1] == STAND
+    assert {command.h for command in jumps} == {hop.h} and jumps[-1].v_y == 0.0
+    # The other leg hops after jumps and a stand, and jumps go on without a stand.
+    for other, gaits in ((gait.mirrored(), [Gait.JUMPING, Gait.STANDING, gait.mirrored()]), (Gait.JUMPING, [2])):
+        braking = Braking()
+        braking(hop, moving(state, 0.0), DT)
+        asked = dataclasses.replace(hop, gait=other)
+        commands = [braking(asked, moving(state, 0.0), DT) for _ in range(150)]
+        assert list(dict.fromkeys(command.gait for command in commands)) == gaits and commands[-1] == asked
 
 
 def test_an_unknown_velocity_is_waited_for_for_a_stride(state):
@@ -75,6 +108,42 @@ def test_a_robot_that_never_seems_slow_stands_in_the_end(state):
     braking(WALK, moving(state, 1.0), DT)
     commands = stop(braking, moving(state, 1.0), 1.0 + LONGEST + 0.1)
     assert commands[-1] == STAND and commands[-10].gait is Gait.WALKING
+
+
+SCRIPTS = {
+    "a walk, then leaning jumps": (
+        "learned",
+        Command(v_x=1.05, gait=Gait.WALKING),
+        Command(p=0.38, gait=Gait.JUMPING),
+    ),
+    "hops, then a stand": ("learned", Command(gait=Gait.HOPPING_LEFT), Command()),
+    "hops, then the other leg": (
+        "learned",
+        Command(h=-0.11, gait=Gait.HOPPING_RIGHT),
+        Command(omega=-0.22, gait=Gait.HOPPING_LEFT),
+    ),
+    "fast high steps at once": ("qp", Command(v_x=1.18, f=2.62, l=0.32, w=0.74, gait=Gait.WALKING), None),
+    "a hop that is lowered and turns": (
+        "qp",
+        Command(gait=Gait.HOPPING_LEFT),
+        Command(h=-0.18, omega=0.34, gait=Gait.HOPPING_LEFT),
+    ),
+    "leaning jumps, then a walk": (
+        "qp",
+        Command(v_x=-0.24, omega=0.17, p=0.18, gait=Gait.JUMPING),
+        Command(f=2.89, w=-0.5, gait=Gait.WALKING),
+    ),
+    "jumps that are too fast": ("qp", Command(v_x=1.88, gait=Gait.JUMPING), None),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_it_stays_up_where_a_command_at_once_made_it_fall(name):
+    controller, first, then = SCRIPTS[name]
+    source = Schedule((Knot(0.0, first), Knot(2.0, then or first)))
+    for seed in (100, 101, 103):
+        assert not rollout(controller, source, Simulation(seed=seed), duration=5.0).fell
 
 
 class WalkThenStand:

@@ -3,6 +3,8 @@
 The paper studies pairs of commands; this experiment covers the whole space. In each episode, every command is drawn
 independently and uniformly from its finishing range. The errors stand beside those of single commands: a controller may
 follow each command alone and not their combinations. Episodes with a fall are left out of both and counted.
+
+With `changing`, gait and commands also jump or ramp to others every few seconds; these episodes count falls only.
 """
 
 import itertools
@@ -10,8 +12,9 @@ import itertools
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, sample_all
+from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command, sample_all
 from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
@@ -19,11 +22,12 @@ from hugwbc.evaluation.experiments.single_command import EXPERIMENT as SINGLE_CO
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known, wilson_of
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name
-from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.gait import Gait
 from hugwbc.settings import Count, settings
 
 PARTS = ("low", "middle", "high")  # thirds of a command's range
+SEGMENT = (1.0, 5.0)  # [s], shortest and longest time between two changes
 _LISTED_PAIRS = 10
 
 
@@ -32,17 +36,41 @@ class RandomCommandsSettings(CountedSettings):
     """Settings of random-commands."""
 
     episodes: Count = 64  # number of episodes in all
+    changing: bool = False  # change to any gait and other commands every 1 to 5 s, at once or with a ramp
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.changing and self.gait != Gait.WALKING.label:
+            raise ConfigError("changing draws every gait; leave --gait out")
 
 
 def plan(settings: RandomCommandsSettings) -> list[Plan]:
-    """Return an episode for each drawn command."""
+    """Return an episode for each drawn command, or for each drawn schedule of `changing`."""
+    if settings.changing:
+        draws = [(draw, np.random.default_rng((settings.seed, draw))) for draw in range(settings.episodes)]
+        return [Plan(draw, random_schedule(rng, settings.duration)) for draw, rng in draws]
     values = sample_all(settings.gaits[0], np.random.default_rng(settings.seed), settings.episodes)
     return [Plan(draw, Command.from_array(row, settings.gaits[draw % 2])) for draw, row in enumerate(values)]
+
+
+def random_schedule(rng: np.random.Generator, duration: float) -> Schedule:
+    """Draw gaits, times, ramps and commands; a random share of each segment's commands departs from the defaults."""
+    knots, time = [], 0.0
+    while time < duration:
+        gait = Gait(rng.integers(len(Gait)))
+        varied = rng.uniform(size=len(COMMAND_NAMES)) < rng.uniform()
+        values = np.where(varied, sample_all(gait, rng, 1)[0], default_command(gait).array())
+        ramp = rng.choice([0.0, rng.uniform(0.0, SEGMENT[0])]) if knots else 0.0
+        knots.append(Knot(time, Command.from_array(values, gait), float(ramp)))
+        time += rng.uniform(*SEGMENT)
+    return Schedule(tuple(knots))
 
 
 def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan) -> Row:
     """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early."""
     run = simulate(controller, settings, plan)
+    if settings.changing:
+        return {"gait": Gait(int(run.trace.gait[-1])).label, **ending(run.trace)}
     errors = metrics.tracking_errors(run.trace, settings.settle)
     feet = [name for name in ("f", "l") if name in sampled_commands(run.command.gait)]
     errors |= {name: episode_error(run.trace, name, settings.settle) for name in feet}
@@ -62,6 +90,8 @@ def figures(settings: RandomCommandsSettings, rows: pl.DataFrame, single: pl.Dat
         rows: rows of the episodes.
         single: stored rows of single commands with the same settings, if there are any.
     """
+    if settings.changing:
+        return [falls_figure("Changing gaits and commands", rows["fell"])]
     table, found = f"All commands at once, {settings.gait}", []
     errors: dict[str, list[float | None]] = {name: [] for name in ERROR_UNITS}
     for row in rows.filter(~pl.col("fell")).iter_rows(named=True):

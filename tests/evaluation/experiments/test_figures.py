@@ -1,11 +1,13 @@
 """Figures of rows that are known by hand."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
 from hugwbc.commands import command_ranges
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.experiment import frame_of
 from hugwbc.evaluation.experiments import (
@@ -92,6 +94,21 @@ def test_random_commands_beside_those_alone_and_where_the_falls_are():
     assert found["E_vx_low"].value == 0.2 and "E_vx_high" not in found, "its episode fell"
     assert found["v_x high"].value == 100.0 and "v_x low" not in found and found["v_x high, v_y high"].value == 100.0
     assert len([name for name in found if "," in name and "alone" not in name]) == 10
+
+
+def test_random_scripts_reach_every_change_of_gait_within_the_ranges():
+    settings = random_commands.RandomCommandsSettings(changing=True, episodes=60, duration=12.0)
+    plans, changes, ramps = random_commands.plan(settings), set(), []
+    for plan in plans:
+        knots = plan.commands.knots
+        changes |= {(before.command.gait, after.command.gait) for before, after in itertools.pairwise(knots)}
+        ramps += [knot.ramp for knot in knots[1:]]
+        assert all(knot.command.validate() for knot in knots)
+        assert all(1.0 <= after.time - before.time <= 5.0 for before, after in itertools.pairwise(knots))
+    assert len(changes) == len(Gait) ** 2 and 0.3 < np.mean(np.array(ramps) == 0.0) < 0.7
+    assert plans[7] == random_commands.plan(dataclasses.replace(settings, episodes=8))[7], "one can be run again"
+    with pytest.raises(ConfigError, match="leave --gait out"):
+        random_commands.RandomCommandsSettings(changing=True, gait="jumping")
 
 
 def test_a_search_of_forces_is_that_of_its_rows():
