@@ -21,6 +21,7 @@ _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
 _NOTABLE = 0.005  # [m], change of h or l from which on it is reported
 _SETTLING_STEPS, _SETTLING_LEAPS = 3, 1  # number after a change of command that the velocity trim ignores
+_HELD, _SLOWEST_HELD = 0.8, 0.08  # share of a velocity that a held robot lacks, from which velocity on [m/s]
 
 
 class SmoothCommand(NamedTuple):
@@ -213,7 +214,7 @@ class VelocityTrim:
     The pelvis sways within a step, so the error is averaged over two steps before it is integrated. A step during which
     the command changes does not count: the robot lags then, and a correction would overshoot. Small changes, as of a
     command given by hand or one that steers by the robot's position, do not count as a change: such a command never
-    rests.
+    rests. Nor does a step of a robot that something holds or pushes back: once free, it would run past its goal.
 
     Attributes:
         value: correction of v_x and v_y, heading frame [m/s], shape (2,).
@@ -264,16 +265,22 @@ class VelocityTrim:
         # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
         ignored = _SETTLING_LEAPS if leap else _SETTLING_STEPS
         self._settling = ignored if self._changed else max(self._settling - 1, 0)
-        error = np.clip(np.array(self._sum) / self._time, -self._bound, self._bound)
+        error = np.array(self._sum) / self._time
         if self._settling:
             self._previous = None
             self._clear()
             return
-        if self._previous is not None:
-            step = self._gain * (2 if leap else 1) * 0.5 * (error + self._previous)
+        if self._previous is not None and not self._held(0.5 * (error + self._previous)):
+            both = np.clip([error, self._previous], -self._bound, self._bound)
+            step = self._gain * (2 if leap else 1) * 0.5 * both.sum(axis=0)
             self.value = np.clip(self.value + step, -self._limit, self._limit)
         self._previous = error
         self._clear()
+
+    def _held(self, error: np.ndarray) -> bool:
+        """Return whether a mean error of the velocity [m/s], shape (2,), is about all that was commanded, or more."""
+        speed = math.hypot(*self._wanted)
+        return speed > _SLOWEST_HELD and float(error @ self._wanted) > _HELD * speed**2
 
 
 def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:
