@@ -206,10 +206,10 @@ class _Walk:
     """A walk to a goal, which turns to its heading, and stands.
 
     The velocity falls with the distance. Controllers do not walk exactly as fast as they are told; the difference, as
-    the estimate knows it, is learnt and added to the command, but not while something holds the robot. A pelvis sways
-    from foot to foot. Standing begins when the mean of a stride is near the goal, at a moment in which the sway carries
-    the robot there. Where it then stands outside of the tolerances, it walks again, and aims off by what the last steps
-    before a stand have moved it so far: a learned policy puts its feet up to 5 cm ahead.
+    the estimate knows it, is learnt and added to the command, but does not grow while something holds the robot. A
+    pelvis sways from foot to foot. Standing begins when the mean of a stride is near the goal, at a moment in which the
+    sway carries the robot there. Where it then stands outside of the tolerances, it walks again, and aims off by what
+    the last steps before a stand have moved it so far: a learned policy puts its feet up to 5 cm ahead.
 
     Attributes:
         goal: returns the goal as it is known now.
@@ -290,9 +290,9 @@ class _Walk:
             wanted, walked = view.last.command.array()[:3] - bias, _walked(view)
             held = _held(*pace(time, np.array([wanted, walked])))
             free = free if held else max(free, time)
-            if time <= free:
-                bias[:] = np.clip(bias + share * (wanted - walked), -_MOST_BIAS, _MOST_BIAS)
-            elif time - free > _STUCK:
+            most = _MOST_BIAS if time <= free else np.abs(bias)
+            bias[:] = np.clip(bias + share * (wanted - walked), -most, most)
+            if time - free > _STUCK:
                 raise Failure(f"stuck: has not {held}; {self.progress}")
 
     def _velocity(self, error: np.ndarray) -> np.ndarray:

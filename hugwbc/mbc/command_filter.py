@@ -214,7 +214,8 @@ class VelocityTrim:
     The pelvis sways within a step, so the error is averaged over two steps before it is integrated. A step during which
     the command changes does not count: the robot lags then, and a correction would overshoot. Small changes, as of a
     command given by hand or one that steers by the robot's position, do not count as a change: such a command never
-    rests. Nor does a step of a robot that something holds or pushes back: once free, it would run past its goal.
+    rests. Nor does the correction grow while something holds the robot or pushes it back: once free, it would run past
+    its goal.
 
     Attributes:
         value: correction of v_x and v_y, heading frame [m/s], shape (2,).
@@ -270,17 +271,18 @@ class VelocityTrim:
             self._previous = None
             self._clear()
             return
-        if self._previous is not None and not self._held(0.5 * (error + self._previous)):
+        if self._previous is not None:
             both = np.clip([error, self._previous], -self._bound, self._bound)
             step = self._gain * (2 if leap else 1) * 0.5 * both.sum(axis=0)
-            self.value = np.clip(self.value + step, -self._limit, self._limit)
+            most = np.abs(self.value) if self._held(0.5 * (error + self._previous)) else self._limit
+            self.value = np.clip(self.value + step, -most, most)
         self._previous = error
         self._clear()
 
     def _held(self, error: np.ndarray) -> bool:
         """Return whether a mean error of the velocity [m/s], shape (2,), is about all that was commanded, or more."""
-        speed = math.hypot(*self._wanted)
-        return speed > _SLOWEST_HELD and float(error @ self._wanted) > _HELD * speed**2
+        wanted = np.array(self._wanted)
+        return float(wanted @ wanted) > _SLOWEST_HELD**2 and float((error - _HELD * wanted) @ wanted) > 0.0
 
 
 def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:
