@@ -10,13 +10,15 @@ from hugwbc.commands import COMMAND_UNITS
 from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table
+from hugwbc.gait import Gait
 from hugwbc.runtime.rollout import rollout
-from hugwbc.runtime.trace import Trace
+from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import Script
 from hugwbc.settings import check_each_once
 from hugwbc.sim import Arena, Scene
 from hugwbc.tasks import Task, TaskRun, run_task
+from hugwbc.tasks.verdict import outcome
 from hugwbc.upper_ik import UpperBodySource
 
 Progress = Callable[[float], object]
@@ -96,7 +98,8 @@ def compare(
             )
         )
         if on_end is not None and isinstance(source, BehaviourSource):
-            on_end(controller.name, source.ending)
+            told, place = traces[-1].gait == Gait.STANDING, traces[-1].qpos[:, :2]
+            on_end(controller.name, outcome(source, told, place, RECORD_PERIOD)[1])
     return traces
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Scene, Simulation
@@ -44,6 +45,7 @@ class TaskRecord:
         hand_force: force on each hand from outside in the world [N], shape (T, 2, 3).
         poses: position [m] and quaternion of each body of the scene by its name, shape (T, 7) each.
         travel: way of each thing with a joint from its rest [m or rad] by its name, shape (T,) each.
+        standing: whether the robot was told to stand, shape (T,); False where nothing tells.
         held: number of the object that the idealised gripper of each hand holds, its place in `Scene.body_names`;
             -1 for none. Shape (T, 2).
         touched: time of the first contact between a part of the robot and a body of the scene [s], by their names.
@@ -61,6 +63,7 @@ class TaskRecord:
     hand_force: np.ndarray
     poses: Mapping[str, np.ndarray]
     travel: Mapping[str, np.ndarray]
+    standing: np.ndarray
     held: np.ndarray
     touched: Mapping[tuple[str, str], float]
     depth: Mapping[str, float]
@@ -151,8 +154,8 @@ class TaskWatch:
             if link in _HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
 
-    def sample(self, time: float) -> None:
-        """Take a sample at a time since the start of the episode [s], if one is due."""
+    def sample(self, time: float, gait: int | None = None) -> None:
+        """Take a sample at a time since the start of the episode [s], if one is due; `gait` is the commanded one."""
         if time < self._count * RECORD_PERIOD - _ROUNDING:
             return
         self._count += 1
@@ -166,6 +169,7 @@ class TaskWatch:
             "hand_force": np.zeros((2, 3)) if force is None else force.copy(),
             "poses": simulation.objects.poses,
             "travel": np.array([simulation.objects[name].travel or 0.0 for name in self._jointed]),
+            "standing": np.array(gait == Gait.STANDING),
             "held": np.array([-1 if name is None else names.index(name) for name in held]),
         }
         for name, value in row.items():

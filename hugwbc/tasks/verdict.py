@@ -1,14 +1,18 @@
 """Verdicts on an episode: success, or the first milestone that was missed, and a score between 0 and 1."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hugwbc.behaviours import BehaviourSource, Status
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.tasks.record import TaskRecord
 
 FELL = "the robot fell"
+SETTLED = 1.0  # [s] of standing after which a robot has come to rest
+FARTHEST, FASTEST = 0.3, 0.25  # [m] told to stand, [m/s] at the end: twice what any good run of the suite does
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +55,8 @@ class Verdict:
 def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     """Return the verdict on an episode from its milestones, in the order in which they are due.
 
-    A fall is a failure even after the last milestone. So is an object that left the world, or physics that diverged.
+    A fall is a failure even after the last milestone. So is an object that left the world, physics that diverged, or a
+    robot that runs away.
 
     Args:
         record: the episode.
@@ -71,7 +76,42 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
         return Verdict(False, problem, "; ".join(record.problems), min(score, 0.99))
     if record.fell:
         return Verdict(False, FELL, f"{reason or 'at the end'}; {detail}".rstrip("; "), min(score, 0.99))
-    return Verdict(not reason, reason, detail if reason else "", score)
+    if reason:
+        return Verdict(False, reason, detail, score)
+    drift, speed = stillness(record.standing, record.pelvis[:, :2])
+    if away := runs_away(drift, speed):
+        return Verdict(False, away, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end", 0.99)
+    return Verdict(True, "", "", 1.0)
+
+
+def stillness(standing: np.ndarray, place: np.ndarray, period: float = RECORD_PERIOD) -> tuple[float, float]:
+    """Return how far a settled robot that is told to stand goes away at most [m], and its speed at the end [m/s].
+
+    Args:
+        standing: whether it is told to stand, shape (T,).
+        place: of the pelvis in the world [m], shape (T, 2).
+        period: time between two samples [s].
+    """
+    farthest, stood, rest = 0.0, 0, place[0].tolist()
+    for told, at in zip(standing.tolist(), place.tolist(), strict=True):
+        stood = stood + 1 if told else 0
+        rest = at if stood * period <= SETTLED else rest
+        farthest = max(farthest, math.dist(at, rest))
+    last = place[-1 - round(0.2 / period) :]
+    return farthest, math.dist(last[0], last[-1]) / (max(len(last) - 1, 1) * period)
+
+
+def runs_away(drift: float, speed: float) -> str:
+    """Return why a robot with this `stillness` has not done its task; empty for one that keeps still."""
+    if drift > FARTHEST:
+        return "the robot moved while told to stand"
+    return "the robot did not come to rest" if speed > FASTEST else ""
+
+
+def outcome(source: BehaviourSource, standing: np.ndarray, place: np.ndarray, period: float) -> tuple[bool, str]:
+    """Return whether a behaviour was done, and how it ended; the other arguments are those of `stillness`."""
+    away = runs_away(*stillness(standing, place, period)) if source.status is Status.SUCCESS else ""
+    return source.status is Status.SUCCESS and not away, f"not done: {away}" if away else source.ending
 
 
 def _share(value: float) -> float:

@@ -1,8 +1,10 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from hugwbc.tasks import Ending, Milestone
-from hugwbc.tasks.verdict import FELL, at_end, judged, longest, within
+from hugwbc.tasks.verdict import FARTHEST, FASTEST, FELL, SETTLED, at_end, judged, longest, stillness, within
 
 HALF = Milestone("half of it is missing", lambda record: 0.5)
 DONE = Milestone("never missing", lambda record: 1.0)
@@ -56,3 +58,42 @@ def test_the_longest_time_is_that_without_a_break():
 def test_the_end_is_the_mean_of_the_last_samples():
     values = np.concatenate((np.zeros(90), np.ones(10)))
     assert at_end(values) == 1.0
+
+
+def _walk(record, begin, speed, told):
+    """Let the pelvis move from a time on [s] at a speed [m/s]; the robot is told to stand where `told` says so."""
+    pelvis = record.pelvis.copy()
+    pelvis[:, 0] = np.maximum(record.time - begin, 0.0) * speed
+    return dataclasses.replace(record, pelvis=pelvis, standing=told(record.time))
+
+
+def test_a_robot_that_runs_away_while_told_to_stand_has_not_done_its_task(made_up):
+    """1.04 m back in 1.3 s, as the QP once did when its hands let go of a box."""
+    ran = _walk(made_up("push_cart"), 18.7, -0.8, lambda time: time > 10.0)
+    verdict = judged(ran, (DONE,))
+    assert not verdict.success and verdict.reason == "the robot moved while told to stand" and verdict.score == 0.99
+    assert verdict.detail == "1.02 m told to stand, 0.80 m/s at the end"
+    assert judged(ran, (HALF,)).reason == "half of it is missing"
+
+
+def test_a_robot_that_still_walks_at_the_end_has_not_done_its_task(made_up):
+    walks = _walk(made_up("push_cart"), 0.0, 1.2 * FASTEST, lambda time: time < 0.0)
+    assert judged(walks, (DONE,)).reason == "the robot did not come to rest"
+
+
+def test_a_robot_may_step_out_and_sway_when_it_is_told_to_stand(made_up):
+    told = lambda time: time > 10.0  # noqa: E731
+    stops = made_up("push_cart")
+    pelvis = stops.pelvis.copy()
+    pelvis[:, 0] = np.minimum(stops.time, 10.0 + 0.9 * SETTLED) * 0.5 + 0.3 * FARTHEST * np.sin(0.5 * stops.time)
+    stops = dataclasses.replace(stops, pelvis=pelvis, standing=told(stops.time))
+    assert judged(stops, (DONE,)).success
+    drift, speed = stillness(stops.standing, pelvis[:, :2])
+    assert 0.0 < drift < FARTHEST and 0.0 < speed < FASTEST
+
+
+def test_a_step_out_of_each_stand_does_not_add_up():
+    time = np.arange(1000) / 50
+    standing = time % 4.0 < 2.0
+    place = np.column_stack((0.1 * np.cumsum(~standing) / 50, np.zeros(1000)))
+    assert stillness(standing, place)[0] == pytest.approx(0.0, abs=0.003)

@@ -3,7 +3,7 @@
 import polars as pl
 
 from hugwbc import extensions
-from hugwbc.behaviours import Behaviour, BehaviourSource, Status, load_behaviour
+from hugwbc.behaviours import Behaviour, BehaviourSource, load_behaviour
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending
@@ -11,9 +11,12 @@ from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
 from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Engine, Scene, load_scene
+from hugwbc.tasks.verdict import outcome
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -61,9 +64,10 @@ def play(
         estimator=conditions.estimator(),
         until=lambda: source.done,
     )
-    success = source.status is Status.SUCCESS and not trace.fell
+    done, how = outcome(source, trace.gait == Gait.STANDING, trace.qpos[:, :2], RECORD_PERIOD)
+    success = done and not trace.fell
     seconds = simulation.time if success else None
-    how = "a fall" if trace.fell else source.ending
+    how = "a fall" if trace.fell else how
     return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation
 
 
