@@ -269,7 +269,7 @@ class _Walk:
                 goal.
         """
         (mean, pace), time = (_OverStride(1.0 / Command().f) for _ in range(2)), view.time
-        free = time + _START  # when it last followed its command
+        free = np.full(2, time + _START)  # when it last walked, and turned, as it was told
         near: float | None = None
         error = self._error(view)
         if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
@@ -287,13 +287,15 @@ class _Walk:
             view = yield Action(command, kept(view), progress=self.progress)
             share = min((view.time - time) / _BIAS_TIME, 1.0)
             time = view.time
-            wanted, walked = view.last.command.array()[:3] - bias, _walked(view)
-            held = _held(*pace(time, np.array([wanted, walked])))
-            free = free if held else max(free, time)
-            most = _MOST_BIAS if time <= free else np.abs(bias)
-            bias[:] = np.clip(bias + share * (wanted - walked), -most, most)
-            if time - free > _STUCK:
-                raise Failure(f"stuck: has not {held}; {self.progress}")
+            asked, walked = view.last.command.array()[:3], _walked(view)
+            told, held = _held(*pace(time, np.array([asked - bias, walked])))
+            free = np.where(held, free, np.maximum(free, time))
+            most = np.where((time > free)[[0, 0, 1]], np.abs(bias), _MOST_BIAS)
+            bias[:] = np.clip(bias + share * (asked - bias - walked), -most, most)
+            if told.any() and (time - free[told] > _STUCK).all():
+                speed = f"{math.hypot(asked[0], asked[1]):.1f} m/s" if told[0] else f"{abs(asked[2]):.1f} rad/s"
+                words = f"{'moved' if told[0] else 'turned'} for {_STUCK:g} s while commanded {speed}"
+                raise Failure(f"stuck: has not {words}; {self.progress}")
 
     def _velocity(self, error: np.ndarray) -> np.ndarray:
         """Return the velocity [m/s, m/s, rad/s] for a way that is left, shape (3,)."""
@@ -340,18 +342,15 @@ def _walked(view: View) -> np.ndarray:
     return np.array([velocity[0], velocity[1], rate])
 
 
-def _held(wanted: np.ndarray, walked: np.ndarray) -> str:
-    """Return what a robot that is held or pushed does not do; empty if it follows its velocity or its yaw rate.
+def _held(wanted: np.ndarray, walked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether it is told to walk and to turn, shape (2,), and whether something holds it or pushes it back.
 
-    Both are means of a stride, shape (3,).
+    The arguments are means of a stride of the velocity in the heading frame and of the yaw rate, shape (3,).
     """
-    speed, rate = math.hypot(wanted[0], wanted[1]), abs(float(wanted[2]))
-    told = np.array([speed, rate]) > _SLOWEST_HELD
-    follows = told & (np.array([walked[:2] @ wanted[:2], walked[2] * wanted[2]]) > _HELD * np.square([speed, rate]))
-    if follows.any() or not told.any():
-        return ""
-    what, pace = ("moved", f"{speed:.1f} m/s") if told[0] else ("turned", f"{rate:.1f} rad/s")
-    return f"{what} for {_STUCK:g} s while commanded {pace}"
+    asked = np.array([math.hypot(wanted[0], wanted[1]), abs(wanted[2])])
+    along = np.array([walked[:2] @ wanted[:2], walked[2] * wanted[2]])
+    told = asked > _SLOWEST_HELD
+    return told, told & (along < _HELD * asked**2)
 
 
 class _OverStride:

@@ -119,7 +119,7 @@ def run(words: Sequence[str]) -> int:
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
     draw = None if viewer == "none" else open_view(controller.name, scene=simulation.scene, tell=say)
     behaviour = source if isinstance(source, BehaviourSource) else None
-    told, place = [], []
+    gaits, places = [], []
     score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
 
     def ended() -> bool:
@@ -127,10 +127,10 @@ def run(words: Sequence[str]) -> int:
             hands = np.stack([simulation.hand_position(side) for side in SIDES])
             score.watch(simulation.time, simulation.state(), hands)
         if simulation.time <= loop.period:  # a robot that fell stands up where it started
-            told.clear()
-            place.clear()
-        told.append(loop.safe.command.gait is Gait.STANDING)
-        place.append(simulation.qpos[:2])
+            gaits.clear()
+            places.clear()
+        gaits.append(loop.safe.command.gait)
+        places.append(simulation.qpos)
         return behaviour is not None and behaviour.done
 
     run_live(loop, duration, draw, until=ended, tell=say)
@@ -138,7 +138,7 @@ def run(words: Sequence[str]) -> int:
         say(line)
     done = True
     if behaviour is not None:
-        done, words = outcome(behaviour, np.array(told), np.array(place), loop.period)
+        done, words = outcome(behaviour, np.array(gaits), np.array(places), loop.period)
         say(f"{options.script}: {words}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")

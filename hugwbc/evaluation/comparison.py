@@ -10,9 +10,8 @@ from hugwbc.commands import COMMAND_UNITS
 from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table
-from hugwbc.gait import Gait
 from hugwbc.runtime.rollout import rollout
-from hugwbc.runtime.trace import RECORD_PERIOD, Trace
+from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import Script
 from hugwbc.settings import check_each_once
@@ -98,8 +97,7 @@ def compare(
             )
         )
         if on_end is not None and isinstance(source, BehaviourSource):
-            told, place = traces[-1].gait == Gait.STANDING, traces[-1].qpos[:, :2]
-            on_end(controller.name, outcome(source, told, place, RECORD_PERIOD)[1])
+            on_end(controller.name, outcome(source, traces[-1].gait, traces[-1].qpos)[1])
     return traces
 
 

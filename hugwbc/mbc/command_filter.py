@@ -274,15 +274,12 @@ class VelocityTrim:
         if self._previous is not None:
             both = np.clip([error, self._previous], -self._bound, self._bound)
             step = self._gain * (2 if leap else 1) * 0.5 * both.sum(axis=0)
-            most = np.abs(self.value) if self._held(0.5 * (error + self._previous)) else self._limit
+            wanted, lack = np.array(self._wanted), 0.5 * (error + self._previous)
+            held = wanted @ wanted > _SLOWEST_HELD**2 and (lack - _HELD * wanted) @ wanted > 0.0
+            most = np.abs(self.value) if held else self._limit
             self.value = np.clip(self.value + step, -most, most)
         self._previous = error
         self._clear()
-
-    def _held(self, error: np.ndarray) -> bool:
-        """Return whether a mean error of the velocity [m/s], shape (2,), is about all that was commanded, or more."""
-        wanted = np.array(self._wanted)
-        return float(wanted @ wanted) > _SLOWEST_HELD**2 and float((error - _HELD * wanted) @ wanted) > 0.0
 
 
 def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:

@@ -7,7 +7,6 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
-from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Scene, Simulation
@@ -45,7 +44,7 @@ class TaskRecord:
         hand_force: force on each hand from outside in the world [N], shape (T, 2, 3).
         poses: position [m] and quaternion of each body of the scene by its name, shape (T, 7) each.
         travel: way of each thing with a joint from its rest [m or rad] by its name, shape (T,) each.
-        standing: whether the robot was told to stand, shape (T,); False where nothing tells.
+        gait: values of `Gait`, as commanded, shape (T,); -1 where nothing tells.
         held: number of the object that the idealised gripper of each hand holds, its place in `Scene.body_names`;
             -1 for none. Shape (T, 2).
         touched: time of the first contact between a part of the robot and a body of the scene [s], by their names.
@@ -63,7 +62,7 @@ class TaskRecord:
     hand_force: np.ndarray
     poses: Mapping[str, np.ndarray]
     travel: Mapping[str, np.ndarray]
-    standing: np.ndarray
+    gait: np.ndarray
     held: np.ndarray
     touched: Mapping[tuple[str, str], float]
     depth: Mapping[str, float]
@@ -154,8 +153,8 @@ class TaskWatch:
             if link in _HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
 
-    def sample(self, time: float, gait: int | None = None) -> None:
-        """Take a sample at a time since the start of the episode [s], if one is due; `gait` is the commanded one."""
+    def sample(self, time: float, gait: int = -1) -> None:
+        """Take a sample at a time since the start of the episode [s], if one is due; `gait` is what is commanded."""
         if time < self._count * RECORD_PERIOD - _ROUNDING:
             return
         self._count += 1
@@ -169,7 +168,7 @@ class TaskWatch:
             "hand_force": np.zeros((2, 3)) if force is None else force.copy(),
             "poses": simulation.objects.poses,
             "travel": np.array([simulation.objects[name].travel or 0.0 for name in self._jointed]),
-            "standing": np.array(gait == Gait.STANDING),
+            "gait": np.array(gait),
             "held": np.array([-1 if name is None else names.index(name) for name in held]),
         }
         for name, value in row.items():

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hugwbc.behaviours import BehaviourSource, Status
+from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.tasks.record import TaskRecord
 
@@ -78,23 +79,24 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
         return Verdict(False, FELL, f"{reason or 'at the end'}; {detail}".rstrip("; "), min(score, 0.99))
     if reason:
         return Verdict(False, reason, detail, score)
-    drift, speed = stillness(record.standing, record.pelvis[:, :2])
+    drift, speed = stillness(record.gait, record.pelvis)
     if away := runs_away(drift, speed):
         return Verdict(False, away, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end", 0.99)
     return Verdict(True, "", "", 1.0)
 
 
-def stillness(standing: np.ndarray, place: np.ndarray, period: float = RECORD_PERIOD) -> tuple[float, float]:
+def stillness(gait: np.ndarray, pelvis: np.ndarray, period: float = RECORD_PERIOD) -> tuple[float, float]:
     """Return how far a settled robot that is told to stand goes away at most [m], and its speed at the end [m/s].
 
     Args:
-        standing: whether it is told to stand, shape (T,).
-        place: of the pelvis in the world [m], shape (T, 2).
+        gait: values of `Gait`, as commanded, shape (T,).
+        pelvis: place in the world [m], and perhaps more, shape (T, 2 or more).
         period: time between two samples [s].
     """
-    farthest, stood, rest = 0.0, 0, place[0].tolist()
-    for told, at in zip(standing.tolist(), place.tolist(), strict=True):
-        stood = stood + 1 if told else 0
+    place = pelvis[:, :2].tolist()
+    farthest, stood, rest = 0.0, 0, place[0]
+    for told, at in zip(gait.tolist(), place, strict=True):
+        stood = stood + 1 if told == Gait.STANDING else 0
         rest = at if stood * period <= SETTLED else rest
         farthest = max(farthest, math.dist(at, rest))
     last = place[-1 - round(0.2 / period) :]
@@ -108,9 +110,9 @@ def runs_away(drift: float, speed: float) -> str:
     return "the robot did not come to rest" if speed > FASTEST else ""
 
 
-def outcome(source: BehaviourSource, standing: np.ndarray, place: np.ndarray, period: float) -> tuple[bool, str]:
+def outcome(source: BehaviourSource, gait: np.ndarray, pelvis: np.ndarray, *period: float) -> tuple[bool, str]:
     """Return whether a behaviour was done, and how it ended; the other arguments are those of `stillness`."""
-    away = runs_away(*stillness(standing, place, period)) if source.status is Status.SUCCESS else ""
+    away = runs_away(*stillness(gait, pelvis, *period)) if source.status is Status.SUCCESS else ""
     return source.status is Status.SUCCESS and not away, f"not done: {away}" if away else source.ending
 
 

@@ -62,10 +62,10 @@ def test_a_walk_that_was_held_does_not_pass_its_goal() -> None:
 @pytest.mark.parametrize("times", [(2.5, 60.0), (0.0, 60.0)])
 def test_a_walk_against_a_wall_ends_with_the_words_stuck(times: tuple[float, float]) -> None:
     walk, _, end = _held(lambda view: walk_to(view, (1.0, 0.0), 0.0, speed=0.2), times)
-    assert walk.reason.startswith("walk to: stuck: has not moved for 3 s while commanded 0.2 m/s; ")
+    assert walk.reason.startswith("walk to: stuck: has not moved for 3 s while commanded ")
     assert end < 6.0, "not the timeout of 45 s"
 
 
 def test_a_turn_that_is_held_ends_with_the_words_stuck() -> None:
-    walk, _, end = _held(lambda view: face(view, yaw=2.0), (1.0, 60.0))
-    assert walk.reason.startswith("face: stuck: has not turned for 3 s while commanded 0.6 rad/s; ") and end < 6.0
+    walk, _, end = _held(lambda view: face(view, yaw=2.0), (2.2, 60.0))
+    assert walk.reason.startswith("face: stuck: has not turned for 3 s while commanded ") and end < 7.0

@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hugwbc.gait import Gait
 from hugwbc.tasks import Ending, Milestone
 from hugwbc.tasks.verdict import FARTHEST, FASTEST, FELL, SETTLED, at_end, judged, longest, stillness, within
 
@@ -64,7 +65,7 @@ def _walk(record, begin, speed, told):
     """Let the pelvis move from a time on [s] at a speed [m/s]; the robot is told to stand where `told` says so."""
     pelvis = record.pelvis.copy()
     pelvis[:, 0] = np.maximum(record.time - begin, 0.0) * speed
-    return dataclasses.replace(record, pelvis=pelvis, standing=told(record.time))
+    return dataclasses.replace(record, pelvis=pelvis, gait=np.where(told(record.time), Gait.STANDING, Gait.WALKING))
 
 
 def test_a_robot_that_runs_away_while_told_to_stand_has_not_done_its_task(made_up):
@@ -86,14 +87,14 @@ def test_a_robot_may_step_out_and_sway_when_it_is_told_to_stand(made_up):
     stops = made_up("push_cart")
     pelvis = stops.pelvis.copy()
     pelvis[:, 0] = np.minimum(stops.time, 10.0 + 0.9 * SETTLED) * 0.5 + 0.3 * FARTHEST * np.sin(0.5 * stops.time)
-    stops = dataclasses.replace(stops, pelvis=pelvis, standing=told(stops.time))
+    stops = dataclasses.replace(stops, pelvis=pelvis, gait=np.where(told(stops.time), Gait.STANDING, Gait.WALKING))
     assert judged(stops, (DONE,)).success
-    drift, speed = stillness(stops.standing, pelvis[:, :2])
+    drift, speed = stillness(stops.gait, pelvis)
     assert 0.0 < drift < FARTHEST and 0.0 < speed < FASTEST
 
 
 def test_a_step_out_of_each_stand_does_not_add_up():
     time = np.arange(1000) / 50
-    standing = time % 4.0 < 2.0
-    place = np.column_stack((0.1 * np.cumsum(~standing) / 50, np.zeros(1000)))
-    assert stillness(standing, place)[0] == pytest.approx(0.0, abs=0.003)
+    stands = time % 4.0 < 2.0
+    place = np.column_stack((0.1 * np.cumsum(~stands) / 50, np.zeros(1000)))
+    assert stillness(np.where(stands, Gait.STANDING, Gait.WALKING), place)[0] == pytest.approx(0.0, abs=0.003)

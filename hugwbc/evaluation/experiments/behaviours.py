@@ -11,9 +11,7 @@ from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
-from hugwbc.gait import Gait
 from hugwbc.runtime.rollout import rollout
-from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Engine, Scene, load_scene
 from hugwbc.tasks.verdict import outcome
@@ -64,7 +62,7 @@ def play(
         estimator=conditions.estimator(),
         until=lambda: source.done,
     )
-    done, how = outcome(source, trace.gait == Gait.STANDING, trace.qpos[:, :2], RECORD_PERIOD)
+    done, how = outcome(source, trace.gait, trace.qpos)
     success = done and not trace.fell
     seconds = simulation.time if success else None
     how = "a fall" if trace.fell else how
