@@ -13,7 +13,7 @@ import tyro
 from pydantic import Field
 
 from hugwbc.behaviours import BehaviourSource, load_plan
-from hugwbc.behaviours.source import LONGEST
+from hugwbc.behaviours.source import LONGEST, Status
 from hugwbc.cli.output import parse_settings, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ConfigError, TargetError, needing
@@ -30,7 +30,6 @@ from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, load_task, run_task
-from hugwbc.tasks.verdict import outcome
 from hugwbc.upper_ik import UpperBodySource
 from hugwbc.viz.show import RealTime, at_real_time, open_view, run_live
 
@@ -119,30 +118,22 @@ def run(words: Sequence[str]) -> int:
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
     draw = None if viewer == "none" else open_view(controller.name, scene=simulation.scene, tell=say)
     behaviour = source if isinstance(source, BehaviourSource) else None
-    gaits, places = [], []
     score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
 
     def ended() -> bool:
         if score is not None:
             hands = np.stack([simulation.hand_position(side) for side in SIDES])
             score.watch(simulation.time, simulation.state(), hands)
-        if simulation.time <= loop.period:  # a robot that fell stands up where it started
-            gaits.clear()
-            places.clear()
-        gaits.append(loop.safe.command.gait)
-        places.append(simulation.qpos)
         return behaviour is not None and behaviour.done
 
     run_live(loop, duration, draw, until=ended, tell=say)
     for line in [] if score is None else score.lines():
         say(line)
-    done = True
     if behaviour is not None:
-        done, words = outcome(behaviour, np.array(gaits), np.array(places), loop.period)
-        say(f"{options.script}: {words}")
+        say(f"{options.script}: {behaviour.ending}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")
-    return int(not done)
+    return int(behaviour is not None and behaviour.status is not Status.SUCCESS)
 
 
 def _viewer(options: PlayOptions) -> str:

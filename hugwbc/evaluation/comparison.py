@@ -17,7 +17,6 @@ from hugwbc.scripts.script import Script
 from hugwbc.settings import check_each_once
 from hugwbc.sim import Arena, Scene
 from hugwbc.tasks import Task, TaskRun, run_task
-from hugwbc.tasks.verdict import outcome
 from hugwbc.upper_ik import UpperBodySource
 
 Progress = Callable[[float], object]
@@ -97,7 +96,7 @@ def compare(
             )
         )
         if on_end is not None and isinstance(source, BehaviourSource):
-            on_end(controller.name, outcome(source, traces[-1].gait, traces[-1].qpos)[1])
+            on_end(controller.name, source.ending)
     return traces
 
 

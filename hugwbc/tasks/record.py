@@ -1,6 +1,7 @@
 """The record of one episode of a task: the true states of robot and objects, from which a judge decides."""
 
 import dataclasses
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +15,7 @@ from hugwbc.sim.scenes import Thing
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _ROUNDING = 1e-9  # [s]
+_PART = re.compile("_(link)?")  # in the name of a link
 _HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
 
 
@@ -94,6 +96,15 @@ class TaskRecord:
     def touches(self, links: tuple[str, ...], body: str) -> bool:
         """Return whether a part of the robot touched a body of the scene."""
         return any((link, body) in self.touched for link in links)
+
+    @property
+    def bumps(self) -> tuple[str, ...]:
+        """What touched the bodies of the scene beside the hands, such as "the left thigh touched 'box' at 7.2 s"."""
+        return tuple(
+            f"the {_PART.sub(' ', link.replace('hip_pitch', 'thigh')).strip()} touched '{name}' at {t:.1f} s"
+            for (link, name), t in self.touched.items()
+            if link not in _HANDS
+        )
 
     @property
     def gripped(self) -> tuple[str, ...]:

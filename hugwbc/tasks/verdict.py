@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hugwbc.behaviours import BehaviourSource, Status
+from hugwbc.behaviours.source import FARTHEST, RAN_AWAY, SETTLED
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.tasks.record import TaskRecord
 
 FELL = "the robot fell"
-SETTLED = 1.0  # [s] of standing after which a robot has come to rest
-FARTHEST, FASTEST = 0.3, 0.25  # [m] told to stand, [m/s] at the end: twice what any good run of the suite does
+FASTEST = 0.25  # [m/s], of the pelvis at the end
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +70,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
             reason = milestone.missed
             break
     score = reached / len(milestones)
-    detail = record.ending.reason
+    detail = "; ".join(filter(None, (record.ending.reason, *record.bumps)))
     if record.problems:
         problem, _, _ = record.problems[0].partition(" at ")  # without its time
         return Verdict(False, problem, "; ".join(record.problems), min(score, 0.99))
@@ -79,41 +78,23 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
         return Verdict(False, FELL, f"{reason or 'at the end'}; {detail}".rstrip("; "), min(score, 0.99))
     if reason:
         return Verdict(False, reason, detail, score)
-    drift, speed = stillness(record.gait, record.pelvis)
-    if away := runs_away(drift, speed):
-        return Verdict(False, away, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end", 0.99)
+    drift, speed = stillness(record)
+    if drift > FARTHEST or speed > FASTEST:
+        reason = RAN_AWAY if drift > FARTHEST else "the robot did not come to rest"
+        return Verdict(False, reason, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end", 0.99)
     return Verdict(True, "", "", 1.0)
 
 
-def stillness(gait: np.ndarray, pelvis: np.ndarray, period: float = RECORD_PERIOD) -> tuple[float, float]:
-    """Return how far a settled robot that is told to stand goes away at most [m], and its speed at the end [m/s].
-
-    Args:
-        gait: values of `Gait`, as commanded, shape (T,).
-        pelvis: place in the world [m], and perhaps more, shape (T, 2 or more).
-        period: time between two samples [s].
-    """
-    place = pelvis[:, :2].tolist()
+def stillness(record: TaskRecord) -> tuple[float, float]:
+    """Return how far a settled robot that is told to stand goes away at most [m], and its speed at the end [m/s]."""
+    place = record.pelvis[:, :2].tolist()
     farthest, stood, rest = 0.0, 0, place[0]
-    for told, at in zip(gait.tolist(), place, strict=True):
+    for told, at in zip(record.gait.tolist(), place, strict=True):
         stood = stood + 1 if told == Gait.STANDING else 0
-        rest = at if stood * period <= SETTLED else rest
+        rest = at if stood * RECORD_PERIOD <= SETTLED else rest
         farthest = max(farthest, math.dist(at, rest))
-    last = place[-1 - round(0.2 / period) :]
-    return farthest, math.dist(last[0], last[-1]) / (max(len(last) - 1, 1) * period)
-
-
-def runs_away(drift: float, speed: float) -> str:
-    """Return why a robot with this `stillness` has not done its task; empty for one that keeps still."""
-    if drift > FARTHEST:
-        return "the robot moved while told to stand"
-    return "the robot did not come to rest" if speed > FASTEST else ""
-
-
-def outcome(source: BehaviourSource, gait: np.ndarray, pelvis: np.ndarray, *period: float) -> tuple[bool, str]:
-    """Return whether a behaviour was done, and how it ended; the other arguments are those of `stillness`."""
-    away = runs_away(*stillness(gait, pelvis, *period)) if source.status is Status.SUCCESS else ""
-    return source.status is Status.SUCCESS and not away, f"not done: {away}" if away else source.ending
+    last = place[-11:]  # 0.2 s
+    return farthest, math.dist(last[0], last[-1]) / (max(len(last) - 1, 1) * RECORD_PERIOD)
 
 
 def _share(value: float) -> float:

@@ -3,7 +3,7 @@
 import polars as pl
 
 from hugwbc import extensions
-from hugwbc.behaviours import Behaviour, BehaviourSource, load_behaviour
+from hugwbc.behaviours import Behaviour, BehaviourSource, Status, load_behaviour
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending
@@ -14,7 +14,6 @@ from hugwbc.evaluation.plans import Plan
 from hugwbc.runtime.rollout import rollout
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Engine, Scene, load_scene
-from hugwbc.tasks.verdict import outcome
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -62,10 +61,9 @@ def play(
         estimator=conditions.estimator(),
         until=lambda: source.done,
     )
-    done, how = outcome(source, trace.gait, trace.qpos)
-    success = done and not trace.fell
+    success = source.status is Status.SUCCESS and not trace.fell
     seconds = simulation.time if success else None
-    how = "a fall" if trace.fell else how
+    how = "a fall" if trace.fell else source.ending
     return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation
 
 

@@ -60,7 +60,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
     run = run_task(task, controller, simulation, conditions.estimator())
     verdict, record, trace = run.verdict, run.record, run.trace
-    drift, speed = stillness(record.gait, record.pelvis)
+    drift, speed = stillness(record)
     seconds = len(trace.time) * RECORD_PERIOD
     return {
         **ending(trace),
