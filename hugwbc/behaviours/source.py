@@ -17,6 +17,9 @@ ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] a
 BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [rad/s]
 SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
+SETTLED = 1.0  # [s] of standing after which a robot has come to rest
+FARTHEST = 0.3  # [m] that its pelvis may then move, as in a deep crouch, before it is told to walk
+RAN_AWAY = "the robot moved while told to stand"
 LONGEST = 120.0  # [s], after which a behaviour is not played on
 _VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
 _RUN = "; run a step by `view = yield from STEP(view, ...)`, and give `retry` a `partial(STEP, ...)`"
@@ -82,11 +85,16 @@ class BehaviourSource:
         self.view: View | None = None
         self._course: Course | None = None
         self._manners = Manners()
+        self._stood, self._rest, self._drift = 0.0, (0.0, 0.0), 0.0
 
     def see(self, view: View) -> None:
         """Take the view of this tick, and decide on the action. Never raises: an error ends the behaviour."""
         dt = 0.0 if self.view is None else max(view.time - self.view.time, 0.0)
         self.view = dataclasses.replace(view, last=self.action)
+        self._stood = self._stood + dt if self.action.command.gait is Gait.STANDING else 0.0
+        place = view.position[:2].tolist()
+        self._rest = place if self._stood <= SETTLED else self._rest
+        self._drift = max(self._drift, math.dist(place, self._rest))
         action = self.act(self.view)
         hands = action.hands
         if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
@@ -107,6 +115,8 @@ class BehaviourSource:
                 raise Failure(f"it yielded a {type(action).__name__} instead of an Action{_RUN}")
             except StopIteration:
                 self.status = Status.SUCCESS
+                if self._drift > FARTHEST:
+                    self.status, self.reason = Status.FAILURE, f"{RAN_AWAY}, by {self._drift:.2f} m"
             except Failure as failure:
                 self.status, self.reason = Status.FAILURE, str(failure)
             except Exception as error:  # a mistake in a behaviour must not stop the loop

@@ -46,7 +46,9 @@ _SLOW_TIME = 0.6  # [s] near the goal before the robot stands
 _SETTLE_TIME = 1.0  # [s] of standing before it is judged where the robot is
 _HAUL_GAIN = 0.8  # [1/s], speed of a push per distance that is left, and per distance from the line
 _SLOWEST = 0.08  # [m/s], of a push
-_STUCK = 3.0  # [s] in which a pushed object has to move by a centimetre
+_STUCK, _START = 3.0, 2.0  # [s] in which what is walked or pushed has to move, and how much longer at the start
+_SLOWEST_HELD = 0.08, 0.15  # [m/s], [rad/s]; a robot that is told to walk slower may stay behind without being held
+_HELD = 0.2  # share of the wanted velocity below which the mean of a stride is that of a robot which is held
 
 
 class Goal(NamedTuple):
@@ -168,7 +170,7 @@ def _haul(view: View, name: str, distance: float, speed: float, sign: float) -> 
             break
         if moved > far + 0.01:
             far, time = moved, view.time
-        if view.time - time > _STUCK + 2.0 * (far == 0.0):
+        if view.time - time > _STUCK + _START * (far == 0.0):
             raise Failure(f"{progress} and is stuck")
         turn = float(rotations.wrap_angle(yaw - view.state.yaw))
         aside = float((start - view.position) @ axes[:, 1])
@@ -204,10 +206,10 @@ class _Walk:
     """A walk to a goal, which turns to its heading, and stands.
 
     The velocity falls with the distance. Controllers do not walk exactly as fast as they are told; the difference, as
-    the estimate knows it, is learnt and added to the command. A pelvis sways from foot to foot. Standing begins when
-    the mean of a stride is near the goal, at a moment in which the sway carries the robot there. Where it then stands
-    outside of the tolerances, it walks again, and aims off by what the last steps before a stand have moved it so far:
-    a learned policy puts its feet up to 5 cm ahead.
+    the estimate knows it, is learnt and added to the command, but does not grow while something holds the robot. A
+    pelvis sways from foot to foot. Standing begins when the mean of a stride is near the goal, at a moment in which the
+    sway carries the robot there. Where it then stands outside of the tolerances, it walks again, and aims off by what
+    the last steps before a stand have moved it so far: a learned policy puts its feet up to 5 cm ahead.
 
     Attributes:
         goal: returns the goal as it is known now.
@@ -266,7 +268,8 @@ class _Walk:
             ahead: by how much a stop moves the robot, heading frame [m, m, rad], shape (3,); it aims as far before the
                 goal.
         """
-        mean, time = _OverStride(1.0 / Command().f), view.time
+        (mean, pace), time = (_OverStride(1.0 / Command().f) for _ in range(2)), view.time
+        free = np.full(2, time + _START)  # when it last walked, and turned, as it was told
         near: float | None = None
         error = self._error(view)
         if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
@@ -284,8 +287,15 @@ class _Walk:
             view = yield Action(command, kept(view), progress=self.progress)
             share = min((view.time - time) / _BIAS_TIME, 1.0)
             time = view.time
-            missing = view.last.command.array()[:3] - bias - _walked(view)
-            bias[:] = np.clip(bias + share * missing, -_MOST_BIAS, _MOST_BIAS)
+            asked, walked = view.last.command.array()[:3], _walked(view)
+            told, held = _held(*pace(time, np.array([asked - bias, walked])))
+            free = np.where(held, free, np.maximum(free, time))
+            most = np.where((time > free)[[0, 0, 1]], np.abs(bias), _MOST_BIAS)
+            bias[:] = np.clip(bias + share * (asked - bias - walked), -most, most)
+            if told.any() and (time - free[told] > _STUCK).all():
+                speed = f"{math.hypot(asked[0], asked[1]):.1f} m/s" if told[0] else f"{abs(asked[2]):.1f} rad/s"
+                words = f"{'moved' if told[0] else 'turned'} for {_STUCK:g} s while commanded {speed}"
+                raise Failure(f"stuck: has not {words}; {self.progress}")
 
     def _velocity(self, error: np.ndarray) -> np.ndarray:
         """Return the velocity [m/s, m/s, rad/s] for a way that is left, shape (3,)."""
@@ -330,6 +340,17 @@ def _walked(view: View) -> np.ndarray:
     velocity = rotations.rotation_z(-state.yaw) @ state.velocity
     rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
     return np.array([velocity[0], velocity[1], rate])
+
+
+def _held(wanted: np.ndarray, walked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether it is told to walk and to turn, shape (2,), and whether something holds it or pushes it back.
+
+    The arguments are means of a stride of the velocity in the heading frame and of the yaw rate, shape (3,).
+    """
+    asked = np.array([math.hypot(wanted[0], wanted[1]), abs(wanted[2])])
+    along = np.array([walked[:2] @ wanted[:2], walked[2] * wanted[2]])
+    told = asked > _SLOWEST_HELD
+    return told, told & (along < _HELD * asked**2)
 
 
 class _OverStride:

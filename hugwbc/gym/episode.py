@@ -65,7 +65,7 @@ class Episode:
     def _decide(self) -> None:
         """Take the joint command of the next period, and a sample where one is due."""
         self._command = self._loop.decide(self.time)
-        self._watch.sample(self.time)
+        self._watch.sample(self.time, self._loop.safe.command.gait)
 
     def judge(self) -> Verdict:
         """Return the verdict on the episode, as if it ended now."""

@@ -21,6 +21,7 @@ _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
 _NOTABLE = 0.005  # [m], change of h or l from which on it is reported
 _SETTLING_STEPS, _SETTLING_LEAPS = 3, 1  # number after a change of command that the velocity trim ignores
+_HELD, _SLOWEST_HELD = 0.8, 0.08  # share of a velocity that a held robot lacks, from which velocity on [m/s]
 
 
 class SmoothCommand(NamedTuple):
@@ -226,7 +227,8 @@ class VelocityTrim:
     The pelvis sways within a step, so the error is averaged over two steps before it is integrated. A step during which
     the command changes does not count: the robot lags then, and a correction would overshoot. Small changes, as of a
     command given by hand or one that steers by the robot's position, do not count as a change: such a command never
-    rests.
+    rests. Nor does the correction grow while something holds the robot or pushes it back: once free, it would run past
+    its goal.
 
     Attributes:
         value: correction of v_x and v_y, heading frame [m/s], shape (2,).
@@ -277,14 +279,18 @@ class VelocityTrim:
         # A larger error is a push or a start: stepping deals with it, and the integral must not wind up.
         ignored = _SETTLING_LEAPS if leap else _SETTLING_STEPS
         self._settling = ignored if self._changed else max(self._settling - 1, 0)
-        error = np.clip(np.array(self._sum) / self._time, -self._bound, self._bound)
+        error = np.array(self._sum) / self._time
         if self._settling:
             self._previous = None
             self._clear()
             return
         if self._previous is not None:
-            step = self._gain * (2 if leap else 1) * 0.5 * (error + self._previous)
-            self.value = np.clip(self.value + step, -self._limit, self._limit)
+            both = np.clip([error, self._previous], -self._bound, self._bound)
+            step = self._gain * (2 if leap else 1) * 0.5 * both.sum(axis=0)
+            wanted, lack = np.array(self._wanted), 0.5 * (error + self._previous)
+            held = wanted @ wanted > _SLOWEST_HELD**2 and (lack - _HELD * wanted) @ wanted > 0.0
+            most = np.abs(self.value) if held else self._limit
+            self.value = np.clip(self.value + step, -most, most)
         self._previous = error
         self._clear()
 

@@ -22,7 +22,8 @@ class HandLoad:
     nothing counts in a stand: a robot that leans against a force holds a pull, but it presses harder on a post that it
     touches, which pushes back harder, until it falls. Left alone, it gives way to both, and the push of a post
     vanishes. A force that has made the robot step and is still there thereafter is a pull; it counts until it ends, in
-    the stand that follows as well.
+    the stand that follows as well. What a hand meets in that stand besides, such as the table on which it sets down
+    what it has carried, does not.
 
     Forces as small as the friction of the arms' drives are not told apart from none; they fade out.
 
@@ -44,7 +45,7 @@ class HandLoad:
         """Start with free hands."""
         self.force = _NONE
         self._felt, self._mean = np.zeros((2, 2, 3))
-        self._stepped = 0.0
+        self._stepped, self._pull = 0.0, _NONE
 
     def update(self, state: RobotState, upper_body: UpperBody, dt: float, *, stepping: bool) -> None:
         """Take in one state; with forces that are not finite, the last ones stay.
@@ -75,7 +76,10 @@ class HandLoad:
             self._stepped = 0.0
             return
         if stepping:
-            self._stepped = min(self._stepped + dt, _WAIT + _RISE)
+            self._stepped, self._pull = min(self._stepped + dt, _WAIT + _RISE), pull
+        else:
+            along = (pull * self._pull).sum(axis=1, keepdims=True) / np.maximum(_length(self._pull) ** 2, 1e-9)
+            pull = np.minimum(np.maximum(along, 0.0), 1.0) * self._pull
         self.force = self.force + max(self._stepped - _WAIT, 0.0) / _RISE * pull
 
 

@@ -1,6 +1,7 @@
 """The record of one episode of a task: the true states of robot and objects, from which a judge decides."""
 
 import dataclasses
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +15,7 @@ from hugwbc.sim.scenes import Thing
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _ROUNDING = 1e-9  # [s]
+_PART = re.compile("_(link)?")  # in the name of a link
 _HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
 
 
@@ -44,6 +46,7 @@ class TaskRecord:
         hand_force: force on each hand from outside in the world [N], shape (T, 2, 3).
         poses: position [m] and quaternion of each body of the scene by its name, shape (T, 7) each.
         travel: way of each thing with a joint from its rest [m or rad] by its name, shape (T,) each.
+        gait: values of `Gait`, as commanded, shape (T,); -1 where nothing tells.
         held: number of the object that the idealised gripper of each hand holds, its place in `Scene.body_names`;
             -1 for none. Shape (T, 2).
         touched: time of the first contact between a part of the robot and a body of the scene [s], by their names.
@@ -61,6 +64,7 @@ class TaskRecord:
     hand_force: np.ndarray
     poses: Mapping[str, np.ndarray]
     travel: Mapping[str, np.ndarray]
+    gait: np.ndarray
     held: np.ndarray
     touched: Mapping[tuple[str, str], float]
     depth: Mapping[str, float]
@@ -92,6 +96,15 @@ class TaskRecord:
     def touches(self, links: tuple[str, ...], body: str) -> bool:
         """Return whether a part of the robot touched a body of the scene."""
         return any((link, body) in self.touched for link in links)
+
+    @property
+    def bumps(self) -> tuple[str, ...]:
+        """What touched the bodies of the scene beside the hands, such as "the left thigh touched 'box' at 7.2 s"."""
+        return tuple(
+            f"the {_PART.sub(' ', link.replace('hip_pitch', 'thigh')).strip()} touched '{name}' at {t:.1f} s"
+            for (link, name), t in self.touched.items()
+            if link not in _HANDS
+        )
 
     @property
     def gripped(self) -> tuple[str, ...]:
@@ -151,8 +164,8 @@ class TaskWatch:
             if link in _HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
 
-    def sample(self, time: float) -> None:
-        """Take a sample at a time since the start of the episode [s], if one is due."""
+    def sample(self, time: float, gait: int = -1) -> None:
+        """Take a sample at a time since the start of the episode [s], if one is due; `gait` is what is commanded."""
         if time < self._count * RECORD_PERIOD - _ROUNDING:
             return
         self._count += 1
@@ -166,6 +179,7 @@ class TaskWatch:
             "hand_force": np.zeros((2, 3)) if force is None else force.copy(),
             "poses": simulation.objects.poses,
             "travel": np.array([simulation.objects[name].travel or 0.0 for name in self._jointed]),
+            "gait": np.array(gait),
             "held": np.array([-1 if name is None else names.index(name) for name in held]),
         }
         for name, value in row.items():

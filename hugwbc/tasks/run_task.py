@@ -62,7 +62,7 @@ def run_task(
     watch, ended = TaskWatch(simulation), math.inf
 
     def sample(moment: Moment) -> None:
-        watch.sample(simulation.time)
+        watch.sample(simulation.time, moment.gait)
         if on_moment is not None:
             on_moment(moment)
 

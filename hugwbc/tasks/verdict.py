@@ -1,14 +1,18 @@
 """Verdicts on an episode: success, or the first milestone that was missed, and a score between 0 and 1."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hugwbc.behaviours.source import FARTHEST, RAN_AWAY, SETTLED
+from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.tasks.record import TaskRecord
 
 FELL = "the robot fell"
+FASTEST = 0.25  # [m/s], of the pelvis at the end
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +55,8 @@ class Verdict:
 def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     """Return the verdict on an episode from its milestones, in the order in which they are due.
 
-    A fall is a failure even after the last milestone. So is an object that left the world, or physics that diverged.
+    A fall is a failure even after the last milestone. So is an object that left the world, physics that diverged, or a
+    robot that runs away.
 
     Args:
         record: the episode.
@@ -65,13 +70,31 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
             reason = milestone.missed
             break
     score = reached / len(milestones)
-    detail = record.ending.reason
+    detail = "; ".join(filter(None, (record.ending.reason, *record.bumps)))
     if record.problems:
         problem, _, _ = record.problems[0].partition(" at ")  # without its time
         return Verdict(False, problem, "; ".join(record.problems), min(score, 0.99))
     if record.fell:
         return Verdict(False, FELL, f"{reason or 'at the end'}; {detail}".rstrip("; "), min(score, 0.99))
-    return Verdict(not reason, reason, detail if reason else "", score)
+    if reason:
+        return Verdict(False, reason, detail, score)
+    drift, speed = stillness(record)
+    if drift > FARTHEST or speed > FASTEST:
+        reason = RAN_AWAY if drift > FARTHEST else "the robot did not come to rest"
+        return Verdict(False, reason, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end", 0.99)
+    return Verdict(True, "", "", 1.0)
+
+
+def stillness(record: TaskRecord) -> tuple[float, float]:
+    """Return how far a settled robot that is told to stand goes away at most [m], and its speed at the end [m/s]."""
+    place = record.pelvis[:, :2].tolist()
+    farthest, stood, rest = 0.0, 0, place[0]
+    for told, at in zip(record.gait.tolist(), place, strict=True):
+        stood = stood + 1 if told == Gait.STANDING else 0
+        rest = at if stood * RECORD_PERIOD <= SETTLED else rest
+        farthest = max(farthest, math.dist(at, rest))
+    last = place[-11:]  # 0.2 s
+    return farthest, math.dist(last[0], last[-1]) / (max(len(last) - 1, 1) * RECORD_PERIOD)
 
 
 def _share(value: float) -> float:

@@ -5,7 +5,7 @@ import pytest
 from behaviour_helpers import view
 
 from hugwbc.behaviours import Action, BehaviourSource, Failure, Status, retry, wait
-from hugwbc.behaviours.source import ACCELERATION, STEP_OUT
+from hugwbc.behaviours.source import ACCELERATION, FARTHEST, RAN_AWAY, STEP_OUT
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.scripts.command_source import SeeingSource
@@ -102,3 +102,20 @@ def test_numbers_that_are_not_finite_do_not_reach_the_robot() -> None:
             yield Action(Command(v_x=float("nan"), omega=float("inf"), gait=Gait.WALKING))
 
     assert all(np.isfinite(command.array()).all() for command in _played(BehaviourSource(broken), 1.0))
+
+
+@pytest.mark.parametrize(("way", "status"), [(1.04, Status.FAILURE), (0.8 * FARTHEST, Status.SUCCESS)])
+def test_a_behaviour_whose_robot_runs_away_while_told_to_stand_has_failed(way: float, status: Status) -> None:
+    source = BehaviourSource(lambda view: wait(view, 4.0))
+    for time in np.arange(0.0, 4.5, 0.02):
+        source.see(view(time, position=(np.interp(time, [2.0, 3.3], [1.3, 1.3 - way]), 0.0, 0.98)))
+    assert source.status is status
+    assert source.reason == (f"{RAN_AWAY}, by 1.04 m" if status is Status.FAILURE else "")
+
+
+def test_a_walk_is_not_running_away() -> None:
+    source = BehaviourSource(march)
+    for time in np.arange(0.0, 5.0, 0.02):
+        walked = 0.5 * min(time, 2.5)  # it walks, steps out and comes to rest
+        source.see(view(time, position=(walked, 0.0, 0.98)))
+    assert source.status is Status.SUCCESS

@@ -1,10 +1,12 @@
 """Walks of a point that follows its commands, without physics."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from behaviour_helpers import view
 
-from hugwbc.behaviours import BehaviourSource, Status, walk_to
+from hugwbc.behaviours import Behaviour, BehaviourSource, Status, face, walk_to
 from hugwbc.behaviours.walk import POSITION_TOLERANCE
 from hugwbc.gait import Gait
 
@@ -36,3 +38,34 @@ def test_a_walk_aims_off_by_what_a_stop_has_moved_the_robot(jump: tuple[float, f
 
 def test_a_walk_whose_stops_move_nothing_stands_once() -> None:
     assert _walk((0.0, 0.0))[1] == 1
+
+
+def _held(behaviour: Behaviour, times: tuple[float, float]) -> tuple[BehaviourSource, float, float]:
+    """Hold a robot between two times [s]; return its behaviour, the farthest x [m], and the last time [s]."""
+    pose, farthest = np.zeros(3), 0.0
+    now, walk = view(), BehaviourSource(behaviour)
+    while (action := walk.act(now)) and walk.status is Status.RUNNING:
+        speed = action.command.array()[:3] * (not times[0] < now.time < times[1])
+        pose, farthest = pose + DT * speed, max(farthest, pose[0])
+        now = view(now.time + DT, position=(pose[0], pose[1], 0.98), yaw=pose[2], last=action)
+        velocity, rate = np.array([speed[0], speed[1], 0.0]), np.array([0.0, 0.0, speed[2]])
+        now = dataclasses.replace(now, state=dataclasses.replace(now.state, velocity=velocity, angular_velocity=rate))
+    return walk, farthest, now.time
+
+
+def test_a_walk_that_was_held_does_not_pass_its_goal() -> None:
+    walk, farthest, _ = _held(lambda view: walk_to(view, (0.5, 0.0), 0.0, speed=0.1), (2.5, 5.4))
+    assert walk.status is Status.SUCCESS, walk.reason
+    assert farthest < 0.5 + 0.01, "what was learnt while it was held has made it too fast"
+
+
+@pytest.mark.parametrize("times", [(2.5, 60.0), (0.0, 60.0)])
+def test_a_walk_against_a_wall_ends_with_the_words_stuck(times: tuple[float, float]) -> None:
+    walk, _, end = _held(lambda view: walk_to(view, (1.0, 0.0), 0.0, speed=0.2), times)
+    assert walk.reason.startswith("walk to: stuck: has not moved for 3 s while commanded ")
+    assert end < 6.0, "not the timeout of 45 s"
+
+
+def test_a_turn_that_is_held_ends_with_the_words_stuck() -> None:
+    walk, _, end = _held(lambda view: face(view, yaw=2.0), (2.2, 60.0))
+    assert walk.reason.startswith("face: stuck: has not turned for 3 s while commanded ") and end < 7.0

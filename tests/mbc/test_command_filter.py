@@ -224,10 +224,10 @@ def test_a_sideways_hop_is_slow_where_the_leg_crosses_over(gait, outwards):
         assert any("crosses over" in line for line in report) is (most < 0.6)
 
 
-def _steps(trim, errors, ticks=125, **leap):
+def _steps(trim, errors, ticks=125, *, velocity=(1.0, 0.0), **leap):
     for error in errors:
         for _ in range(ticks):
-            trim.measure(np.zeros(2), np.asarray(error, dtype=float), 0.002)
+            trim.measure(np.array(velocity), np.add(velocity, error), 0.002)
         trim.end_step(**leap)
 
 
@@ -278,6 +278,15 @@ def test_a_change_that_takes_several_steps_counts_as_one_while_it_is_fast():
                 trim.measure(np.array([wanted - 0.04, 0.0]), np.array([wanted, 0.0]), 0.002)
             trim.end_step()
         assert bool(trim.value[0]) is counted
+
+
+@pytest.mark.parametrize(
+    ("velocity", "wanted"), [((0.0, 0.0), (0.0, 0.1)), ((0.03, -0.05), (0.0, 0.2)), ((-0.1, 0.05), (0.3, 0.0))]
+)
+def test_nothing_winds_up_while_something_holds_the_robot_or_pushes_it_back(velocity, wanted):
+    trim = VelocityTrim(PARAMS)
+    _steps(trim, [np.subtract(wanted, velocity)] * 20, velocity=velocity)
+    assert not trim.value.any()
 
 
 def test_a_push_counts_little_and_the_sum_is_bounded():

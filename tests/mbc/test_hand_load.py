@@ -57,6 +57,21 @@ def test_a_felt_force_counts_only_after_it_has_made_the_robot_step(standing_stat
     assert not after(load, pulled, 4.0, stepping=False).any(), "the next force has to prove itself"
 
 
+@pytest.mark.parametrize(
+    ("carried", "met", "counted"),
+    [
+        ([0.0, 12.0, 0.0], [0.0, 12.0, 40.0], [0.0, 12.0, 0.0]),  # a box between the hands, set down on a table
+        ([15.0, 0.0, 0.0], [80.0, 0.0, 0.0], [15.0, 0.0, 0.0]),  # a post that pushes back harder
+        ([15.0, 0.0, 0.0], [-40.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ],
+)
+def test_a_stand_counts_no_more_than_what_has_made_the_robot_step(standing_state, carried, met, counted):
+    """Before, the felt force of a carried box let the push of the table count: the robot leant back, and ran."""
+    load = HandLoad(10.0, 5.0)
+    after(load, felt(standing_state, carried), 2.0, stepping=True)
+    assert after(load, felt(standing_state, met), 2.0, stepping=False)[0] == pytest.approx(np.array(counted), abs=0.5)
+
+
 def test_a_short_blow_does_not_count_in_full(load, standing_state):
     after(load, felt(standing_state, [15.0, 0.0, 0.0]), 2.0, stepping=True)
     assert after(load, felt(standing_state, [150.0, 0.0, 0.0]), 0.1, stepping=True)[0, 0] < 60.0

@@ -33,6 +33,7 @@ def _record(name: str, **changes) -> TaskRecord:
         hand_force=np.zeros((SAMPLES, 2, 3)),
         poses=poses,
         travel={body: np.zeros(SAMPLES) for body in jointed},
+        gait=np.full(SAMPLES, -1),
         held=np.full((SAMPLES, 2), -1),
         touched={},
         depth={},

@@ -15,6 +15,7 @@ from hugwbc.settings import Count, Positive, check_each_once, settings
 from hugwbc.sim import Simulation
 from hugwbc.tasks.run_task import run_task
 from hugwbc.tasks.suite import TASK_NAMES, load_task
+from hugwbc.tasks.verdict import stillness
 
 LONGEST = 120.0  # [s]; every task has a limit of its own below it
 
@@ -51,6 +52,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     - `seconds`: time until the behaviour ended [s]; None if a fall or the time limit ended it.
     - `hand_acceleration`: root mean square of the hands' acceleration [m/s^2].
     - `energy`: mechanical energy of the joints; braking costs as much as driving [J].
+    - `drift`: farthest way of the pelvis while told to stand [m]; `end_speed`: its speed at the end [m/s].
     - `gripped`: bodies that the idealised gripper held. `hand_depth`: how deep a hand was in an object, at most [m].
     """
     conditions, task, seed = settings.conditions, load_task(str(plan.tags["task"])), settings.seed + plan.draw
@@ -58,6 +60,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
     run = run_task(task, controller, simulation, conditions.estimator())
     verdict, record, trace = run.verdict, run.record, run.trace
+    drift, speed = stillness(record)
     seconds = len(trace.time) * RECORD_PERIOD
     return {
         **ending(trace),
@@ -69,6 +72,8 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
         "seconds": None if record.ending.time is None else float(record.ending.time),
         "hand_acceleration": known(metrics.hand_acceleration(record.hands)),
         "energy": known(metrics.mechanical_power(trace, settle=0.0) * seconds),
+        "drift": drift,
+        "end_speed": speed,
         "gripped": list(record.gripped),
         "hand_depth": max(record.depth.values(), default=0.0),
         "fell": record.fell,
@@ -89,6 +94,8 @@ def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
             Figure(name, "score", "", bootstrap_mean(part["score"]), higher_is_better=True),
             Figure(name, "hand acceleration", "m/s²", bootstrap_mean(part["hand_acceleration"])),
             Figure(name, "energy", "J", bootstrap_mean(part["energy"])),
+            Figure(name, "pelvis travel while told to stand, at most", "m", single(max(part["drift"]))),
+            Figure(name, "speed at the end, at most", "m/s", single(max(part["end_speed"]))),
             Figure(name, "hand in an object, at most", "m", single(max(part["hand_depth"]))),
             Figure(name, "idealised gripper", "% of episodes", gripped),
         ]

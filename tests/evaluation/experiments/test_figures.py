@@ -238,7 +238,14 @@ def test_errors_in_both_engines_and_their_ratio():
 
 def test_a_task_that_fails_says_why():
     done = END | {"success": True, "reason": "", "score": 1.0, "seconds": 10.0, "hand_acceleration": 1.0}
-    done |= {"task": "press_button", "energy": 5.0, "gripped": [], "hand_depth": 0.001}
+    done |= {
+        "task": "press_button",
+        "energy": 5.0,
+        "gripped": [],
+        "hand_depth": 0.001,
+        "drift": 0.02,
+        "end_speed": 0.01,
+    }
     rows = [done, done | {"success": False, "reason": "too late", "score": 0.5, "seconds": None, "gripped": ["box"]}]
     settings = suite_tasks.TasksSettings(task=("press_button",), episodes=2)
     found = by_quantity(suite_tasks.figures(settings, frame_of(rows)))
