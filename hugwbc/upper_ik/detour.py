@@ -289,7 +289,10 @@ class Detours:
         """Leave detours that have become blocked, and shorten steps in which a hand would exceed its speed limit."""
         start, clearance = self._descent.forward(q, body).copy(), self._descent.clearance()
         travel = lengths(self._descent.forward(target, body) - start)
-        self.active &= self._descent.clearance() >= self._least_room(clearance)
+        blocked = self.active & (self._descent.clearance() < self._least_room(clearance))
+        self.active &= ~blocked
+        for arm in np.flatnonzero(blocked):
+            self._tried[arm] = len(self._ways)  # it would be blocked again
         fastest = np.array([self._descent.stoppable(room) for room in clearance])
         part = np.minimum(1.0, fastest * dt / np.maximum(travel, 1e-9))
         return np.where(np.repeat(self.active, 4), q + np.repeat(part, 4) * (target - q), direct)

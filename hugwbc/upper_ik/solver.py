@@ -120,7 +120,7 @@ class ArmIK:
         return forearms / np.linalg.norm(forearms, axis=1, keepdims=True)
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
-        """Return the least distance of each forearm to trunk, head, thighs and the other forearm.
+        """Return the least distance of each arm to everything that it could touch.
 
         Waist and hips are as in the last state.
 
@@ -202,7 +202,7 @@ class ArmIK:
                 self._scout.rest(arm)
                 detours.forget(arm)
             return q
-        expected = np.where(self._reachable, self._scout.direct, self._residual)
+        expected = np.where(self._reachable, np.minimum(self._scout.direct, self._residual), self._residual)
         better = self._scout.done & (self._scout.residual < expected - self.config.detour_gain)
         for arm in np.flatnonzero(better & ~detours.active):
             detours.look(arm, self._limiter.q, self._scout.q, self._body)

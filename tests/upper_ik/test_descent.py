@@ -42,6 +42,18 @@ def test_near_something_to_touch_it_goes_only_as_fast_as_it_can_stop(descent):
     assert descent.stoppable(10.0) == CONFIG.hand_speed
 
 
+def test_next_to_something_a_target_that_moves_makes_the_hand_no_faster(descent, robot):
+    q = robot.nominal[robot.arms].copy()
+    q[2] = -0.55  # the left forearm is next to the chest
+    descent.place(q, robot.nominal)
+    room = descent.clearance()[0]
+    assert CONFIG.collision_margin < room < 0.02
+    before = descent.hands
+    inward = before + np.array([[0.0, -0.1, 0.0], [0.0, 0.0, 0.0]])
+    descent.descend(Goal(inward, speed=np.array([1.0, 0.0])), DT, 1)
+    assert np.linalg.norm(descent.hands - before, axis=1)[0] <= descent.stoppable(room) * DT + 1e-6
+
+
 def test_the_forearm_is_as_long_as_the_models(descent):
     elbows = np.array([descent.elbow(hand) for hand in range(2)])
     assert np.linalg.norm(descent.hands - elbows, axis=1) == pytest.approx([load_robot().forearm] * 2, abs=1e-3)

@@ -165,3 +165,21 @@ def test_what_is_forgotten_is_left():
     assert not detours.active.any()
     detours.look(0, START, FORWARD, BODY)
     assert detours.count == 2
+
+
+def test_a_detour_is_left_when_the_other_arm_has_come_into_its_way():
+    """Where arms may not go they do not go: the clearance stays positive with the right arm across the route."""
+    _, descent, detours = make()
+    detours.look(0, START, FORWARD, BODY)
+    assert detours.active[0]
+    across = np.array([*START[:4], -1.6, -0.2, 1.0, 0.8])
+    posture = np.array([*FORWARD[:4], *across[4:]])
+    path = drive(detours, descent, across, posture)
+    least = np.inf
+    for q in path:
+        descent.forward(q, BODY)
+        least = min(least, *descent.clearance())
+    assert least > 0.0
+    assert not detours.active.any() and np.abs(path[-1] - posture).max() > 0.2
+    detours.look(0, path[-1], posture, BODY)
+    assert not detours.active.any(), "and is not taken again"
