@@ -48,6 +48,7 @@ _HAUL_GAIN = 0.8  # [1/s], speed of a push per distance that is left, and per di
 _SLOWEST = 0.08  # [m/s], of a push
 _STUCK, _START = 3.0, 2.0  # [s] in which what is walked or pushed has to move, and how much longer at the start
 _SLOWEST_HELD = 0.08, 0.15  # [m/s], [rad/s]; a robot that is told to walk slower may stay behind without being held
+_PUSHES = 5.0  # [N] against the way on both hands, from which on they push something
 _HELD = 0.2  # share of the wanted velocity below which the mean of a stride is that of a robot which is held
 
 
@@ -288,7 +289,9 @@ class _Walk:
             share = min((view.time - time) / _BIAS_TIME, 1.0)
             time = view.time
             asked, walked = view.last.command.array()[:3], _walked(view)
-            told, held = _held(*pace(time, np.array([asked - bias, walked])))
+            felt = np.zeros(3) if view.hand_force is None else view.hand_force.sum(axis=0)
+            felt = felt @ rotations.rotation_z(view.state.yaw)
+            told, held = _held(*pace(time, np.array([asked - bias, walked, felt])))
             free = np.where(held, free, np.maximum(free, time))
             most = np.where((time > free)[[0, 0, 1]], np.abs(bias), _MOST_BIAS)
             bias[:] = np.clip(bias + share * (asked - bias - walked), -most, most)
@@ -342,15 +345,21 @@ def _walked(view: View) -> np.ndarray:
     return np.array([velocity[0], velocity[1], rate])
 
 
-def _held(wanted: np.ndarray, walked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _held(wanted: np.ndarray, walked: np.ndarray, felt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return whether it is told to walk and to turn, shape (2,), and whether something holds it or pushes it back.
 
-    The arguments are means of a stride of the velocity in the heading frame and of the yaw rate, shape (3,).
+    What the hands push, such as a door, gives way if the robot is told to walk ever faster.
+
+    Args:
+        wanted: velocity in the heading frame and yaw rate, mean of a stride, shape (3,).
+        walked: likewise, as it moved.
+        felt: force on both hands in the heading frame, likewise [N], shape (3,).
     """
     asked = np.array([math.hypot(wanted[0], wanted[1]), abs(wanted[2])])
     along = np.array([walked[:2] @ wanted[:2], walked[2] * wanted[2]])
     told = asked > _SLOWEST_HELD
-    return told, told & (along < _HELD * asked**2)
+    pushes = felt[:2] @ wanted[:2] < -_PUSHES * asked[0]
+    return told, told & (along < _HELD * asked**2) & (not pushes)
 
 
 class _OverStride:

@@ -12,7 +12,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.tasks.record import TaskRecord
 
 FELL = "the robot fell"
-FASTEST = 0.25  # [m/s], of the pelvis at the end
+FASTEST = 0.15  # [m/s], of the pelvis at the end
 
 
 @dataclasses.dataclass(frozen=True)

@@ -40,7 +40,7 @@ def test_a_walk_whose_stops_move_nothing_stands_once() -> None:
     assert _walk((0.0, 0.0))[1] == 1
 
 
-def _held(behaviour: Behaviour, times: tuple[float, float]) -> tuple[BehaviourSource, float, float]:
+def _held(behaviour: Behaviour, times: tuple[float, float], felt: float = 0.0) -> tuple[BehaviourSource, float, float]:
     """Hold a robot between two times [s]; return its behaviour, the farthest x [m], and the last time [s]."""
     pose, farthest = np.zeros(3), 0.0
     now, walk = view(), BehaviourSource(behaviour)
@@ -48,8 +48,10 @@ def _held(behaviour: Behaviour, times: tuple[float, float]) -> tuple[BehaviourSo
         speed = action.command.array()[:3] * (not times[0] < now.time < times[1])
         pose, farthest = pose + DT * speed, max(farthest, pose[0])
         now = view(now.time + DT, position=(pose[0], pose[1], 0.98), yaw=pose[2], last=action)
+        force = np.full((2, 3), [0.5 * felt, 0.0, 0.0])
         velocity, rate = np.array([speed[0], speed[1], 0.0]), np.array([0.0, 0.0, speed[2]])
-        now = dataclasses.replace(now, state=dataclasses.replace(now.state, velocity=velocity, angular_velocity=rate))
+        state = dataclasses.replace(now.state, velocity=velocity, angular_velocity=rate)
+        now = dataclasses.replace(now, state=state, hand_force=force)
     return walk, farthest, now.time
 
 
@@ -64,6 +66,12 @@ def test_a_walk_against_a_wall_ends_with_the_words_stuck(times: tuple[float, flo
     walk, _, end = _held(lambda view: walk_to(view, (1.0, 0.0), 0.0, speed=0.2), times)
     assert walk.reason.startswith("walk to: stuck: has not moved for 3 s while commanded ")
     assert end < 6.0, "not the timeout of 45 s"
+
+
+def test_a_robot_that_pushes_something_with_its_hands_pushes_on() -> None:
+    """A door with a strong closer gives way after a while: it is walked against ever faster."""
+    walk, _, _ = _held(lambda view: walk_to(view, (1.0, 0.0), 0.0, speed=0.2), (2.5, 9.0), felt=-20.0)
+    assert walk.status is Status.SUCCESS, walk.reason
 
 
 def test_a_turn_that_is_held_ends_with_the_words_stuck() -> None:
