@@ -12,6 +12,7 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.body_reach import BodyReach
 from hugwbc.upper_ik.hand_loads import HandLoads
+from hugwbc.upper_ik.held_targets import HeldTargets
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.steady_hands import SteadyHands
 from hugwbc.upper_ik.takeover import Phase, Takeover
@@ -42,8 +43,8 @@ class TargetWatch:
     """A watch on a stream of hand targets that passes on the newest good target until it is stale.
 
     A target without a stamp, such as a script's, is new whenever it arrives. A target with a stamp (see `HandTargets`)
-    is new only if it is younger than all before it. After the stream has become stale, any other stamp is accepted;
-    otherwise one message from a wrong clock would shut out all that follow.
+    is new only if it is younger than all before it, by its number if it has one, else by its stamp. After the stream
+    has become stale, any other is accepted; otherwise one message from a wrong clock would shut out all that follow.
 
     Attributes:
         counts: what arrived in addition to good targets.
@@ -91,9 +92,11 @@ class TargetWatch:
             self._count("bad")
             return False
         if hands.stamp is not None and self._stamp is not None:
-            repeated = hands.stamp == self._stamp
-            if repeated or (hands.stamp < self._stamp and not self._stale):
-                self._count("repeated" if repeated else "late")
+            ahead = hands.stamp - self._stamp
+            if hands.sequence is not None and self._sequence is not None:  # a clock may jump, a number may not
+                ahead = hands.sequence - self._sequence
+            if ahead == 0 or (ahead < 0 and not self._stale):
+                self._count("late" if ahead else "repeated")
                 return False
         if hands.sequence is not None:
             if self._sequence is not None:
@@ -119,7 +122,7 @@ class UpperBodySource:
         """Build the solver for a robot, by default the H1."""
         self.ik = ArmIK(robot=robot)
         self.takeover = Takeover(robot)
-        self.watch = TargetWatch()
+        self.watch, self._held = TargetWatch(), HeldTargets()
         self._loads = HandLoads()
         self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
@@ -131,6 +134,7 @@ class UpperBodySource:
         """Release the arms at once, for a new episode."""
         self.takeover.reset()
         self.watch.reset()
+        self._held.reset()
         self._loads.reset()
         self._steady.reset()
         self.solution = None
@@ -161,16 +165,20 @@ class UpperBodySource:
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
                 measured arms and a hand-back ends in the nominal pose.
         """
+        if hands is None:
+            self.watch.forget()
+        else:
+            hands = self.watch.admit(hands, state.time, dt)
+        if hands is None:
+            self._held.reset()
+        else:
+            hands = self._held.follow(hands, dt)
         arms = self._arms(state, hands, command, dt, commanded)
         return arms, self._whole_body(state, hands, command, dt)
 
     def _arms(
         self, state: RobotState, hands: HandTargets | None, command: Command, dt: float, commanded: np.ndarray | None
     ) -> UpperBody:
-        if hands is None:
-            self.watch.forget()
-        else:
-            hands = self.watch.admit(hands, state.time, dt)
         if hands is None:
             self.solution = None
             return self._loads.apply(self.takeover.release(self._own, dt), None, state, dt)

@@ -87,12 +87,17 @@ def test_a_loop_that_stood_still_finds_its_target_stale(watch):
 
 
 def test_a_stream_goes_on_after_one_message_from_a_wrong_clock(watch):
-    watch.admit(message(1, 100.0), 0.0, DT)
-    numbers = []
-    for tick in range(1, 41):
-        followed = watch.admit(message(1 + tick, tick * DT), tick * DT, DT)
-        numbers.append(followed.sequence if followed else None)
-    # Late until the wrong one is stale, half a second later.
+    def numbers_of(counted):
+        watch.reset()
+        watch.admit(message(1, 100.0), 0.0, DT)
+        for tick in range(1, 41):
+            hands = message(1 + tick, tick * DT)
+            followed = watch.admit(hands if counted else dataclasses.replace(hands, sequence=None), tick * DT, DT)
+            yield followed and (followed.sequence or round(followed.stamp / DT) + 1)
+
+    assert list(numbers_of(counted=True)) == list(range(2, 42))
+    numbers = list(numbers_of(counted=False))
+    # Without numbers, late until the wrong one is stale, half a second later.
     assert numbers[:24] == [1] * 24
     assert numbers[26:] == list(range(28, 42))
     assert watch.counts.stale == 1
@@ -235,8 +240,10 @@ def test_the_command_comes_back_as_the_body_reach_alone_would_give_it(robot):
     for tick in range(60):
         hands = (None, low, lost, low, None, None)[tick // 10]
         command = Command(w=0.01 * tick)
-        assert source.update(state, hands, command, DT)[1] == reach.update(hands, state, command, DT)
-    assert reach.rejected == 10
+        assert source.update(state, hands, command, DT)[1] == reach.update(
+            low if hands is lost else hands, state, command, DT
+        ), "while the numbers are lost, all follow the last good target"
+    assert source.watch.counts.bad == 10
 
 
 def test_targets_of_the_arms_alone_leave_the_command_as_it_is(nominal_state):
