@@ -132,4 +132,4 @@ def test_the_stamps_of_a_stream_may_be_of_any_clock(robot, clock):
         points.append(source.ik.hands(source.ik.q, 0.0)[0])
     speed = np.linalg.norm(np.diff(points[-45:], axis=0), axis=1) / 0.02
     assert speed.min() > SPEED / 1.5 and speed.max() < 1.5 * SPEED
-    assert source.watch.counts.stale == source.watch.counts.late == 0
+    assert not source.watch.tally.counts["stale"] and not source.watch.tally.counts["late"]
