@@ -4,6 +4,8 @@ import contextlib
 import difflib
 from collections.abc import Iterable, Iterator
 
+_LONGEST_NAME = 60  # characters; looking for names similar to a longer one takes long
+
 
 class HugwbcError(Exception):
     """Base of every error that hugwbc raises on bad input; the command line prints it and exits with code 2.
@@ -21,7 +23,7 @@ class UnknownNameError(HugwbcError):
     """A name of a joint, gait, command, script, controller or policy that does not exist."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str], *, at: tuple[str | int, ...] = ()) -> None:
-        names = list(valid)
+        names, name = list(valid), name if len(str(name)) <= _LONGEST_NAME else f"{str(name)[:_LONGEST_NAME]}..."
         close = difflib.get_close_matches(str(name), names, n=1)
         hint = f" Did you mean '{close[0]}'?" if close else ""
         super().__init__(f"unknown {kind} '{name}'.{hint} Valid: {', '.join(names) or 'none'}.", at=at)

@@ -29,7 +29,10 @@ def flags(value: Any, shape: Shape) -> np.ndarray | None:  # noqa: ANN401  whate
 
 def _array(value: Any, shape: Shape, kinds: str, to: type) -> np.ndarray | None:  # noqa: ANN401  whatever arrives
     try:
-        if value is None:  # NumPy takes it for NaN
+        # NumPy takes None for NaN, and truth values among numbers for numbers.
+        if value is None or (
+            "b" not in kinds and isinstance(value, list | tuple) and any(x is True or x is False for x in value)
+        ):
             return None
         array = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
         return array.astype(to) if array.dtype.kind in kinds and array.shape == shape else None

@@ -1,6 +1,7 @@
 """Hand targets: the input of hand IK, produced by a script, a teleoperator or a planner."""
 
 import dataclasses
+import reprlib
 from collections.abc import Callable
 from typing import Literal, get_args
 
@@ -12,6 +13,7 @@ from hugwbc.robot import SIDES
 
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
+_cut = reprlib.repr  # of a wrong value in a message: not all of it, and quick
 FARTHEST = 1e4  # [m], the largest coordinate: no robot walks that far, and squares of errors stay finite
 FARTHEST_HAND = 1.5  # [m], from the pelvis: a target farther away is a mistake, such as a wrong frame or unit
 STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
@@ -162,7 +164,7 @@ def position(name: str, value: object) -> np.ndarray:
     # A NaN fails the comparison.
     if point is None or not np.all(np.abs(point) <= FARTHEST):
         raise TargetError(
-            f"{name} is {value}; give three finite numbers x, y, z in metres, such as (0.3, 0.2, 0.1), "
+            f"{name} is {_cut(value)}; give three finite numbers x, y, z in metres, such as (0.3, 0.2, 0.1), "
             f"from -{FARTHEST:g} to {FARTHEST:g}"
         )
     return _fixed(point)
@@ -178,7 +180,7 @@ def direction(name: str, value: object) -> np.ndarray:
     vector = position(name, value)
     length = float(np.linalg.norm(vector))
     if length < 1e-6:
-        raise TargetError(f"{name} is {value}; give a vector that is not zero, such as (1, 0, 0)")
+        raise TargetError(f"{name} is {_cut(value)}; give a vector that is not zero, such as (1, 0, 0)")
     return _fixed(vector / length)
 
 
@@ -192,8 +194,8 @@ def hand_force(name: str, value: object) -> np.ndarray:
     vector = floats(value, (3,))
     if vector is None or not float(np.linalg.norm(vector)) <= STRONGEST:  # a NaN fails the comparison
         raise TargetError(
-            f"{name} is {value}; give three finite numbers x, y, z in newtons, such as (15, 0, 0), together at most "
-            f"{STRONGEST:g} N"
+            f"{name} is {_cut(value)}; give three finite numbers x, y, z in newtons, such as (15, 0, 0), together at "
+            f"most {STRONGEST:g} N"
         )
     return _fixed(vector)
 
@@ -203,8 +205,8 @@ def hand_payload(value: object) -> np.ndarray:
     masses = floats(value, (2,))
     if masses is None or not np.all((masses >= 0.0) & (masses <= HEAVIEST)):
         raise TargetError(
-            f"payload is {value}; give the masses in the left and the right hand in kg, such as (3, 0), each from 0 to "
-            f"{HEAVIEST:g} kg"
+            f"payload is {_cut(value)}; give the masses in the left and the right hand in kg, such as (3, 0), each "
+            f"from 0 to {HEAVIEST:g} kg"
         )
     return _fixed(masses)
 
@@ -214,8 +216,8 @@ def hand_stiffness(value: float) -> float:
     stiffness = number(value)
     if stiffness is None or not STIFFNESS[0] <= stiffness <= STIFFNESS[1]:
         raise TargetError(
-            f"stiffness is {value}; give a number in newtons per metre from {STIFFNESS[0]:g} to {STIFFNESS[1]:g}, "
-            "or None for the servo's own"
+            f"stiffness is {_cut(value)}; give a number in newtons per metre from {STIFFNESS[0]:g} to "
+            f"{STIFFNESS[1]:g}, or None for the servo's own"
         )
     return stiffness
 

@@ -150,7 +150,7 @@ def summary(side: RobotSide, wall: float) -> str:
         f"commands later than the controller's period, or left out: {timing.missed} of {timing.latency.count}, "
         f"at most {timing.longest_miss} in a row",
         f"jitter of the publishing thread: {timing.jitter}",
-        *([f"{side.unseen} texts of the motion capture were refused"] if side.unseen else []),
+        *([str(side.captures)] if side.captures.received else []),
         *report.messages,
     ]
     return "\n".join(lines)

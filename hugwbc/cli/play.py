@@ -126,7 +126,12 @@ def run(words: Sequence[str]) -> int:
             score.watch(simulation.time, simulation.state(), hands)
         return behaviour is not None and behaviour.done
 
-    run_live(loop, duration, draw, until=ended, tell=say)
+    try:
+        run_live(loop, duration, draw, until=ended, tell=say)
+    finally:
+        if isinstance(source, SocketSource):
+            say(str(source.tally))
+            source.close()
     for line in [] if score is None else score.lines():
         say(line)
     if behaviour is not None:
@@ -239,7 +244,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     if options.listen is not None:
         others = [name for name in options.commanding if name != "listen"]
         _refuse_beside("--listen", "the other program gives the commands", others)
-        listening = SocketSource(options.listen)
+        listening = SocketSource(options.listen, tell=say)
         say(f"listening on UDP port {listening.port} of this machine")
         return listening, options.duration or forever
     if options.script is not None:

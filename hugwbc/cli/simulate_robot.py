@@ -115,10 +115,10 @@ class Judge:
 def summary(robot: SimulatedRobot) -> str:
     """Return what happened, for people."""
     simulation, most = robot.simulation, robot.extremes
-    refused = ", ".join(f"{count} for their {reason}" for reason, count in robot.refused.items()) or "none"
+    refused = ", ".join(f"{count} for their {reason}" for reason, count in robot.tally.counts.items()) or "none"
     return "\n".join(
         [
-            f"{robot.time:.1f} s simulated, {robot.received} commands received, refused: {refused}",
+            f"{robot.time:.1f} s simulated, {robot.tally.received} commands received, refused: {refused}",
             f"largest joint speed {most.speed:.2f} and torque {most.torque:.2f} of the limit, {most.beyond:.3f} rad "
             f"beyond a joint's range, lowest pelvis {most.lowest:.2f} m, longest silence {most.silence:.3f} s",
             f"the robot {'has fallen' if simulation.fallen else 'is up'}",

@@ -22,6 +22,7 @@ from hugwbc.errors import CaptureError
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import BREAKING_FORCE, Grip
 from hugwbc.sim.scenes.objects import Picture
+from hugwbc.streams import read_object
 
 OBJECTS, GRIPS = "rt/hugwbc/objects", "rt/hugwbc/grips"
 LONGEST = 32768  # characters of a text
@@ -29,6 +30,7 @@ STRONGEST = 1e4  # [N]
 FARTHEST = 100.0  # [m]; the height of a pelvis in millimetres is beyond it
 _RESTART = 1.0  # [s]
 _POSE = 7
+_MOST = 100  # objects in a text
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -58,6 +60,8 @@ class Capture:
             raise CaptureError("'objects' is not a mapping of names to poses")
         if not isinstance(held, list) or len(held) != len(SIDES) or not all(_is_name(name) for name in held):
             raise CaptureError("'held' is not two names, each of an object or null")
+        if len(objects) > _MOST:
+            raise CaptureError(f"there are {len(objects)} objects; at most {_MOST} are followed")
         poses = np.array([_pose(name, pose) for name, pose in objects.items()]).reshape(-1, _POSE)
         return cls(tick * TICK, _pose("robot", content["robot"]), tuple(objects), poses, (held[0], held[1]))
 
@@ -135,13 +139,11 @@ def _grip(content: object) -> Grip:
 
 
 def _content(text: str, keys: set[str]) -> dict[str, Any]:
-    if len(text) > LONGEST:
-        raise CaptureError(f"the text has {len(text)} characters; at most {LONGEST} are read")
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise CaptureError(f"the text is not JSON ({error})") from error
-    if not isinstance(content, dict) or set(content) != keys:
+        content = read_object(text, LONGEST)
+    except ValueError as error:
+        raise CaptureError(f"the text is refused: {error}") from error
+    if set(content) != keys:
         raise CaptureError(f"the text is not a mapping with {', '.join(sorted(keys))}")
     return content
 

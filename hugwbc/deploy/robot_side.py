@@ -23,8 +23,10 @@ from hugwbc.deploy.timing import keep_apart, real_time
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.errors import CaptureError, DeploymentError
 from hugwbc.robot import Robot
+from hugwbc.streams import Tally
 
 _GONE = "the process that reads and publishes has ended"
+_NEWEST = 4  # texts of a motion capture that are read at once
 _PATIENCE = 10.0  # [s] for a robot that sends nothing: beyond the duration, and in lockstep between two states
 
 
@@ -65,8 +67,15 @@ class RobotSide(Line):
         self._message: bytes | None = None  # the last decision's
         self._link, self._far = multiprocessing.Pipe()  # to the relay
         self._apart = False  # whether a relay publishes
-        self.unseen = 0  # texts of a motion capture refused
+        self.captures, self.states = (Tally(name, self._tell) for name in (OBJECTS, "states"))  # what arrives
         endpoint.texts(OBJECTS)  # from now on they are heard
+
+    def accept(self, raw: bytes, now: float) -> StateMessage | None:
+        """Check a state that has arrived now [s], and say why one is refused."""
+        state = super().accept(raw, now)
+        if state is None:
+            self.states.note("refused", self.intake.refusal)
+        return state
 
     def ask(self, request: Request) -> None:
         """Pass on what the operator asks for; a second stop ends the program."""
@@ -117,13 +126,14 @@ class RobotSide(Line):
 
     def _look(self) -> None:
         """Show the pilot the newest sound text of a motion capture."""
-        for text in reversed(self._endpoint.texts(OBJECTS)):
+        texts = self._endpoint.texts(OBJECTS)
+        if texts:
+            self.captures.arrived(len(texts))
+        for text in texts[: -_NEWEST - 1 : -1]:
             try:
                 capture = Capture.of(text)
             except CaptureError as error:
-                self.unseen += 1
-                if self.unseen == 1:
-                    self._tell(f"a text on {OBJECTS} was refused: {error}")
+                self.captures.note("refused", str(error))
                 continue
             self._record(recording.SEEN, text.encode())
             self.pilot.see(capture)

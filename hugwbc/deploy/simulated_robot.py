@@ -21,9 +21,9 @@ from hugwbc.errors import CaptureError, ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.runtime.sight import carry_out
 from hugwbc.sim import Simulation
+from hugwbc.streams import Tally
 
 AMBIENT = 30.0  # [degrees Celsius] of the motors; heating is not simulated
-_TELL_EVERY = 1.0  # [s] between two messages of one kind
 _PATIENCE = 1.0  # [s] of the wall clock for an answer in lockstep
 _POLL = 0.002  # [s]
 
@@ -91,7 +91,6 @@ class SimulatedRobot:
         self._sent_tick = 0
         self._first: float | None = None
         self._last_arrival = 0.0
-        self._told: dict[str, float] = {}
         self._shown = -math.inf
         self._size = layout(COMMAND).itemsize
         simulation.reset()
@@ -102,8 +101,8 @@ class SimulatedRobot:
         endpoint.serve(self.switcher)
         endpoint.texts(GRIPS)  # from now on they are heard
         self.temperature = np.full(simulation.robot.kp.size, AMBIENT)  # of the motors [degrees Celsius]
-        self.received = 0  # commands that have arrived
-        self.refused: dict[str, int] = {}  # commands and texts with grips that were refused, by reason
+        # Commands that have arrived; commands and texts with grips that were refused, by reason.
+        self.tally = Tally("refused", lambda text: tell(f"[{self.time:.2f} s] {text}"), lambda: self.time)
         self.extremes = Extremes()  # largest values so far
 
     @property
@@ -149,16 +148,16 @@ class SimulatedRobot:
             try:
                 carry_out(grips_of(text), self.simulation)
             except CaptureError as error:
-                self._refuse("grips", str(error), "grips")
+                self.tally.note("grips", str(error))
 
     def take(self, timeout: float = 0.0) -> int | None:
         """Take commands that arrive within `timeout` [s]; return which state the last valid one answers, if any."""
         answers = None
         for message in self._endpoint.receive(timeout):
-            self.received += 1
+            self.tally.arrived()
             reason = self._refusal(message)
             if reason is not None:
-                self._refuse(*reason)
+                self.tally.note(*reason)
                 continue
             content = self._messages.unpack_command(message)
             answers = content.answers
@@ -177,12 +176,6 @@ class SimulatedRobot:
         if self.switcher.active:
             return "motion mode", f"motion mode '{self.switcher.active}' is active; release it first"
         return None
-
-    def _refuse(self, kind: str, text: str, what: str = "command") -> None:
-        self.refused[kind] = self.refused.get(kind, 0) + 1
-        if self.time - self._told.get(kind, -math.inf) >= _TELL_EVERY:
-            self._told[kind] = self.time
-            self._tell(f"[{self.time:.2f} s] {what} refused ({self.refused[kind]} so far): {text}")
 
     def move(self) -> None:
         """Make one physics step with the newest command."""
@@ -205,7 +198,7 @@ class SimulatedRobot:
             torque=max(before.torque, float(np.max(np.abs(simulation.torque) / robot.torque_limit))),
             beyond=max(before.beyond, float(np.max(beyond))),
             lowest=min(before.lowest, float(state.position[2])),
-            silence=max(before.silence, self.time - self._last_arrival if self.received else 0.0),
+            silence=max(before.silence, self.time - self._last_arrival if self.tally.received else 0.0),
         )
 
     def run(self, duration: float, *, slower: float = 1.0, lockstep: bool = False) -> None:

@@ -42,6 +42,7 @@ class Intake:
             is not newer than the last one's.
         gap: longest time between two fresh states by their ticks [s].
         size: of a message [bytes].
+        refusal: what was wrong since the last fresh state; empty if nothing was.
     """
 
     def __init__(self, messages: Messages, limits: Limits, age: float = 0.0) -> None:
@@ -53,7 +54,7 @@ class Intake:
         self._tick: int | None = None
         self._turns = 0
         self._fresh_at = math.inf
-        self._last_refusal = ""
+        self.refusal = ""
 
     def accept(self, message: bytes, now: float) -> StateMessage | None:
         """Return a fresh, valid state with continuous time across a restart of the ticks; else None.
@@ -75,19 +76,19 @@ class Intake:
                 return self._refuse("states with an old tick")
             self._turns += state.tick < self._tick
             self.gap = max(self.gap, ahead * TICK)
-        self._tick, self._fresh_at, self._last_refusal = state.tick, now, ""
+        self._tick, self._fresh_at, self.refusal = state.tick, now, ""
         time = (state.tick + self._turns * TICKS) * TICK
         return dataclasses.replace(state, state=dataclasses.replace(state.state, time=time))
 
     def _refuse(self, what: str) -> None:
-        self._last_refusal = f", but {what}"
+        self.refusal = what
 
     def fault(self, now: float) -> str | None:
         """Return the fault of the connection at time `now` [s]; None if a fresh state arrived in time."""
         silence = now - self._fresh_at
         if silence <= self._limits.silence:
             return None
-        return f"no state for {silence * 1e3:.0f} ms{self._last_refusal}"
+        return f"no state for {silence * 1e3:.0f} ms" + (f", but {self.refusal}" if self.refusal else "")
 
 
 class BodyWatch:

@@ -11,6 +11,7 @@ from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
 
+PERIOD = 0.1  # [s] between two actions
 HAND_SPEED = 0.5  # [m/s], of a hand's target
 _APART = 0.05  # [m], hands that are nearer have no line between them along which to squeeze
 
@@ -30,19 +31,21 @@ class FollowWish:
         """Follow the wish."""
         self.points = np.full((2, 3), np.nan)  # targets of the hands now, heading frame [m]; NaN without one
         took = [False, False]  # whether each gripper has held something since it was asked to
-        time = view.time
+        time, wish, left = view.time, self.wish, 0.0
         while True:
-            self._move(view, view.time - time)
-            time = view.time
+            if self.wish is not wish:
+                wish, left = self.wish, PERIOD
+            self._move(view, view.time - time, left)
+            left, time = left - (view.time - time), view.time
             view = yield Action(self.wish.command, self._targets(), self._grips(view, took))
 
-    def _move(self, view: View, dt: float) -> None:
-        """Move the targets towards the wish; a hand without a target starts from its position."""
+    def _move(self, view: View, dt: float, left: float) -> None:
+        """Move the targets towards the wish, to be there with the next action; a new target starts from its hand."""
         measured = points_in(view, view.hands, "heading")
         start = np.where(np.isnan(self.points), measured, self.points)
         way = self.wish.points - start
         length = np.linalg.norm(way, axis=1, keepdims=True)
-        share = np.minimum(HAND_SPEED * dt / np.maximum(length, 1e-9), 1.0)
+        share = np.minimum(HAND_SPEED * dt / np.maximum(length, 1e-9), dt / max(left, dt, 1e-9))
         self.points = np.where(self.wish.used[:, None], start + share * way, np.nan)
 
     def _targets(self) -> HandTargets | None:

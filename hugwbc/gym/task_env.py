@@ -10,6 +10,7 @@ from gymnasium import spaces
 
 from hugwbc.errors import ConfigError
 from hugwbc.gym.episode import Episode
+from hugwbc.gym.follow_wish import PERIOD
 from hugwbc.gym.task_action import ActionLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
 from hugwbc.numeric import floats
@@ -20,7 +21,6 @@ from hugwbc.sim.scenes import Box
 from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of
 from hugwbc.upper_ik import UpperBodySource
 
-PERIOD = 0.1  # [s] between two actions
 SUCCESS_TIME = 1.0  # [s], for which everything has to stay as it should be, since things may still tip over
 _FIRST_SEED, _LAST_SEED = 3000, 2**31 - 1  # of episodes without a seed of their own: neither for choice nor for reports
 

@@ -1,41 +1,27 @@
 """Commands and hand targets from another program, as JSON over UDP on this machine (docs/how-to/teleoperate.md)."""
 
+import collections
+import contextlib
 import dataclasses
-import json
 import math
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from hugwbc.commands import COMMAND_NAMES, Command, default_command
-from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.streams import Tally, read_object
 from hugwbc.targets import HandTargets
 
 HOST = "127.0.0.1"
 SILENCE = 0.3  # [s] without a message, after which the client is gone
 LONGEST_MESSAGE = 4096  # [bytes]
-_MOST_AT_ONCE = 64  # messages that one tick reads
+_MOST_AT_ONCE = 4096  # messages that one tick takes from the line, more than the system keeps
+_NEWEST = 8  # of these that it reads
 _HAND_KEYS = ("left", "right", "frame", "left_direction", "right_direction", "together", "whole_body")
 _KEYS = ("sequence", "gait", "command", "hands")
-
-
-@dataclasses.dataclass(frozen=True)
-class SocketCounts:
-    """Messages since the start.
-
-    Attributes:
-        good: those that were followed.
-        malformed: those that were no JSON object of the documented form, or out of range.
-        late: those with a sequence number that is not above the last one's.
-        silences: how often the client disappeared, so that the robot stopped.
-    """
-
-    good: int = 0
-    malformed: int = 0
-    late: int = 0
-    silences: int = 0
 
 
 class SocketSource:
@@ -46,16 +32,21 @@ class SocketSource:
 
     Attributes:
         port: that it listens on.
-        counts: what arrived.
-        problem: what was wrong with the last malformed message; empty if none was.
+        tally: what arrived. "overtaken" are messages that were not read because many newer ones waited.
     """
 
-    def __init__(self, port: int = 0, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        port: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+        tell: Callable[[str], object] = lambda text: None,
+    ) -> None:
         """Listen on a port of this machine.
 
         Args:
             port: 0 for any that is free.
             clock: returns seconds, to tell silence.
+            tell: called with what is wrong with messages, at most once a second.
         """
         if not 0 <= port <= 65535:
             raise ConfigError(f"port is {port}; give 1 to 65535, or 0 for any that is free")
@@ -68,9 +59,9 @@ class SocketSource:
         self._socket.setblocking(False)
         self.port = int(self._socket.getsockname()[1])
         self._clock, self._heard = clock, -math.inf
-        self.counts, self.problem = SocketCounts(), ""
+        self.tally = Tally(f"UDP port {self.port}", tell, clock)
         self._command, self._hands, self._sequence = Command(), None, -1
-        self._driven = False
+        self._driven, self._followed = False, 0
 
     def close(self) -> None:
         """Stop listening."""
@@ -82,7 +73,7 @@ class SocketSource:
         if self._driven and self._clock() - self._heard > SILENCE:
             self._driven, self._sequence = False, -1  # a client that is started again counts from the beginning
             self._command, self._hands = Command(), None
-            self._count("silences")
+            self.tally.note("silent", f"no good message for {SILENCE:g} s: the robot stands, with its own arms")
         return self._command
 
     def hands_at(self, t: float) -> HandTargets | None:
@@ -90,45 +81,54 @@ class SocketSource:
         return self._hands
 
     def _receive(self) -> None:
-        for _ in range(_MOST_AT_ONCE):
+        """Empty the line, so that the newest messages are never the ones that the system drops, and read those."""
+        waiting: collections.deque[bytes] = collections.deque(maxlen=_NEWEST)
+        taken = 0
+        with contextlib.suppress(OSError):  # nothing left to read
+            while taken < _MOST_AT_ONCE:
+                waiting.append(self._socket.recv(LONGEST_MESSAGE + 1))
+                taken += 1
+        if taken:
+            self.tally.arrived(taken)
+            self.tally.note("overtaken", number=taken - len(waiting))
+        for number, message in enumerate(waiting, self.tally.received - len(waiting) + 1):
             try:
-                message = self._socket.recv(LONGEST_MESSAGE + 1)
-            except OSError:  # nothing left to read
-                return
-            try:
-                self._take(message)
+                self._take(message, number)
             except (HugwbcError, ValueError, TypeError, RecursionError, OverflowError) as error:
-                self.problem = str(error)[:200]
-                self._count("malformed")
+                self.tally.note("refused", str(error))
 
-    def _take(self, message: bytes) -> None:
-        """Follow a message, or raise an error that says why not, leaving everything as it was."""
-        if len(message) > LONGEST_MESSAGE:
-            raise ValueError(f"a message is longer than {LONGEST_MESSAGE} bytes")
-        said = json.loads(message)
-        if not isinstance(said, dict) or not set(said) <= set(_KEYS):
-            raise ValueError(f"a message is a JSON object with some of the keys {', '.join(_KEYS)}")
+    def _take(self, message: bytes, number: int) -> None:
+        """Follow a message, the so-many-th, or raise an error that says why not, leaving everything as it was."""
+        said = read_object(message, LONGEST_MESSAGE)
+        _check_keys("key of a message", said, _KEYS)
         sequence = said.get("sequence")
         if sequence is not None:
             if isinstance(sequence, bool) or not isinstance(sequence, int) or sequence < 0:
                 raise ValueError("sequence is a whole number from 0")
             if sequence <= self._sequence:
-                self._count("late")
+                self.tally.note("late", f"sequence {sequence} is not above the last one, {self._sequence}")
                 return
         command, hands = _command(said), _hands(said.get("hands"), sequence)
         self._command, self._hands = command, hands
-        self._sequence = self._sequence if sequence is None else sequence
+        if sequence is not None:
+            if self._sequence >= 0:
+                self.tally.note("missing", number=max(sequence - self._sequence - (number - self._followed), 0))
+            self._sequence, self._followed = sequence, number
         self._heard, self._driven = self._clock(), True
-        self._count("good")
-
-    def _count(self, name: str) -> None:
-        self.counts = dataclasses.replace(self.counts, **{name: getattr(self.counts, name) + 1})
 
 
-def _command(said: Mapping[str, Any]) -> Command:
+def _check_keys(kind: str, said: object, known: Sequence[str]) -> None:
+    """Refuse what is no object, or has other keys than the known ones."""
+    if not isinstance(said, dict):
+        raise ValueError(f"where a {kind} should be, there is no object; give one with some of {', '.join(known)}")
+    for name in said:
+        if name not in known:
+            raise UnknownNameError(kind, name, known)
+
+
+def _command(said: dict[str, Any]) -> Command:
     values = said.get("command", {})
-    if not isinstance(values, dict) or not set(values) <= set(COMMAND_NAMES):
-        raise ValueError(f"command is an object with some of the keys {', '.join(COMMAND_NAMES)}")
+    _check_keys("key of a command", values, COMMAND_NAMES)
     if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values.values()):
         raise ValueError("values of a command are numbers")
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
@@ -139,11 +139,10 @@ def _command(said: Mapping[str, Any]) -> Command:
     return dataclasses.replace(default_command(gait), **{k: float(v) for k, v in values.items()}).validate()
 
 
-def _hands(said: object, sequence: int | None) -> HandTargets | None:
+def _hands(said: dict[str, Any] | None, sequence: int | None) -> HandTargets | None:
     if said is None:
         return None
-    if not isinstance(said, dict) or not set(said) <= set(_HAND_KEYS):
-        raise ValueError(f"hands is an object with some of the keys {', '.join(_HAND_KEYS)}")
+    _check_keys("key of hands", said, _HAND_KEYS)
     if not isinstance(said.get("frame", "pelvis"), str):
         raise ValueError("frame is a name")
     if any(not isinstance(said.get(name, False), bool) for name in ("together", "whole_body")):

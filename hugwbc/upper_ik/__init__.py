@@ -3,7 +3,7 @@
 from hugwbc.upper_ik.body_reach import BodyReach
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
-from hugwbc.upper_ik.source import TargetCounts, TargetWatch, UpperBodySource
+from hugwbc.upper_ik.source import TargetWatch, UpperBodySource
 from hugwbc.upper_ik.takeover import Takeover
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "BodyReach",
     "IKSolution",
     "Takeover",
-    "TargetCounts",
     "TargetWatch",
     "UpperBodySource",
 ]

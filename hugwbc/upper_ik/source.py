@@ -1,6 +1,5 @@
 """The source of arm targets for a control loop: a watch on the stream of hand targets, inverse kinematics, takeover."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -9,9 +8,11 @@ from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
+from hugwbc.streams import Tally
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.body_reach import BodyReach
 from hugwbc.upper_ik.hand_loads import HandLoads
+from hugwbc.upper_ik.held_targets import HeldTargets
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.steady_hands import SteadyHands
 from hugwbc.upper_ik.takeover import Phase, Takeover
@@ -19,34 +20,16 @@ from hugwbc.upper_ik.takeover import Phase, Takeover
 STALE_TIME = 0.5  # [s] for which the last target is held without a new one, before the arms go back
 
 
-@dataclasses.dataclass(frozen=True)
-class TargetCounts:
-    """Counts of arrivals other than good targets, since `TargetWatch.reset`.
-
-    Attributes:
-        bad: targets with a number that is not finite, including their stamp, or with a shape that is not a point.
-        late: targets made before one that had already arrived.
-        repeated: targets that had already arrived.
-        dropped: targets that never arrived, counted by the gaps in their sequence.
-        stale: how often the stream ended, so that the arms went back to the controller.
-    """
-
-    bad: int = 0
-    late: int = 0
-    repeated: int = 0
-    dropped: int = 0
-    stale: int = 0
-
-
 class TargetWatch:
     """A watch on a stream of hand targets that passes on the newest good target until it is stale.
 
     A target without a stamp, such as a script's, is new whenever it arrives. A target with a stamp (see `HandTargets`)
-    is new only if it is younger than all before it. After the stream has become stale, any other stamp is accepted;
-    otherwise one message from a wrong clock would shut out all that follow.
+    is new only if it is younger than all before it, by its number if it has one, else by its stamp. After the stream
+    has become stale, any other is accepted; otherwise one message from a wrong clock would shut out all that follow.
 
     Attributes:
-        counts: what arrived in addition to good targets.
+        tally: counts of "bad" targets, "late" ones (made before one that had already arrived), "repeated" ones, those
+            "missing" by the gaps in their numbers, and of how often the stream went "stale".
         age: time since the newest good target was made [s].
     """
 
@@ -55,7 +38,8 @@ class TargetWatch:
 
     def reset(self) -> None:
         """Forget the stream and the counts."""
-        self.counts = TargetCounts()
+        self._now = 0.0
+        self.tally = Tally("hand targets", clock=lambda: self._now)
         self.forget()
 
     def forget(self) -> None:
@@ -74,35 +58,36 @@ class TargetWatch:
             now: time on the clock of the stamps [s].
             dt: time since the last tick [s].
         """
+        self._now = now
         self.age += dt if 0.0 < dt < math.inf else 0.0
         if self._is_new(hands):
+            self.tally.arrived()
             self._newest = hands
             self._stamp = hands.stamp
             self.age = 0.0 if hands.stamp is None else max(0.0, now - hands.stamp)
         # A comparison with NaN is false: an age that is not a number counts as stale.
         stale = self._newest is not None and not self.age <= STALE_TIME
         if stale and not self._stale:
-            self._count("stale")
+            self.tally.note("stale", f"no new one for {STALE_TIME:g} s, or stamps that lag by more: the arms go back")
         self._stale = stale
         return None if stale else self._newest
 
     def _is_new(self, hands: HandTargets) -> bool:
         if not hands.is_usable or (hands.stamp is not None and not math.isfinite(hands.stamp)):
-            self._count("bad")
+            self.tally.note("bad", "numbers that are not finite, or not three for a hand and eight for the joints")
             return False
         if hands.stamp is not None and self._stamp is not None:
-            repeated = hands.stamp == self._stamp
-            if repeated or (hands.stamp < self._stamp and not self._stale):
-                self._count("repeated" if repeated else "late")
+            ahead = hands.stamp - self._stamp
+            if hands.sequence is not None and self._sequence is not None:  # a clock may jump, a number may not
+                ahead = hands.sequence - self._sequence
+            if ahead == 0 or (ahead < 0 and not self._stale):
+                self.tally.note("late" if ahead else "repeated")
                 return False
         if hands.sequence is not None:
             if self._sequence is not None:
-                self._count("dropped", max(0, hands.sequence - self._sequence - 1))
+                self.tally.note("missing", number=max(0, hands.sequence - self._sequence - 1))
             self._sequence = hands.sequence
         return True
-
-    def _count(self, name: str, by: int = 1) -> None:
-        self.counts = dataclasses.replace(self.counts, **{name: getattr(self.counts, name) + by})
 
 
 class UpperBodySource:
@@ -119,7 +104,7 @@ class UpperBodySource:
         """Build the solver for a robot, by default the H1."""
         self.ik = ArmIK(robot=robot)
         self.takeover = Takeover(robot)
-        self.watch = TargetWatch()
+        self.watch, self._held = TargetWatch(), HeldTargets()
         self._loads = HandLoads()
         self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
@@ -131,6 +116,7 @@ class UpperBodySource:
         """Release the arms at once, for a new episode."""
         self.takeover.reset()
         self.watch.reset()
+        self._held = HeldTargets()
         self._loads.reset()
         self._steady.reset()
         self.solution = None
@@ -161,16 +147,20 @@ class UpperBodySource:
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
                 measured arms and a hand-back ends in the nominal pose.
         """
+        if hands is None:
+            self.watch.forget()
+        else:
+            hands = self.watch.admit(hands, state.time, dt)
+        if hands is None:
+            self._held = HeldTargets()
+        else:
+            hands = self._held.follow(hands, dt)
         arms = self._arms(state, hands, command, dt, commanded)
         return arms, self._whole_body(state, hands, command, dt)
 
     def _arms(
         self, state: RobotState, hands: HandTargets | None, command: Command, dt: float, commanded: np.ndarray | None
     ) -> UpperBody:
-        if hands is None:
-            self.watch.forget()
-        else:
-            hands = self.watch.admit(hands, state.time, dt)
         if hands is None:
             self.solution = None
             return self._loads.apply(self.takeover.release(self._own, dt), None, state, dt)

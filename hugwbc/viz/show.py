@@ -192,6 +192,8 @@ def run_live(
         elif until():
             break
     tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
+    if (watch := getattr(loop.control.upper_body, "watch", None)) is not None and watch.tally.problem:
+        tell(str(watch.tally))
     for message in dict.fromkeys([*messages, *loop.safe.report().messages]):
         tell(f"safety: {message}")
 

@@ -55,7 +55,7 @@ def test_a_capture_is_read_as_it_was_written() -> None:
         {"tick": -1}, {"tick": "1"}, {"tick": 10**400}, {"tick": True}, {"robot": POSE[:6]}, {"robot": None},
         {"robot": [float("nan"), *POSE[1:]]}, {"robot": [1e400, *POSE[1:]]}, {"robot": [10**400, *POSE[1:]]},
         {"objects": []}, {"objects": {"parcel": [0.0] * 7}}, {"objects": {"parcel": "x"}}, {"held": [None]},
-        {"held": [1, 2]}, {"more": 1},
+        {"held": [1, 2]}, {"more": 1}, {"objects": {str(n): POSE for n in range(101)}},
     ],
 )  # fmt: skip
 def test_a_malformed_capture_is_refused(changes: dict[str, object]) -> None:
@@ -129,7 +129,7 @@ def test_a_simulated_robot_hears_of_grips_and_refuses_nonsense() -> None:
     client.publish(GRIPS, "nonsense")
     robot.send()
     robot.move()
-    assert robot.refused == {"grips": 1} and "grips refused" in told[0]
+    assert robot.tally.counts == {"grips": 1} and "refused: grips" in told[0]
     assert any("spoon" in problem for problem in robot.simulation.objects.problems)
 
 
@@ -159,7 +159,7 @@ def test_a_run_among_objects_is_replayed_bit_for_bit(tmp_path, standing, jumping
             run.robot_end.publish(OBJECTS, "nonsense")
         run.slot()
     run.recorder.close()
-    assert run.side.pilot.mode is Mode.RUN and run.side.unseen == 1 and len(run.told) == 1
+    assert run.side.pilot.mode is Mode.RUN and run.side.captures.counts["refused"] == 1 and len(run.told) == 1
     assert [grips_of(text) for text in run.robot_end.texts(GRIPS)] == [Looker.grips] * 20
     file = Recording(tmp_path / "run.bin")
     assert sum(entry.kind == recording.SEEN for entry in file.entries()) == 20

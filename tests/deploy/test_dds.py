@@ -99,7 +99,7 @@ def test_the_makers_order_of_messages_works_and_a_client_without_check_sum_is_to
     if seals:
         assert float(moved) > 0.3 and "refused: none" in told
     else:
-        assert "command refused" in told and "the client never sets it" in told
+        assert "refused: check sum" in told and "the client never sets it" in told
         assert "torque 0.00 of the limit" in told
 
 

@@ -98,7 +98,7 @@ def test_a_client_that_never_sets_the_check_sum_is_refused_and_told() -> None:
     content["crc"] = 0
     for _ in range(1200):
         step(robot, client, content.tobytes())
-    assert robot.refused == {"check sum": 1200} and not np.any(robot.simulation.torque)
+    assert robot.tally.counts == {"check sum": 1200} and not np.any(robot.simulation.torque)
     assert len(told) == 3 and all("never sets it" in line for line in told)
 
 
@@ -106,17 +106,17 @@ def test_commands_are_refused_while_a_motion_mode_is_active() -> None:
     robot, client, told = make(mode="normal")
     message = Messages(H1).pack_command(HOLD)
     step(robot, client, message)
-    assert robot.refused == {"motion mode": 1} and "motion mode 'normal' is active" in told[0]
+    assert robot.tally.counts == {"motion mode": 1} and "motion mode 'normal' is active" in told[0]
     assert client.call(1003, "{}", 0.0)[0] == 0
     step(robot, client, message)
-    assert robot.refused == {"motion mode": 1}
+    assert robot.tally.counts == {"motion mode": 1}
 
 
 def test_torn_commands_are_refused() -> None:
     robot, client, _ = make()
     for message in (b"", b"x" * 811, bytes(4000)):
         step(robot, client, message)
-    assert robot.refused == {"size": 3}
+    assert robot.tally.counts == {"size": 3}
 
 
 def test_states_are_as_old_as_the_sensors_latency() -> None:
@@ -207,7 +207,7 @@ def test_from_the_hoist_to_a_stand(monkeypatch) -> None:
     events = [(event.after, event.refused) for event in pair.pilot.machine.events]
     expected = [Mode.ZERO_TORQUE, Mode.START_POSE, Mode.START_POSE, Mode.RUN, Mode.DAMPING]
     assert events == [(mode, index == 2) for index, mode in enumerate(expected)]
-    assert not pair.robot.refused and pair.side.intake.wrong_sum == pair.side.intake.old == 0
+    assert not pair.robot.tally.counts and pair.side.intake.wrong_sum == pair.side.intake.old == 0
 
 
 def test_a_robot_side_that_dies_leaves_the_last_command() -> None:

@@ -73,6 +73,21 @@ def test_hands_go_to_their_targets_no_faster_than_they_may():
     assert source.act(view(5.1)).hands is None and np.isnan(behaviour.points).all()
 
 
+def test_hands_are_at_their_targets_when_the_next_action_comes():
+    behaviour = FollowWish(lambda side: None)
+    source = BehaviourSource(behaviour.course)
+    source.act(view())
+    reached = []
+    for tick in range(50):  # of 0.02 s: an action every fifth, 16 mm on
+        if tick % 5 == 0:
+            points = np.array([[0.3 + 0.016 * (1 + tick // 5), 0.2, 0.1], [0.0, 0.0, 0.0]])
+            behaviour.wish = Wish(used=np.array([True, False]), points=points)
+        hands = source.act(view(0.02 * (tick + 1))).hands
+        assert hands is not None and hands.left is not None
+        reached.append(hands.left[0])
+    np.testing.assert_allclose(np.diff(reached) / 0.02, 0.16, rtol=1e-6)
+
+
 def test_hands_squeeze_along_the_line_between_them():
     behaviour = FollowWish(lambda side: None)
     source = BehaviourSource(behaviour.course)

@@ -24,14 +24,18 @@ class Line:
     def __init__(self):
         """Open both ends."""
         self.now = 0.0
-        self.source = SocketSource(clock=lambda: self.now)
+        self.told = []
+        self.source = SocketSource(clock=lambda: self.now, tell=self.told.append)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def send(self, message):
         """Send a message, bytes or what is to be JSON, and return the command that follows."""
-        data = message if isinstance(message, bytes) else json.dumps(message).encode()
-        self._socket.sendto(data, (HOST, self.source.port))
+        self.queue(message if isinstance(message, bytes) else json.dumps(message).encode())
         return self.source.command_at(0.0)
+
+    def queue(self, data):
+        """Send a message that waits for the next tick."""
+        self._socket.sendto(data, (HOST, self.source.port))
 
     def close(self):
         """Close both ends."""
@@ -69,6 +73,11 @@ def test_commands_and_hands_arrive(line):
         *({"command": [1]}, {"command": {"v_x": "1"}}, {"command": {"v_x": True}}, {"gait": "flying"}, {"gait": 1}),
         *({"hands": 1}, {"hands": {}}, {"hands": {"left": [1, 2]}}, {"hands": {"left": [0, 0, None]}}, {"speed": 1}),
         *({"hands": {"left": [1, 2, 3], "frame": ["world"]}}, {"hands": {"left": [1, 2, 3], "together": 1}}),
+        *({"hands": {"left": ["0.3", 0.2, 0.1]}}, {"hands": {"left": [True, 0.2, 0.1]}}, {"hands": {"left": "312"}}),
+        *(
+            {"hands": {"left": [10**400, 0.2, 0.1]}},
+            {"hands": {"left": [0.3, 0.2, 0.1], "left_direction": [True, 0, 0]}},
+        ),
         *({"sequence": -1}, {"sequence": 1.5}, {"sequence": True}),
     ],
 )
@@ -76,13 +85,13 @@ def test_a_malformed_message_is_counted_and_changes_nothing(line, message):
     before = line.send({"command": {"v_x": 0.4}, "hands": {"left": [0.3, 0.2, 0.2]}})
     hands = line.source.hands_at(0.0)
     assert line.send(message) is before and line.source.hands_at(0.0) is hands
-    assert line.source.counts.malformed == 1 and line.source.problem
+    assert line.source.tally.counts["refused"] == 1 and line.source.tally.problem
 
 
 def test_a_message_that_is_overtaken_is_ignored(line):
     line.send({"sequence": 7, "command": {"v_x": 0.4}})
     assert line.send({"sequence": 6, "command": {"v_x": 0.1}}).v_x == 0.4
-    assert line.source.counts.late == 1
+    assert line.source.tally.counts["late"] == 1
 
 
 def test_a_client_that_disappears_stops_the_robot_and_may_come_back(line):
@@ -92,8 +101,49 @@ def test_a_client_that_disappears_stops_the_robot_and_may_come_back(line):
     line.now = SILENCE + 0.01
     assert line.source.command_at(0.0) == Command() and line.source.hands_at(0.0) is None
     line.source.command_at(0.0)
-    assert SILENCE < 0.5 and line.source.counts.silences == 1
+    assert SILENCE < 0.5 and line.source.tally.counts["silent"] == 1
     assert line.send({"sequence": 0, "command": {"v_x": 0.2}}).v_x == 0.2
+
+
+def test_the_person_at_the_terminal_learns_what_is_wrong_once_a_second_and_in_the_end(line):
+    told = line.told
+    for n in range(30):  # 1.5 s
+        line.now = 0.05 * n
+        line.send({"command": {"vx": 0.4}})
+    assert len(told) == 2 and all("vx" in text and "'v_x'" in text for text in told), "with what was meant"
+    for n in (0, 1, 4, 3, 5):
+        line.send({"sequence": n})
+    line.send(b"\x80\x04\x95")  # a pickle
+    line.send({"hands": {"left": [300, 200, 100]}})
+    line.now += 1.0
+    line.send({"hands": {"left": [0.3, 0.2, 0.1, 0, 0, 0, 1]}})
+    assert "three finite numbers" in told[-2] and "the robot stands" in told[-1]
+    line.send({"sequence": 6})
+    for words in ("39 messages", "33 refused", "2 missing", "1 late", "longest gap 1000 ms", "1 silent"):
+        assert words in str(line.source.tally)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b'{"hands": {"left": [0.3, 0.2, 0.1], "frame": "' + b"x" * 4000 + b'"}}',
+        b'{"hands": {"left": ' + b"[" * 900 + b"]" * 900 + b"}}",
+        b'{"gait": "' + b"y" * 4000 + b'"}',
+        b'{"' + b"z" * 4000 + b'": 1}',
+        b'{"command": {"v_x": 0.1}, "hands": {"left": [0.3, 0.2, 0.1]}}',
+    ],
+)
+def test_a_flood_takes_little_time_and_the_newest_message_wins(line, message):
+    data, spent = message, []
+    for _ in range(3):
+        for _ in range(200):
+            line.queue(data)
+        line.queue(b'{"command": {"v_x": 0.25}}')
+        begin = time.perf_counter()
+        assert line.source.command_at(0.0).v_x == 0.25
+        spent.append(time.perf_counter() - begin)
+    assert min(spent) < 0.01, "half a control period of the policy; a quiet tick among other work"
+    assert line.source.tally.counts["overtaken"] > 30
 
 
 def test_a_port_in_use_or_out_of_range_is_refused(line):
@@ -109,9 +159,9 @@ def test_the_client_of_the_guide_drives(tmp_path):
     source = SocketSource()
     with subprocess.Popen([sys.executable, str(client), str(source.port), "0.2"]) as process:
         give_up = time.monotonic() + 30.0
-        while source.counts.good == 0 and time.monotonic() < give_up:
+        while not source.tally.received and time.monotonic() < give_up:
             command = source.command_at(0.0)
             time.sleep(0.005)
         assert process.wait(30.0) == 0
-    assert command.v_x == 0.3 and source.hands_at(0.0).given.all() and source.counts.malformed == 0
+    assert command.v_x == 0.3 and source.hands_at(0.0).given.all() and not source.tally.counts["refused"]
     source.close()
