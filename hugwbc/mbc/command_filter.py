@@ -203,9 +203,9 @@ class CommandFilter:
             wanted, why = -params.hop_lowering, "is too high for a leg that leans"
         if gait in _LEAPS:
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait in _HOPS else 2))
-        if gait in _HOPS:
-            travel = min(math.hypot(*self._velocity) / params.hop_squat_speed, 1.0)
-            lowest += travel * max(-params.hop_lowering - lowest, 0.0)
+            travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
+            least = -params.hop_lowering if gait in _HOPS else -params.jump_lowering
+            lowest += travel * max(least - lowest, 0.0)
         if h < lowest:
             # Where the room of the stance leg ends, the trailing leg of a fast walk still needs its lowering.
             least = lowest if gait in _LEAPS else lowest - lowering

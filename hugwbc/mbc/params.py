@@ -225,9 +225,11 @@ class ControllerParams:
     """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
     hop_lowering: float = 0.06
     """Lowering of the pelvis for a hop [m]: its leg leans and must still reach the ground."""
-    hop_squat_speed: Positive = 0.3
-    """Speed [m/s] or rate of turning [rad/s] from which on a hop is no lower: one leg cannot push off from a squat and
-    travel as well."""
+    jump_lowering: float = 0.1
+    """Largest lowering of the pelvis for a jump that travels or turns [m]."""
+    leap_squat_speed: Positive = 0.3
+    """Speed [m/s] or rate of turning [rad/s] from which on a leap is no lower than these two: the legs cannot push off
+    from a squat and travel as well."""
     free_leg_weight: float = 2.0
     """Weight of the joints of the leg that does not hop."""
     free_leg_gains: _Gains = (100.0, 20.0)

@@ -161,6 +161,14 @@ def test_a_hop_is_lowered_slowly_and_less_where_it_travels_or_turns(gait):
         assert moving == pytest.approx(-PARAMS.hop_lowering) and lowest < moving - 0.02
 
 
+def test_a_jump_from_a_squat_does_not_travel():
+    deep, jumps = Command(h=-0.3, gait=Gait.JUMPING), GaitState(running=Gait.JUMPING)
+    lowest = _after(3000, deep, jumps)[0].h
+    for faster in (dict(v_x=-0.3), dict(v_y=0.3, omega=0.3)):
+        assert _after(3000, dataclasses.replace(deep, **faster), jumps)[0].h == pytest.approx(-PARAMS.jump_lowering)
+    assert lowest < -0.16
+
+
 def test_the_last_leap_keeps_its_posture():
     commands, leaps = CommandFilter(PARAMS), GaitState(running=Gait.JUMPING)
     _after(1000, Command(p=0.2, w=0.3, gait=Gait.JUMPING), leaps, commands)
