@@ -1,10 +1,12 @@
 """NumPy arrays and torch tensors: training and deployment share formulas that take either and return the same kind."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 Array = Any  # a NumPy array or a torch tensor
+Place = Callable[[np.ndarray], Array]  # what makes constants arrays of the kind, and on the device, of the arguments
 
 
 def namespace(array: Array) -> Any:  # noqa: ANN401  a module
@@ -24,3 +26,8 @@ def double(array: Array) -> Array:
 def single(array: Array) -> Array:
     """Return an array in single precision, which networks read."""
     return np.asarray(array, dtype=np.float32) if namespace(array) is np else array.float()
+
+
+def whole(array: Array) -> Array:
+    """Return numbers without their fractions, to index with."""
+    return array.astype(int) if namespace(array) is np else array.long()

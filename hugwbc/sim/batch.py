@@ -152,6 +152,10 @@ class RobotBatch(abc.ABC):
     def restore_footing(self, footing: torch.Tensor) -> None:
         """Set a value of `footing` and search for contacts; needed to resume bit by bit on terrain."""
 
+    def faults(self) -> str:
+        """Return in words what the engine left out since the last call; empty if nothing. A GPU is waited for."""
+        return ""
+
     def states(self) -> list[RobotState]:
         """Return the true state of every robot in the form that a controller of one robot expects."""
         arrays = (value.numpy(force=True).astype(float) for value in (self.qpos, self.qvel, self.foot_force()))

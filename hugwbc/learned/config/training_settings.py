@@ -85,8 +85,10 @@ class TrainConfig:
     """Seed of all random numbers."""
     threads: Count = 2
     """Threads of the simulation and of torch; with 1, other cores stay free."""
-    device: Literal["cpu", "cuda"] = "cpu"
-    """Where the networks learn; physics, rewards and observations stay on the CPU."""
+    device: Literal["auto", "cpu", "cuda", "warp"] = "auto"
+    """Where physics, rewards, observations and networks are computed: on the processor, by MuJoCo; or on an NVIDIA GPU,
+    by MuJoCo Warp (hugwbc[gpu]); auto takes a GPU where there is one. Evaluations stay on the processor. With warp, the
+    GPU's physics runs on the processor, for tests."""
     critic_warm_up: Annotated[int, Field(ge=0)] = 0
     """Iterations at the start of the run in which only the critic learns. Use it for a policy from another run, or
     after a change of rewards or discount: the values are wrong at first and would spoil the actor."""

@@ -9,6 +9,7 @@ import torch
 from hugwbc.learned.env.arm_gains import ArmGains
 from hugwbc.learned.env.arm_intervention import Intervention
 from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.learned.env.random_numbers import restore as restore_generator
 from hugwbc.learned.env.randomization import Latency
 from hugwbc.learned.env.readings import Readings, read
 from hugwbc.learned.env.rough_ground import RoughGround
@@ -73,9 +74,10 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
     Raises:
         KeyError: if a part is missing.
     """
+    restore_generator(env.generator, state["generator"])
+    state = {name: value.to(env.simulation.device) for name, value in state.items()}
     for name in _STATE_TENSORS:
         setattr(env, name, state[name].clone())
-    env.generator.set_state(state["generator"])
     prefixed: dict[str, dict[str, torch.Tensor]] = {name: {} for name in ("curriculum", "terrain", *_STATE_PARTS)}
     for key, value in state.items():
         group, _, name = key.partition(".")

@@ -1,7 +1,7 @@
 """The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -77,41 +77,41 @@ class HumanoidEnv:
 
     # Construction ---------------------------------------------------------------------------------------------------
 
-    def __init__(self, config: EnvConfig, *, seed: int, threads: int) -> None:
+    def __init__(self, config: EnvConfig, *, seed: int, threads: int, device: str = "cpu") -> None:
         """Build the robots and start all episodes, each at a random age so that resets do not coincide.
 
         Args:
             config: the settings.
             seed: seed of every random number of the environment.
-            threads: threads of the simulation.
+            threads: threads of the simulation, on the processor.
+            device: "cpu" for MuJoCo; a CUDA device, or "warp" for the processor again, for MuJoCo Warp.
         """
         self.config = config
         self.robot = load_robot(config.robot)
         self.count = config.count
         self.dt = config.period
-        self.generator = torch.Generator().manual_seed(seed)
+        make, place = _engine(device, threads)
+        self.generator = torch.Generator(place).manual_seed(seed)
         rough = config.terrain.roughness > 0.0
-        self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed)) if rough else None
-        self.simulation: RobotBatch = BatchSimulation(
+        self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed), place) if rough else None
+        self.simulation = make(
             config.count,
             terrain=None if self.ground is None else self.ground.terrain,
-            threads=threads,
             robot=self.robot,
             actuators=DRIVES[config.drives],
             ground=Ground.named(config.ground),
             timestep=config.timestep,
         )
-        device = self.simulation.device
-        self.action_scale = tensor(config.action_scales(self.robot), device)
+        self.action_scale = tensor(config.action_scales(self.robot), place)
         rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
-        self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping), device)
+        self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping), place)
         delays = draw_delays(self.count, config.randomization.latency, config.timestep, rng)
         self.latency = None if delays is None else Latency(delays, config.substeps, self.simulation)
         self.nominal_qpos = self.simulation.tensor(self.simulation.nominal_qpos)
-        self._pose = self.nominal_qpos[7:].double()
+        self._pose = torch.tensor(self.robot.nominal, device=place)
         self.curriculum = Curriculum(config.curriculum)
-        self.agile = torch.arange(self.count, device=device) < round(config.curriculum.agile_fraction * self.count)
+        self.agile = torch.arange(self.count, device=place) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
         targets = make_arm_targets(
             config.intervention,
@@ -127,40 +127,43 @@ class HumanoidEnv:
         self.loads = Loads(self.simulation, self.robot, config.loads, ~self.agile, self.generator, self.dt)
         self.mass = tensor(self.simulation.expand("body_mass").sum(1) / self.robot.mass)
         seconds = np.zeros(self.count) if delays is None else delays * config.timestep
-        self._body_facts = torch.stack((self.mass, tensor(seconds, device)), dim=1)
+        self._body_facts = torch.stack((self.mass, tensor(seconds, place)), dim=1)
         self.adopt(config)
-        self.body = Body.of(self.robot, self.dt, device)
+        self.body = Body.of(self.robot, self.dt, place)
         hops = config.command.hopping_fraction > 0.0
-        self.statistics = Statistics(self.count, self.robot.waist, hopping=hops, device=device)
+        self.statistics = Statistics(self.count, self.robot.waist, hopping=hops, device=place)
         self.further = further_terms(config.observations)
-        self._further_noise = obs.noise_amplitude(self.further).to(device)
-        self.noise = obs.noise_amplitude(obs.FRAME).to(device) * config.randomization.noise
+        self._further_noise = obs.noise_amplitude(self.further).to(place)
+        self.noise = obs.noise_amplitude(obs.FRAME).to(place) * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
         grace = config.held_foot_grace
-        self.held_foot = FeetRule(self.count, grace, self.dt, device) if grace > 0.0 else None
-        self.starts = None if config.starts is None else RecordedStarts.load(config.starts, device)
-        zeros = functools.partial(torch.zeros, device=device)
+        self.held_foot = FeetRule(self.count, grace, self.dt, place) if grace > 0.0 else None
+        self.starts = None if config.starts is None else RecordedStarts.load(config.starts, place)
+        zeros = functools.partial(torch.zeros, device=place)
         self.command = zeros(self.count, len(COMMAND_NAMES))
         self.gait, self.age = zeros(2, self.count, dtype=torch.long)
         self.phase, self.waist = zeros(2, self.count)
         self.actions = zeros(3, self.count, obs.JOINTS)
         self.history = zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
         self.posture, self.bias = zeros(self.count, 2), zeros(self.count, 3)
-        self.begin_episodes(torch.arange(self.count, device=device))
+        self.begin_episodes(torch.arange(self.count, device=place))
         nobody = zeros(self.count, dtype=torch.bool)
         check_terms(config.terms, self._transition(self.readings, nobody), self.body)
         self.age = randint(self.generator, config.episode_steps, self.count)
         if self.held_foot is not None:
             self.held_foot.due += self.age * self.dt
 
+    @property
+    def device(self) -> torch.device:
+        """Device of all tensors."""
+        return self.simulation.device
+
     def adopt(self, config: EnvConfig) -> None:
         """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before."""
         self._given = config  # before the rules of the curriculum
         self.config = config = self.curriculum.applied(config)
         self._terms = reward_terms(config)
-        self._commanded = CommandFeedForward(
-            config.contract(), functools.partial(torch.as_tensor, device=self.simulation.device)
-        )
+        self._commanded = CommandFeedForward(config.contract(), functools.partial(torch.as_tensor, device=self.device))
         self.curriculum.config = config.curriculum
         self.loads.config = config.loads
 
@@ -450,3 +453,13 @@ class HumanoidEnv:
                 these, the part in question starts afresh.
         """
         environment_state.restore(self, state)
+
+
+def _engine(device: str, threads: int) -> tuple[Callable[..., RobotBatch], torch.device]:
+    """Return what makes the robots for a device of `HumanoidEnv`, and the device of their tensors."""
+    if device == "cpu":
+        return functools.partial(BatchSimulation, threads=threads), torch.device("cpu")
+    from hugwbc.sim.warp_batch import WarpBatch
+
+    place = torch.device("cpu" if device == "warp" else device)
+    return functools.partial(WarpBatch, device=str(place)), place

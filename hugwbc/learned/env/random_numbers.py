@@ -1,4 +1,6 @@
-"""Random numbers of the environment, on the device of their generator."""
+"""Random numbers on the device of their generator."""
+
+import zlib
 
 import torch
 
@@ -23,3 +25,11 @@ def uniform(
 ) -> torch.Tensor:
     """Draw uniform numbers between `low` and `high`, shape (count,)."""
     return low + rand(generator, count) * (high - low)
+
+
+def restore(generator: torch.Generator, state: torch.Tensor) -> None:
+    """Continue from the state of a generator; from that of another kind of device, begin with a seed made of it."""
+    if state.shape == generator.get_state().shape:
+        generator.set_state(state)
+    else:
+        generator.manual_seed(zlib.crc32(state.numpy().tobytes()))

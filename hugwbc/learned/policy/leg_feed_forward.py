@@ -11,12 +11,11 @@ says nothing of balance or of the length of a step, which are left to the policy
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from hugwbc import gait as gaits
-from hugwbc.arrays import Array, double, namespace
+from hugwbc.arrays import Array, Place, double, namespace
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.policy.contract import Contract
 from hugwbc.robot import SIDES, Robot, load_robot
@@ -25,8 +24,6 @@ HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward 
 _MARGIN = 0.98  # of a straight leg's length, and of the joints' ranges
 _F, _L, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "w"))
 _SQUAT = slice(COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p") + 1)
-
-Place = Callable[[np.ndarray], Array]  # what makes constants arrays of the kind, and on the device, of the arguments
 
 
 class LegFeedForward:

@@ -46,7 +46,8 @@ def test_our_terms_are_what_they_declare(name):
 def test_training_and_deployment_read_the_same():
     """A term takes tensors as it takes arrays; one of a user's gets arrays in training too."""
     arrays = _made_up()
-    parts = {name: torch.tensor(value) for name, value in vars(arrays).items() if isinstance(value, np.ndarray)}
+    values = {field.name: getattr(arrays, field.name) for field in dataclasses.fields(arrays)}
+    parts = {name: torch.tensor(value) for name, value in values.items()}
     terms = [*TERMS.values(), KNEES]
     assert not KNEES.tensors and all(term.tensors for term in TERMS.values())
     seen = observe(terms, dataclasses.replace(arrays, **parts))
