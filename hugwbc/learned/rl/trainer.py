@@ -48,13 +48,14 @@ class Trainer:
         best: the same of the best evaluation, whose policy is in the folder `best`.
         product: the networks that are evaluated and given out: the learner's, averaged over `config.average_steps`.
         leads: whether this is the first process.
+        device: where it computes.
         stop: the wish to stop; it is looked at after every iteration.
         remark: what a user should know about the run that this one starts from; usually empty.
     """
 
     def __init__(self, config: TrainConfig) -> None:
         """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`."""
-        self._device = distributed.claim_device(config.device)
+        self.device = distributed.claim_device(config.device)
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config = config
@@ -88,7 +89,7 @@ class Trainer:
 
     def _robots(self, config: EnvConfig) -> HumanoidEnv:
         self._env_config = config
-        return HumanoidEnv(config, seed=self._seed, threads=self.config.threads, device=self._device)
+        return HumanoidEnv(config, seed=self._seed, threads=self.config.threads, device=self.device)
 
     # Training -------------------------------------------------------------------------------------------------------
 
@@ -102,7 +103,7 @@ class Trainer:
         start, first, hours = time.monotonic(), self.run_steps, self.config.hours
         if self.leads:
             record = {"config": settings_record(self.config), "start_iteration": self.iteration}
-            append_session(self.config.out, {"versions": versions(), "device": self._device, **record})
+            append_session(self.config.out, {"versions": versions(), "device": self.device, **record})
             begin_log(self.config.out, self.iteration, resumed=self.config.resume)
         # A signal or a clock of one process must stop all of them in the same iteration: they wait for each other.
         while self.run_steps < self.config.steps and not distributed.anywhere(
