@@ -6,10 +6,10 @@ Functions of arrays take NumPy arrays or torch tensors and return the same kind,
 
 import enum
 import math
-from typing import Any
 
 import numpy as np
 
+from hugwbc.arrays import Array, namespace
 from hugwbc.blends import minimum_jerk
 from hugwbc.errors import UnknownNameError
 from hugwbc.numeric import number
@@ -21,8 +21,6 @@ STANDING_PHASE = 0.25  # middle of stance: expected contact 1, clock +1
 FLYING_PHASE = 0.75  # middle of swing: expected contact 0, clock -1
 DEFAULT_DUTY = 0.5
 _BOUNCING = (1.0, 10.0)  # [Hz], range of the frequencies of `bounce`, so that any number gives a finite path
-
-Array = Any  # a NumPy array or a torch tensor
 
 
 class Gait(enum.IntEnum):
@@ -67,16 +65,8 @@ def flies(gait: Array) -> Array:
     return (gait == int(Gait.JUMPING)) | hopping(gait)
 
 
-def _xp(array: Array) -> Any:  # noqa: ANN401  the array's own namespace
-    if type(array).__module__.startswith("torch"):
-        import torch
-
-        return torch
-    return np
-
-
 def _normal_cdf(x: Array) -> Array:
-    xp = _xp(x)
+    xp = namespace(x)
     if xp is np:
         return 0.5 * (1.0 + _erf(np.asarray(x) / math.sqrt(2.0)))
     return xp.special.ndtr(x)
@@ -104,7 +94,7 @@ def foot_phases(phase: Array, gait: Array) -> Array:
     Returns:
         Phases in [0, 1), shape (..., 2).
     """
-    xp = _xp(phase)
+    xp = namespace(phase)
     phase = np.asarray(phase, dtype=float) if xp is np else phase
     gait = np.asarray(gait) if xp is np else gait
     offset = xp.where(gait == Gait.WALKING.value, 0.5, 0.0)
@@ -122,7 +112,7 @@ def homogenised_phase(phase: Array, duty: Array = DEFAULT_DUTY) -> Array:
         phase: phase of a foot in [0, 1).
         duty: the paper's phi_stance, the fraction of a cycle in stance, in (0, 1).
     """
-    xp = _xp(phase)
+    xp = namespace(phase)
     stance = 0.5 * phase / duty
     swing = 0.5 + 0.5 * (phase - duty) / (1.0 - duty)
     return xp.where(phase < duty, stance, swing)
@@ -130,7 +120,7 @@ def homogenised_phase(phase: Array, duty: Array = DEFAULT_DUTY) -> Array:
 
 def clock(homogenised: Array) -> Array:
     """Return the clock signals sin(2 pi bar phi), positive in stance (the paper's Cl_L, Cl_R)."""
-    return _xp(homogenised).sin(2.0 * math.pi * homogenised)
+    return namespace(homogenised).sin(2.0 * math.pi * homogenised)
 
 
 def expected_contact(homogenised: Array, sigma: float = CONTACT_SIGMA) -> Array:
@@ -162,7 +152,7 @@ def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Arr
         start: ground height at lift-off [m].
         end: ground height at touch-down [m].
     """
-    xp = _xp(homogenised)
+    xp = namespace(homogenised)
     rising = homogenised < 0.75
     u = xp.clip(xp.where(rising, homogenised - 0.5, 1.0 - homogenised) / 0.25, 0.0, 1.0)
     base = xp.where(rising, start, end)
@@ -185,6 +175,6 @@ def bounce(phase: Array, gait: Array, frequency: Array) -> tuple[Array, Array]:
     """
     flying, u = phase >= DEFAULT_DUTY, (phase % 0.5) / 0.5
     sign = flies(gait) * (2.0 * flying - 1.0)
-    duration = 0.5 / _xp(frequency).clip(frequency, *_BOUNCING)
+    duration = 0.5 / namespace(frequency).clip(frequency, *_BOUNCING)
     speed = 0.5 * GRAVITY * duration  # at lift-off
     return sign * speed * duration * u * (1.0 - u), sign * speed * (1.0 - 2.0 * u)

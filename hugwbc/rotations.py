@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from hugwbc.arrays import Array, namespace
+
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Rotate a vector from the body frame to the world frame; shapes (..., 4) and (..., 3)."""
@@ -18,13 +20,13 @@ def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return vector + w * t + cross(u, t)
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: Array, b: Array) -> Array:
     """Return the cross product, shape (..., 3); of two vectors in a tenth of the time of `np.cross`."""
     if a.ndim == b.ndim == 1:
         return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-1)
+    return namespace(a).stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), -1)
 
 
 def rotate_inverse(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.metrics import percentiles
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
+from hugwbc.learned.config.training_settings import Device
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy.critic_observations import JOINTS
 from hugwbc.learned.rl.trainer import Trainer
@@ -26,6 +27,7 @@ from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.rollout import rollout
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
+from hugwbc.sim.batch import BatchSimulation
 from hugwbc.state import RobotState
 from hugwbc.tasks import load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
@@ -40,96 +42,85 @@ ACTIVITIES = (*COMMANDS, "fetch_box")
 
 
 @dataclasses.dataclass(frozen=True)
-class EnvironmentSpeed:
-    """Speed of the training environment, in control steps of one robot per second.
-
-    Attributes:
-        steps_per_s: speed with observations, rewards and resets, without the learner.
-        bare_steps_per_s: speed of `mujoco.batch` alone with the same model, batch size, substeps and states.
-        ratio: the first divided by the second.
-        count: number of robots in the batch.
-        control_steps: number of control steps that were measured.
-    """
-
-    steps_per_s: float
-    bare_steps_per_s: float
-    ratio: float
-    count: int
-    control_steps: int
-
-
-@dataclasses.dataclass(frozen=True)
 class TrainingSpeed:
-    """Speed of training end to end, in control steps of one robot per second.
+    """Speed of training and of its parts, in control steps of one robot per second.
 
     Attributes:
-        steps_per_s: speed of environment and learner.
-        collect_fraction: fraction of the time spent in collecting experience; the rest is the update.
-        ratio: speed divided by that of bare physics.
+        device: where everything is computed.
         count: number of robots.
-        iterations: number of iterations that were measured.
+        bare: speed of the engine alone, with the same model, states and substeps.
+        environment: speed with observations, rewards and resets, without the learner.
+        learner: speed of the learner alone.
+        training: speed of all together.
     """
 
-    steps_per_s: float
-    collect_fraction: float
-    ratio: float
+    device: str
     count: int
-    iterations: int
+    bare: float
+    environment: float
+    learner: float
+    training: float
 
 
-def training_speed(bare_steps_per_s: float, count: int, iterations: int, threads: int) -> TrainingSpeed:
-    """Measure whole training iterations after one for warm-up; nothing is saved.
+def training_speed(count: int, control_steps: int, iterations: int, threads: int, device: Device) -> TrainingSpeed:
+    """Measure bare physics, the training environment, and whole training iterations; nothing is saved.
+
+    Before every step bare physics gets the environment's states and controls, so that both simulate the same contacts.
+    The actions are noise: robots stumble, fall and are reset, as at the start of a training.
 
     Args:
-        bare_steps_per_s: speed of bare physics, measured by `environment_speed` with the same number of threads.
         count: number of robots.
-        iterations: number of iterations to measure.
-        threads: threads of simulation and learner.
+        control_steps: control steps of bare physics and environment to measure, after a warm-up.
+        iterations: training iterations to measure, after one for warm-up.
+        threads: threads on the processor.
+        device: as in `TrainConfig`.
     """
-    config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_steps=0)
+    config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_steps=0, device=device)
     trainer = Trainer(config)
-    trainer.iterate()
-    rows = [trainer.iterate() for _ in range(iterations)]
-    seconds = np.array([config.ppo.horizon * count / row["steps_per_second"] for row in rows])
-    collect = float(np.sum(seconds * [row["collect_fraction"] for row in rows]) / seconds.sum())
-    speed = float(iterations * config.ppo.horizon * count / seconds.sum())
-    return TrainingSpeed(speed, collect, speed / bare_steps_per_s, count, iterations)
-
-
-def environment_speed(count: int, control_steps: int, threads: int) -> EnvironmentSpeed:
-    """Measure the training environment against bare physics.
-
-    Before every step the bare batch gets the environment's states and controls, so that both simulate the same
-    contacts. The actions are noise: robots stumble, fall and are reset, as at the start of a training.
-
-    Args:
-        count: number of robots in the batch.
-        control_steps: number of control steps to measure after a warm-up.
-        threads: threads of both.
-    """
-    config = EnvConfig(count=count)
-    torch.set_num_threads(threads)
-    env = HumanoidEnv(config, seed=0, threads=threads)
-    bare = Batch(env.simulation.model, count, threads)
-    states = {name: bare.bind(name) for name in ("qpos", "qvel", "ctrl")}
-    generator = torch.Generator().manual_seed(0)
+    env = trainer.env
+    bare, advance = _bare_physics(env, threads)
     env_s = bare_s = 0.0
     for step in range(WARM_UP_STEPS + control_steps):
-        action = 0.5 * torch.randn(count, JOINTS, generator=generator)
+        action = 0.5 * torch.randn(count, JOINTS, generator=trainer.generator, device=env.device)
         for name in ("qpos", "qvel"):
-            states[name][:] = getattr(env.simulation, name)
-        begin = time.perf_counter()
+            bare[name][:] = getattr(env.simulation, name)
+        begin = _now(env)
         env.step(action)
         env.observe()
-        middle = time.perf_counter()
-        states["ctrl"][:] = env.simulation.ctrl
-        start = time.perf_counter()
-        bare.step(nstep=config.substeps)
+        middle = _now(env)
+        bare["ctrl"][:] = env.simulation.ctrl
+        start = _now(env)
+        advance()
         if step >= WARM_UP_STEPS:
             env_s += middle - begin
-            bare_s += time.perf_counter() - start
-    total = count * control_steps
-    return EnvironmentSpeed(total / env_s, total / bare_s, bare_s / env_s, count, control_steps)
+            bare_s += _now(env) - start
+    trainer.iterate()
+    begin, rows = _now(env), [trainer.iterate() for _ in range(iterations)]
+    seconds = _now(env) - begin
+    learning = sum((1.0 - row["collect_fraction"]) / row["steps_per_second"] for row in rows) / iterations
+    steps, samples = count * control_steps, count * config.ppo.horizon * iterations
+    place = torch.cuda.get_device_name(env.device) if env.device.type == "cuda" else trainer.device
+    return TrainingSpeed(place, count, steps / bare_s, steps / env_s, 1.0 / learning, samples / seconds)
+
+
+def _bare_physics(env: HumanoidEnv, threads: int) -> tuple[dict[str, torch.Tensor], Callable[[], object]]:
+    """Return the states of robots in the environment's engine alone, and what advances them by a control step."""
+    ours, substeps = env.simulation, env.config.substeps
+    if isinstance(ours, BatchSimulation):
+        batch = Batch(ours.model, ours.count, threads)
+        states = {name: torch.from_numpy(batch.bind(name)) for name in ("qpos", "qvel", "ctrl")}
+        return states, lambda: batch.step(nstep=substeps)
+    from hugwbc.sim.warp_batch import WarpBatch
+
+    twin = WarpBatch(ours.count, device=str(ours.device))
+    return {"qpos": twin.qpos, "qvel": twin.qvel, "ctrl": twin.ctrl}, lambda: twin.step(substeps)
+
+
+def _now(env: HumanoidEnv) -> float:
+    """Return the time at which the environment's device has done its work [s]."""
+    if env.device.type == "cuda":
+        torch.cuda.synchronize(env.device)
+    return time.perf_counter()
 
 
 @dataclasses.dataclass(frozen=True)

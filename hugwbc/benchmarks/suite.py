@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
+from hugwbc.learned.config.training_settings import Device
 from hugwbc.settings import Count, Positive, settings
 
 if TYPE_CHECKING:
-    from hugwbc.benchmarks.speed import EnvironmentSpeed, EpisodeSpeed, QpSpeed, TrainingSpeed
+    from hugwbc.benchmarks.speed import EpisodeSpeed, QpSpeed, TrainingSpeed
     from hugwbc.upper_ik.workspace import Workspace
 
 
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
 class BenchSettings:
     """Sizes of the benchmarks."""
 
-    count: Count = 1024  # robots in training
+    count: tuple[Count, ...] = (1024,)  # robots in training; of several numbers, one after the other
+    device: Device = "auto"  # of training, as in hugwbc train
     control_steps: Count = 50  # steps of the training environment to measure
     iterations: Count = 2  # training iterations to measure, of 24 control steps and one update each
-    threads: Count = 1  # threads of training, its environment and bare physics; controllers and IK use one
+    threads: Count = 1  # threads of training and bare physics; controllers and IK use one
     # simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]
     seconds: Positive = 4.0
     calls: Count = 500  # calls of the policy and of the IK to measure
@@ -33,8 +35,7 @@ class BenchFigures:
     """Figures of all benchmarks.
 
     Attributes:
-        environment: speed of the training environment.
-        training: speed of training.
+        training: speed of training and its parts, by number of robots.
         qp: speed of `qp`, by gait.
         episodes: speed of an episode with everything in the loop, by controller and activity.
         policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
@@ -42,14 +43,21 @@ class BenchFigures:
         threads: threads of training, its environment and bare physics.
     """
 
-    environment: "EnvironmentSpeed"
-    training: "TrainingSpeed"
+    training: list["TrainingSpeed"]
     qp: dict[str, "QpSpeed"]
     episodes: dict[str, "EpisodeSpeed"]
     policy_tick_ms: dict[str, float | None]
     ik_tick_ms: dict[str, float | None]
     workspace: "Workspace"
     threads: int
+
+
+def measure_training(settings: BenchSettings) -> list["TrainingSpeed"]:
+    """Return the speed of training by number of robots."""
+    from hugwbc.benchmarks.speed import training_speed  # loads torch
+
+    s = settings
+    return [training_speed(count, s.control_steps, s.iterations, s.threads, s.device) for count in s.count]
 
 
 def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) -> BenchFigures:
@@ -60,10 +68,7 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
     from hugwbc.runtime import load_controller
     from hugwbc.upper_ik.workspace import measure_workspace
 
-    environment = speed.environment_speed(settings.count, settings.control_steps, settings.threads)
-    advance(0.05)
-    bare = environment.bare_steps_per_s
-    training = speed.training_speed(bare, settings.count, settings.iterations, settings.threads)
+    training = measure_training(settings)
     advance(0.2)
     qp = {gait: speed.qp_speed(command, settings.seconds) for gait, command in speed.COMMANDS.items()}
     advance(0.3)
@@ -77,7 +82,6 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
     advance(0.6)
     workspace = measure_workspace(settings.spacing, on_progress=lambda fraction: advance(0.6 + 0.4 * fraction))
     return BenchFigures(
-        environment,
         training,
         qp,
         episodes,

@@ -3,11 +3,15 @@
 import dataclasses
 import pathlib
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from hugwbc.benchmarks.suite import BenchFigures, BenchSettings, run_benchmarks
+from hugwbc.benchmarks.suite import BenchFigures, BenchSettings, measure_training, run_benchmarks
 from hugwbc.cli.output import check_writable, parse, progress, say, write_json
 from hugwbc.evaluation.tables import format_table
 from hugwbc.settings import settings
+
+if TYPE_CHECKING:
+    from hugwbc.benchmarks.speed import TrainingSpeed
 
 
 @settings
@@ -15,6 +19,7 @@ class BenchOptions(BenchSettings):
     """Measure training, controllers, hand IK and the hands' reachable workspace."""
 
     json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.
+    training: bool = False  # Print only the speed of training and its parts.
     profile: bool = False  # Print only where the time of an episode goes, by part of the code, for both controllers.
 
 
@@ -24,6 +29,11 @@ def run(words: Sequence[str]) -> int:
     check_writable(options.json)
     if options.profile:
         write_json(options.json, _profile(options))
+        return 0
+    if options.training:
+        speeds = measure_training(options)
+        say(_training(speeds, options.threads), options.json)
+        write_json(options.json, [dataclasses.asdict(speed) for speed in speeds])
         return 0
     with progress("benchmark") as advance:
         figures = run_benchmarks(options, advance)
@@ -50,8 +60,14 @@ def _profile(options: BenchOptions) -> dict[str, dict[str, float]]:
     return shares
 
 
+def _training(speeds: Sequence["TrainingSpeed"], threads: int) -> str:
+    parts = ("bare", "environment", "learner", "training")
+    rows = [(s.count, *(f"{getattr(s, part):.0f}" for part in parts), f"{s.training / s.bare:.2f}") for s in speeds]
+    table = format_table(("robots", "bare physics", *parts[1:], "of bare"), rows)
+    return f"control steps per second of one robot on {speeds[0].device}, {threads} thread(s)\n{table}"
+
+
 def _describe(figures: BenchFigures) -> str:
-    environment, training = figures.environment, figures.training
     rows: list[tuple[object, ...]] = [
         (f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in figures.qp.items()
     ]
@@ -64,11 +80,7 @@ def _describe(figures: BenchFigures) -> str:
     unsolved = ", ".join(f"{gait} {speed.unsolved:.2%}" for gait, speed in figures.qp.items())
     return "\n".join(
         [
-            f"{environment.count} robots, {figures.threads} thread(s), control steps per second of one robot:",
-            f"bare mujoco.batch     {environment.bare_steps_per_s:6.0f}",
-            f"training environment  {environment.steps_per_s:6.0f}, {environment.ratio:.2f} of bare",
-            f"training end to end   {training.steps_per_s:6.0f}, {training.ratio:.2f} of bare; "
-            f"{training.collect_fraction:.0%} of the time collecting, the rest learning",
+            _training(figures.training, figures.threads),
             "",
             format_table(("tick [ms]", "p50", "p99", "CPU p50", "CPU p99"), rows),
             f"unsolved QPs: {unsolved}",

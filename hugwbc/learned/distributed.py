@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import importlib.util
 import math
 import os
 import pathlib
@@ -11,22 +12,19 @@ from collections.abc import Iterable, Iterator
 import torch
 from torch import distributed as dist
 
+from hugwbc.errors import ConfigError
+
 LEAST_SPREAD = 0.25
 _PR_SET_PDEATHSIG = 1  # of Linux: the signal that comes when the parent process ends
 
 
 @contextlib.contextmanager
-def process_group(backend: str) -> Iterator[None]:
-    """Join the job that torchrun started, if any, and leave it at the end; if torchrun is killed, SIGTERM comes.
-
-    Args:
-        backend: name in torch: "gloo" for tensors on the CPU, "nccl" for CUDA, or a mapping such as
-            "cpu:gloo,cuda:nccl".
-    """
+def process_group() -> Iterator[None]:
+    """Join the job that torchrun started, if any, and leave it at the end; if torchrun is killed, SIGTERM comes."""
     joined = int(os.environ.get("WORLD_SIZE", "1")) > 1 and not dist.is_initialized()
     if joined:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        dist.init_process_group(backend)
+        dist.init_process_group("cpu:gloo,cuda:nccl" if torch.cuda.is_available() else "gloo")
     try:
         yield
     finally:
@@ -42,6 +40,24 @@ def rank() -> int:
 def local_rank() -> int:
     """Return the number of this process on its machine."""
     return int(os.environ.get("LOCAL_RANK", "0"))
+
+
+def claim_device(wish: str) -> str:
+    """Return the device of this process for a wish of `TrainConfig.device`, and select it if it is a GPU."""
+    if wish not in ("auto", "cuda"):
+        return wish
+    gpus, on_this_machine = torch.cuda.device_count(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    lacking = {
+        "an NVIDIA GPU for each process, and torch built for it": gpus < on_this_machine,
+        "MuJoCo Warp: pip install 'hugwbc[gpu]'": importlib.util.find_spec("mujoco_warp") is None,
+    }
+    needed = [need for need, lacks in lacking.items() if lacks]
+    if needed and wish == "auto":
+        return "cpu"
+    if needed:
+        raise ConfigError(f"device cuda needs {' and '.join(needed)}; found {gpus} GPUs. Or use --device cpu")
+    torch.cuda.set_device(local_rank())
+    return f"cuda:{local_rank()}"
 
 
 def size() -> int:

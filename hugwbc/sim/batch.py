@@ -1,9 +1,12 @@
-"""Many H1s at once on `mujoco.batch`: live state arrays, model parameters per robot, and divergence checks."""
+"""Many H1s at once: what every engine offers, and the engine of the processor, `mujoco.batch`."""
 
-from typing import NamedTuple
+import abc
+import warnings
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import torch
 from mujoco.batch import Batch
 
 from hugwbc.robot import SIDES, Robot, load_robot
@@ -32,11 +35,15 @@ class _Block(NamedTuple):
     force_range: np.ndarray
 
 
-class BatchSimulation:
-    """A batch of robots on the same ground. All arrays are live: they show the state after the last step.
+class RobotBatch(abc.ABC):
+    """A batch of robots on the same ground. All tensors are live: they show the state after the last step.
+
+    They are on one device and have one precision: those of the engine.
 
     Attributes:
+        model: the model, of which `expand` gives each robot its own version.
         layout: place of the robot in the model's state.
+        count: number of robots.
         qpos, qvel: state of the robot, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
         ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
         torque: joint torques of the last physics step [N*m], shape (count, 19).
@@ -44,49 +51,186 @@ class BatchSimulation:
         warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
     """
 
+    qpos: torch.Tensor
+    qvel: torch.Tensor
+    ctrl: torch.Tensor
+    torque: torch.Tensor
+    forces: torch.Tensor
+    warm_start: torch.Tensor
+    # Sensors of positions and velocities, and of forces; an engine may keep them apart.
+    _sensors: torch.Tensor
+    _force_sensors: torch.Tensor
+
     def __init__(
         self,
         count: int,
         *,
         timestep: float = TRAINING_TIMESTEP,
         terrain: HeightField | None = None,
-        threads: int = 1,
         robot: Robot | None = None,
         actuators: Actuators | None = None,
         ground: Ground | None = None,
     ) -> None:
-        """Build the batch.
+        """Compile the model.
 
         Args:
             count: number of robots.
             timestep: physics time step [s].
             terrain: height field to stand on; None for a plane.
-            threads: number of threads; 0 for one per processor.
             robot: robot to simulate; None for the H1.
             actuators: drives of the joints; None for real ones. Their delay is left to the caller, who sets `ctrl`.
             ground: firmness of the ground; None for firm.
         """
+        self.count, self.terrain = count, terrain
         self.robot, actuators = robot or load_robot(), actuators or Actuators()
         self.model = load_model(timestep, terrain, lean=True, robot=self.robot, actuators=actuators, ground=ground)
-        self.terrain = terrain
+        self.layout = robot_layout(self.model, self.robot)
+        self._limited = actuators.torque_speed
+
+    def _index_sensors(self) -> None:
+        """Find the columns of the sensor data."""
+        m = self.model
+        columns = {
+            m.sensor(i).name: range(m.sensor_adr[i], m.sensor_adr[i] + m.sensor_dim[i]) for i in range(m.nsensor)
+        }
+
+        def of(names: list[str]) -> torch.Tensor:
+            return torch.tensor([column for name in names for column in columns[name]], device=self.device)
+
+        kinds = ("sole_position", "sole_velocity", "foot_force")
+        self._both_feet = {kind: of([f"{side}_{kind}" for side in SIDES]) for kind in kinds}
+        self._link_forces = of([f"{name}_force" for name in self.robot.contact_links])
+
+    @property
+    def device(self) -> torch.device:
+        """Device of all tensors."""
+        return self.qpos.device
+
+    @property
+    def nominal_qpos(self) -> np.ndarray:
+        """Nominal stand at the origin, as in `qpos`, shape (26,)."""
+        return self.model.key("nominal").qpos[self.layout.qpos].copy()
+
+    def tensor(self, values: np.ndarray | torch.Tensor) -> torch.Tensor:
+        """Return numbers on the device and in the precision of the state."""
+        return torch.as_tensor(np.array(values) if isinstance(values, np.ndarray) else values).to(self.qpos)
+
+    @abc.abstractmethod
+    def expand(self, name: str) -> torch.Tensor:
+        """Return a field of the model with a value for each robot, shape (count, ...), live and writable."""
+
+    @abc.abstractmethod
+    def set_const(self, ids: torch.Tensor | None = None) -> None:
+        """Recompute what depends on masses that were written; of some robots, where an engine can choose."""
+
+    @abc.abstractmethod
+    def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:
+        """Advance all robots and update everything that depends on positions and velocities.
+
+        Args:
+            substeps: number of physics steps.
+            targets: joint targets of every physics step [rad], shape (substeps, count, 19); None for `ctrl` in all.
+
+        Returns:
+            Which robots diverged, bool, shape (count,).
+        """
+
+    @abc.abstractmethod
+    def forward(self, ids: torch.Tensor) -> None:
+        """Recompute the derived quantities of some robots after their state was written."""
+
+    @abc.abstractmethod
+    def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return the bodies' origins (count, bodies, 3), rotations (count, bodies, 3, 3) and centres of mass, live."""
+
+    @property
+    @abc.abstractmethod
+    def footing(self) -> torch.Tensor:
+        """Positions of the contact spheres and their plane in the last contact search, for `restore_footing`."""
+
+    @abc.abstractmethod
+    def restore_footing(self, footing: torch.Tensor) -> None:
+        """Set a value of `footing` and search for contacts; needed to resume bit by bit on terrain."""
+
+    def faults(self) -> str:
+        """Return in words what the engine left out since the last call; empty if nothing. A GPU is waited for."""
+        return ""
+
+    def states(self) -> list[RobotState]:
+        """Return the true state of every robot in the form that a controller of one robot expects."""
+        arrays = (value.numpy(force=True).astype(float) for value in (self.qpos, self.qvel, self.foot_force()))
+        return [
+            RobotState(
+                q=qpos[7:],
+                dq=qvel[6:],
+                orientation=qpos[3:7],
+                angular_velocity=qvel[3:6],
+                position=qpos[:3],
+                velocity=qvel[:3],
+                foot_force=force,
+            )
+            for qpos, qvel, force in zip(*arrays, strict=True)
+        ]
+
+    def sole_position(self) -> torch.Tensor:
+        """Return the centres of both soles in the world [m], shape (count, 2, 3)."""
+        return self._sensors[:, self._both_feet["sole_position"]].reshape(-1, 2, 3)
+
+    def sole_velocity(self) -> torch.Tensor:
+        """Return the velocities of both sole centres in the world [m/s], shape (count, 2, 3)."""
+        return self._sensors[:, self._both_feet["sole_velocity"]].reshape(-1, 2, 3)
+
+    def foot_force(self) -> torch.Tensor:
+        """Return the ground reaction on both feet in the world [N], shape (count, 2, 3)."""
+        # The sensor measures the force of the link on its surroundings; the ground reaction is the opposite.
+        return -self._force_sensors[:, self._both_feet["foot_force"]].reshape(-1, 2, 3)
+
+    def link_force(self) -> torch.Tensor:
+        """Return the magnitude of the contact force on each of `Robot.contact_links` [N], shape (count, 11)."""
+        return self._force_sensors[:, self._link_forces].reshape(self.count, -1, 3).square().sum(2).sqrt()
+
+
+class BatchSimulation(RobotBatch):
+    """The robots on `mujoco.batch`, in double precision; the tensors are views of MuJoCo's arrays.
+
+    Attributes:
+        batch: MuJoCo's batch.
+    """
+
+    def __init__(self, count: int, *, threads: int = 1, **settings: Any) -> None:  # noqa: ANN401
+        """Build the batch.
+
+        Args:
+            count: number of robots.
+            threads: number of threads; 0 for one per processor.
+            settings: those of `RobotBatch`.
+        """
+        super().__init__(count, **settings)
         # With persistent data, a step reuses the position and velocity stages that the last step has computed.
         self.batch = Batch(self.model, count, threads, persistent=True)
-        self.layout = robot_layout(self.model, self.robot)
-        self.qpos = self.batch.bind("qpos")[:, self.layout.qpos]
-        self.qvel = self.batch.bind("qvel")[:, self.layout.qvel]
-        self.ctrl = self.batch.bind("ctrl")[:, self.layout.ctrl]
-        self.torque = self.batch.bind("actuator_force")[:, self.layout.ctrl]
-        self.forces = self.batch.bind("xfrc_applied")
-        self.warm_start = self.batch.bind("qacc_warmstart")
-        self._sensors = self.batch.bind("sensordata")
+        self._velocity = self.batch.bind("qvel")[:, self.layout.rates]
+        self._targets = self.batch.bind("ctrl")[:, self.layout.ctrl]
+        self.qpos = self._bind("qpos")[:, self.layout.qpos]
+        self.qvel = self._bind("qvel")[:, self.layout.qvel]
+        self.ctrl = torch.from_numpy(self._targets)
+        self.torque = self._bind("actuator_force")[:, self.layout.ctrl]
+        self.forces = self._bind("xfrc_applied")
+        self.warm_start = self._bind("qacc_warmstart")
+        self._sensors = self._force_sensors = self._bind("sensordata")
         self._index_sensors()
-        self._limited = actuators.torque_speed
         self._blocks = self._make_blocks()
-        self._footing = None if terrain is None else Footing(self.model, terrain)
+        self._footing = None if self.terrain is None else Footing(self.model, self.terrain)
         if self._footing is not None:
             self._geom_pos = self.batch.expand("geom_pos")
             self._xpos, self._xmat = self.batch.bind("xpos"), self.batch.bind("xmat")
+        self._poses: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
         self.batch.reset(keyframe=0)
+
+    def _bind(self, name: str) -> torch.Tensor:
+        """Return a live field of the data; torch warns of what MuJoCo alone may write."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            return torch.from_numpy(self.batch.bind(name))
 
     def _make_blocks(self) -> list[_Block]:
         """Divide the robots into blocks, each with the torque-speed limit of its robots, if there is one."""
@@ -96,42 +240,23 @@ class BatchSimulation:
         for start in range(0, self.count, size):
             rows = slice(start, min(start + size, self.count))
             limit = TorqueSpeedLimit(self.robot, force_range[rows, :, 1]) if self._limited else None
-            blocks.append(_Block(rows, np.arange(rows.start, rows.stop), limit, self.qvel[rows, 6:], force_range[rows]))
+            blocks.append(
+                _Block(rows, np.arange(rows.start, rows.stop), limit, self._velocity[rows], force_range[rows])
+            )
         return blocks
 
-    def _index_sensors(self) -> None:
-        """Find the columns of the sensor data."""
-        self._columns = {
-            self.model.sensor(i).name: slice(int(adr), int(adr + dim))
-            for i, (adr, dim) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
-        }
-        self._both_feet = {
-            kind: np.concatenate([np.r_[self._columns[f"{side}_{kind}"]] for side in SIDES])
-            for kind in ("sole_position", "sole_velocity", "foot_force")
-        }
-        self._link_forces = np.concatenate([np.r_[self._columns[f"{n}_force"]] for n in self.robot.contact_links])
+    def expand(self, name: str) -> torch.Tensor:
+        """Return a field of the model with a value for each robot."""
+        return torch.from_numpy(self.batch.expand(name))
 
-    @property
-    def nominal_qpos(self) -> np.ndarray:
-        """Nominal stand at the origin, as in `qpos`, shape (26,)."""
-        return self.model.key("nominal").qpos[self.layout.qpos].copy()
+    def set_const(self, ids: torch.Tensor | None = None) -> None:
+        """Recompute what depends on masses that were written."""
+        self.batch.set_const(ids=None if ids is None else ids.numpy())
 
-    @property
-    def count(self) -> int:
-        """Number of robots."""
-        return self.batch.nsim
-
-    def step(self, substeps: int, targets: np.ndarray | None = None) -> np.ndarray:
-        """Advance all robots and update everything that depends on positions and velocities.
+    def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:
+        """Advance all robots; return which diverged.
 
         MuJoCo silently resets a simulation that diverges. Only its warning counters show it, so they are cleared first.
-
-        Args:
-            substeps: number of physics steps.
-            targets: joint targets of every physics step [rad], shape (substeps, count, 19); None for `ctrl` in all.
-
-        Returns:
-            Which robots diverged, bool, shape (count,).
         """
         self._place_feet(np.arange(self.count))
         self.batch.warning[:] = 0
@@ -139,38 +264,32 @@ class BatchSimulation:
             self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
         else:
             for block in self._blocks:
-                self._step_block(block, substeps, targets)
-        return self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1)
+                self._step_block(block, substeps, None if targets is None else targets.numpy())
+        return torch.from_numpy(self.batch.warning[:, _FAULTS, WARNING_COUNT].any(axis=1))
 
     def _step_block(self, block: _Block, substeps: int, targets: np.ndarray | None) -> None:
         for substep in range(substeps):
             if targets is not None:
-                self.ctrl[block.rows] = targets[substep, block.rows]
+                self._targets[block.rows] = targets[substep, block.rows]
             if block.limit is not None:
                 block.limit.write(block.velocity, block.force_range)
             self.batch.step(ids=block.ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
-    def states(self) -> list[RobotState]:
-        """Return the true state of every robot in the form that a controller of one robot expects."""
-        return [
-            RobotState(
-                q=qpos[7:].copy(),
-                dq=qvel[6:].copy(),
-                orientation=qpos[3:7].copy(),
-                angular_velocity=qvel[3:6].copy(),
-                position=qpos[:3].copy(),
-                velocity=qvel[:3].copy(),
-                foot_force=force,
-            )
-            for qpos, qvel, force in zip(self.qpos, self.qvel, self.foot_force(), strict=True)
-        ]
-
-    def forward(self, ids: np.ndarray) -> None:
-        """Recompute the derived quantities of some robots after their state was written."""
-        self.batch.forward(ids=ids)
+    def forward(self, ids: torch.Tensor) -> None:
+        """Recompute the derived quantities of some robots."""
+        rows = ids.numpy()
+        self.batch.forward(ids=rows)
         if self._footing is not None:
-            self._place_feet(ids)
-            self.batch.forward(ids=ids)
+            self._place_feet(rows)
+            self.batch.forward(ids=rows)
+
+    def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return origins, rotations and centres of mass of the bodies."""
+        if self._poses is None:  # a field costs time in every step from here on
+            position, matrix, centre = (self._bind(name) for name in ("xpos", "xmat", "xipos"))
+            self._poses = position, matrix.unflatten(2, (3, 3)), centre
+            self.batch.forward()  # a field is filled by the next call
+        return self._poses
 
     def _place_feet(self, ids: np.ndarray) -> None:
         if self._footing is not None and ids.size:
@@ -179,29 +298,12 @@ class BatchSimulation:
             )
 
     @property
-    def footing(self) -> np.ndarray:
-        """Positions of the contact spheres and their plane in the last contact search, for `restore_footing`."""
-        return np.zeros(0) if self._footing is None else self._geom_pos[:, self._footing.geoms]
+    def footing(self) -> torch.Tensor:
+        """Positions of the contact spheres and their plane in the last contact search."""
+        return torch.from_numpy(np.zeros(0) if self._footing is None else self._geom_pos[:, self._footing.geoms])
 
-    def restore_footing(self, footing: np.ndarray) -> None:
-        """Set a value of `footing` and search for contacts; needed to resume bit by bit on terrain."""
+    def restore_footing(self, footing: torch.Tensor) -> None:
+        """Set a value of `footing` and search for contacts."""
         if self._footing is not None:
-            self._geom_pos[:, self._footing.geoms] = footing
+            self._geom_pos[:, self._footing.geoms] = footing.numpy()
             self.batch.forward(ids=np.arange(self.count))
-
-    def sole_position(self) -> np.ndarray:
-        """Return the centres of both soles in the world [m], shape (count, 2, 3)."""
-        return self._sensors[:, self._both_feet["sole_position"]].reshape(-1, 2, 3)
-
-    def sole_velocity(self) -> np.ndarray:
-        """Return the velocities of both sole centres in the world [m/s], shape (count, 2, 3)."""
-        return self._sensors[:, self._both_feet["sole_velocity"]].reshape(-1, 2, 3)
-
-    def foot_force(self) -> np.ndarray:
-        """Return the ground reaction on both feet in the world [N], shape (count, 2, 3)."""
-        # The sensor measures the force of the link on its surroundings; the ground reaction is the opposite.
-        return -self._sensors[:, self._both_feet["foot_force"]].reshape(-1, 2, 3)
-
-    def link_force(self) -> np.ndarray:
-        """Return the magnitude of the contact force on each of `Robot.contact_links` [N], shape (count, 11)."""
-        return np.linalg.norm(self._sensors[:, self._link_forces].reshape(self.count, -1, 3), axis=2)

@@ -16,7 +16,8 @@ import math
 import mujoco
 import numpy as np
 
-from hugwbc.sim.terrain import HeightField
+from hugwbc.arrays import Array, Place, double, namespace
+from hugwbc.sim.terrain import HeightField, interpolated
 
 PLANE_NAME = "footing"
 FOOT_CONTACT_BIT = 2  # only the spheres and their plane have it
@@ -53,40 +54,41 @@ class Footing:
         geoms: indices of the spheres and, last, the plane.
     """
 
-    def __init__(self, model: mujoco.MjModel, terrain: HeightField) -> None:
+    def __init__(self, model: mujoco.MjModel, terrain: HeightField, place: Place = np.asarray) -> None:
         """Find the geoms.
 
         Args:
             model: model that `add_footing` has changed.
             terrain: height field of the ground.
+            place: makes its constants tensors, if those are what it is given.
         """
         spheres = np.flatnonzero(model.geom_conaffinity == FOOT_CONTACT_BIT)
-        self.geoms = np.append(spheres, model.geom(PLANE_NAME).id)
-        self._terrain = terrain
-        self._gradient = np.array(terrain.gradient)
-        self._bodies = model.geom_bodyid[spheres]
+        self.geoms = place(np.append(spheres, model.geom(PLANE_NAME).id))
+        self._heights, self._size = place(terrain.heights), terrain.size
+        self._gradient = place(np.array(terrain.gradient))
+        self._bodies = place(model.geom_bodyid[spheres])
         self._pelvis = model.body("pelvis").id
-        self._nominal = model.geom_pos[spheres].copy()
+        self._nominal = place(model.geom_pos[spheres].copy())
         self._radius = model.geom_size[spheres, 0].copy()
 
-    def positions(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
+    def positions(self, xpos: Array, xmat: Array) -> Array:
         """Return the positions of `geoms` in their bodies [m], shape (..., geoms, 3).
 
         Args:
             xpos: origins of the bodies in the world [m], shape (..., bodies, 3).
             xmat: rotations from the bodies to the world, row by row, shape (..., bodies, 9).
         """
+        xp, xpos = namespace(xpos), double(xpos)
         rotation, points = self._spheres(xpos, xmat)
         # The position of a diverged robot may be NaN.
-        pelvis, below = np.nan_to_num(xpos[..., self._pelvis, :2]), np.nan_to_num(points[..., :2])
+        pelvis, below = xp.nan_to_num(xpos[..., self._pelvis, :2]), xp.nan_to_num(points[..., :2])
         # Height of the plane through the ground below the pelvis at the world's origin; height of the ground above it.
-        base = self._terrain.height_at(pelvis) - pelvis @ self._gradient
-        above = self._terrain.height_at(below) - below @ self._gradient - base[..., None]
-        result = np.zeros((*xpos.shape[:-2], len(self.geoms), 3))
+        base = self._height_at(pelvis) - pelvis @ self._gradient
+        above = self._height_at(below) - below @ self._gradient - base[..., None]
         # The third row of a foot's rotation is the world's vertical in the axes of the foot.
-        result[..., :-1, :] = self._nominal - above[..., None] * np.nan_to_num(rotation[..., 2, :])
-        result[..., -1, 2] = base
-        return result
+        spheres = self._nominal - above[..., None] * xp.nan_to_num(rotation[..., 2, :])
+        zero = xp.zeros_like(base)
+        return xp.concatenate((spheres, xp.stack((zero, zero, base), -1)[..., None, :]), -2)
 
     def depth(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
         """Return how deep the lowest sphere lies in the mean plane through the ground below the pelvis, at least 0 [m].
@@ -95,11 +97,16 @@ class Footing:
         """
         _, points = self._spheres(xpos, xmat)
         pelvis = xpos[..., self._pelvis, :2]
-        plane = (points[..., :2] - pelvis[..., None, :]) @ self._gradient + self._terrain.height_at(pelvis)[..., None]
+        plane = (points[..., :2] - pelvis[..., None, :]) @ self._gradient + self._height_at(pelvis)[..., None]
         sunk = plane - points[..., 2] + self._radius
         return np.maximum(sunk.max(axis=-1), 0.0)
 
-    def _spheres(self, xpos: np.ndarray, xmat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _height_at(self, xy: Array) -> Array:
+        return interpolated(self._heights, self._size, xy)
+
+    def _spheres(self, xpos: Array, xmat: Array) -> tuple[Array, Array]:
         """Return rotations of the spheres' bodies (..., spheres, 3, 3) and original centres (..., spheres, 3) [m]."""
-        rotation = xmat[..., self._bodies, :].reshape(*xmat.shape[:-2], len(self._bodies), 3, 3)
-        return rotation, xpos[..., self._bodies, :] + np.einsum("...sij,sj->...si", rotation, self._nominal)
+        rotation = double(xmat)[..., self._bodies, :].reshape(*xmat.shape[:-2], len(self._bodies), 3, 3)
+        return rotation, xpos[..., self._bodies, :] + namespace(xpos).einsum(
+            "...sij,sj->...si", rotation, self._nominal
+        )

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from hugwbc.arrays import Array, namespace, whole
 from hugwbc.errors import ConfigError
 
 
@@ -39,16 +40,19 @@ class HeightField:
         As in MuJoCo's collision detection, each cell consists of two triangles that share the diagonal from low x,
         low y to high x, high y.
         """
-        rows, columns = self.heights.shape
-        column = np.clip((xy[..., 0] / self.size[0] + 0.5) * (columns - 1), 0, columns - 1)
-        row = np.clip((xy[..., 1] / self.size[1] + 0.5) * (rows - 1), 0, rows - 1)
-        c = np.minimum(column.astype(int), columns - 2)
-        r = np.minimum(row.astype(int), rows - 2)
-        u, v = column - c, row - r
-        near, far = self.heights[r, c], self.heights[r + 1, c + 1]
-        corner = np.where(u > v, self.heights[r, c + 1], self.heights[r + 1, c])
-        first, second = np.maximum(u, v), np.minimum(u, v)
-        return near + first * (corner - near) + second * (far - corner)
+        return interpolated(self.heights, self.size, xy)
+
+
+def interpolated(heights: Array, size: tuple[float, float], xy: Array) -> Array:
+    """Return `HeightField.height_at` for heights and points in arrays or tensors."""
+    xp, (rows, columns) = namespace(xy), heights.shape
+    column = ((xy[..., 0] / size[0] + 0.5) * (columns - 1)).clip(0, columns - 1)
+    row = ((xy[..., 1] / size[1] + 0.5) * (rows - 1)).clip(0, rows - 1)
+    c, r = whole(column).clip(0, columns - 2), whole(row).clip(0, rows - 2)
+    u, v = column - c, row - r
+    near, far = heights[r, c], heights[r + 1, c + 1]
+    corner = xp.where(u > v, heights[r, c + 1], heights[r + 1, c])
+    return near + xp.maximum(u, v) * (corner - near) + xp.minimum(u, v) * (far - corner)
 
 
 def rough_terrain(

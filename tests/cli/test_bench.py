@@ -11,13 +11,9 @@ def test_bench_reports_all_speeds(capsys):
     assert main(words) == 0
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
-    environment = figures["environment"]
-    assert environment["count"] == 8 and environment["control_steps"] == 5
-    assert environment["steps_per_s"] > 0.0 and environment["bare_steps_per_s"] > 0.0
-    assert environment["ratio"] > 0.0
-    training = figures["training"]
-    assert training["steps_per_s"] > 0.0 and 0.0 < training["collect_fraction"] < 1.0
-    assert training["ratio"] == pytest.approx(training["steps_per_s"] / environment["bare_steps_per_s"])
+    (training,) = figures["training"]
+    assert training["device"] == "cpu" and training["count"] == 8
+    assert training["learner"] > training["training"] > 0.0 and training["environment"] > 0.0 < training["bare"]
     activities = "standing", "walking", "jumping", "fetch_box"
     assert set(figures["episodes"]) == {f"{name}, {what}" for name in ("qp", "policy") for what in activities}
     for speed in figures["episodes"].values():
@@ -35,7 +31,15 @@ def test_bench_reports_all_speeds(capsys):
     assert 0.0 <= figures["workspace"]["arms"] <= figures["workspace"]["whole_body"] < 1.0
     assert "reachable part of a 2 m cube (27 points)" in printed.err
     assert "unsolved QPs: standing 0.00%" in printed.err
-    assert "8 robots" in printed.err and "tick [ms]" in printed.err
+    assert "one robot on cpu" in printed.err and "tick [ms]" in printed.err
+
+
+def test_the_speed_of_training_is_measured_by_number_of_robots(capsys):
+    words = ["bench", "--training", "--count", "4", "8", "--control-steps", "3", "--iterations", "1", "--json"]
+    assert main([*words, "--device", "cpu"]) == 0
+    printed = capsys.readouterr()
+    assert [speed["count"] for speed in json.loads(printed.out)] == [4, 8]
+    assert "bare physics" in printed.err and "tick [ms]" not in printed.err
 
 
 def test_bench_prints_where_the_time_goes(capsys):

@@ -25,7 +25,7 @@ from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.rl.ppo import PPO
 
 torch.set_num_threads(1)
-with distributed.process_group("gloo"):
+with distributed.process_group():
     samples = load_file(sys.argv[1])
     # Every second robot: each process gets as many of the agile group, which comes first, as of the other.
     share = slice(distributed.rank(), None, distributed.size())

@@ -200,9 +200,9 @@ def test_many_robots_have_the_same_drives_as_one() -> None:
     for _ in range(20):
         target = ROBOT.nominal + 0.5 * rng.standard_normal(19)
         one.step(JointCommand.position(ROBOT, target), 0.02)
-        many.ctrl[:] = target
+        many.ctrl[:] = many.tensor(target)
         many.step(4)
-        limited += int(np.sum(np.abs(many.qvel[0, 6:]) > ROBOT.corner_speed))
+        limited += int(np.sum(np.abs(many.qvel[0, 6:].numpy()) > ROBOT.corner_speed))
         np.testing.assert_allclose(many.qpos[0], one.data.qpos, atol=1e-6)
     assert limited > 0
     np.testing.assert_array_equal(many.qpos[0], many.qpos[1])
@@ -212,13 +212,13 @@ def test_every_robot_of_a_batch_can_have_drives_of_its_own() -> None:
     """What a training varies: friction, damping and inertia of single robots."""
     batch = BatchSimulation(3, actuators=NO_DELAY)
     for field, factor in (("dof_frictionloss", 3.0), ("dof_damping", 2.0), ("dof_armature", 1.5)):
-        batch.batch.expand(field)[1, 6:] *= factor
-    batch.batch.set_const()
+        batch.expand(field)[1, 6:] *= factor
+    batch.set_const()
     for _ in range(5):
-        batch.ctrl[:] = ROBOT.nominal + 0.2
+        batch.ctrl[:] = batch.tensor(ROBOT.nominal + 0.2)
         assert not batch.step(4).any()
     np.testing.assert_array_equal(batch.qpos[0], batch.qpos[2])
-    assert np.abs(batch.qpos[1] - batch.qpos[0]).max() > 1e-3
+    assert (batch.qpos[1] - batch.qpos[0]).abs().max() > 1e-3
 
 
 def test_the_solver_converges_on_a_standing_robot_with_real_drives() -> None:

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+import torch
 
 from hugwbc import JointCommand, load_robot
 from hugwbc.robot import SIDES
@@ -16,11 +17,11 @@ def _disturbed(count: int, **options: object) -> BatchSimulation:
     """Robots in different poses and velocities, slightly above the ground."""
     batch = BatchSimulation(count, **options)
     rng = np.random.default_rng(0)
-    batch.qpos[:, 7:] += rng.uniform(-0.1, 0.1, (count, 19))
+    batch.qpos[:, 7:] += batch.tensor(rng.uniform(-0.1, 0.1, (count, 19)))
     batch.qpos[:, 2] += 0.02
-    batch.qvel[:] = rng.uniform(-0.3, 0.3, (count, 25))
-    batch.ctrl[:] = ROBOT.nominal + rng.uniform(-0.2, 0.2, (count, 19))
-    batch.forward(np.arange(count))
+    batch.qvel[:] = batch.tensor(rng.uniform(-0.3, 0.3, (count, 25)))
+    batch.ctrl[:] = batch.tensor(ROBOT.nominal + rng.uniform(-0.2, 0.2, (count, 19)))
+    batch.forward(torch.arange(count))
     return batch
 
 
@@ -55,7 +56,7 @@ def test_a_robot_that_diverges_is_flagged_and_the_others_go_on() -> None:
     np.testing.assert_array_equal(faulty.step(4), [False, True, False])
     np.testing.assert_array_equal(sound.step(4), [False, False, False])
     np.testing.assert_array_equal(faulty.qpos[[0, 2]], sound.qpos[[0, 2]])
-    assert np.all(np.isfinite(faulty.qpos))
+    assert faulty.qpos.isfinite().all()
     # The flag is of the last step only.
     assert not faulty.step(4).any()
 
@@ -72,9 +73,9 @@ def test_sensors_agree_with_those_of_one_simulation() -> None:
     simulation.reset(xy=(1.0, 0.5))
     for _ in range(20):
         simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), TRAINING_TIMESTEP)
-    batch.qpos[1], batch.qvel[1] = simulation.data.qpos, simulation.data.qvel
-    batch.ctrl[1] = ROBOT.nominal
-    batch.forward(np.array([1]))
+    batch.qpos[1], batch.qvel[1] = map(batch.tensor, (simulation.data.qpos, simulation.data.qvel))
+    batch.ctrl[1] = batch.tensor(ROBOT.nominal)
+    batch.forward(torch.tensor([1]))
     for index, side in enumerate(SIDES):
         sole = simulation.data.sensor(f"{side}_sole_position").data
         np.testing.assert_allclose(batch.sole_position()[1, index], sole, atol=1e-9)
@@ -89,8 +90,8 @@ def test_sensors_agree_with_those_of_one_simulation() -> None:
 def test_forward_refreshes_the_given_robots() -> None:
     batch = BatchSimulation(2)
     batch.qpos[:, 2] += 0.3
-    before = batch.sole_position()[:, :, 2].copy()
-    batch.forward(np.array([1]))
+    before = batch.sole_position()[:, :, 2].clone()
+    batch.forward(torch.tensor([1]))
     after = batch.sole_position()[:, :, 2]
     np.testing.assert_allclose(after[1] - before[1], 0.3, atol=1e-12)
     np.testing.assert_allclose(after[0], before[0], atol=1e-12)
@@ -99,7 +100,7 @@ def test_forward_refreshes_the_given_robots() -> None:
 def test_a_link_on_the_ground_shows_its_force() -> None:
     batch = BatchSimulation(2)
     batch.qpos[1, 2] = 0.3
-    batch.qpos[1, 3:7] = [np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0]  # face down
+    batch.qpos[1, 3:7] = torch.tensor([np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0])  # face down
     for _ in range(60):
         batch.step(4)
     torso = ROBOT.contact_links.index("torso_link")

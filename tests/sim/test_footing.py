@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+import torch
 
 from hugwbc import JointCommand, load_robot
 from hugwbc.sim import HeightField, Simulation, rough_terrain
@@ -92,7 +93,7 @@ def test_level_ground_is_the_plane_for_many_robots_too() -> None:
     plane, level = BatchSimulation(2), BatchSimulation(2, terrain=HeightField(np.zeros((5, 5)), (8.0, 8.0)))
     for step in range(30):
         for simulation in (plane, level):
-            simulation.ctrl[:] = ROBOT.nominal + 0.1 * np.sin(0.3 * step + np.arange(19))
+            simulation.ctrl[:] = simulation.tensor(ROBOT.nominal + 0.1 * np.sin(0.3 * step + np.arange(19)))
             simulation.step(4)
     np.testing.assert_allclose(level.qpos, plane.qpos, atol=1e-6)
 
@@ -100,9 +101,9 @@ def test_level_ground_is_the_plane_for_many_robots_too() -> None:
 def test_one_robot_and_many_stand_on_the_same_ground() -> None:
     one, many = Simulation(terrain=ROUGH, timestep=0.005), BatchSimulation(1, terrain=ROUGH)
     one.reset(xy=(1.0, 0.5))
-    many.qpos[0] = one.data.qpos
-    many.ctrl[:] = ROBOT.nominal
-    many.forward(np.array([0]))
+    many.qpos[0] = many.tensor(one.data.qpos)
+    many.ctrl[:] = many.tensor(ROBOT.nominal)
+    many.forward(torch.tensor([0]))
     for _ in range(15):
         one.step(HOLD, 0.005)
         many.step(1)

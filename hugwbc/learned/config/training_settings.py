@@ -15,6 +15,7 @@ from hugwbc.learned.config.schedules import Schedule, scheduled
 from hugwbc.seeds import SELECTION_SEED, TRAINING_SEED
 from hugwbc.settings import Count, NotNegative, Positive, PositiveShare, Seed, Share, settings
 
+Device = Literal["auto", "cpu", "cuda", "warp"]
 CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all commands whose execution is measured
 
 
@@ -85,8 +86,10 @@ class TrainConfig:
     """Seed of all random numbers."""
     threads: Count = 2
     """Threads of the simulation and of torch; with 1, other cores stay free."""
-    device: Literal["cpu", "cuda"] = "cpu"
-    """Where the networks learn; physics, rewards and observations stay on the CPU."""
+    device: Device = "auto"
+    """Where physics, rewards, observations and networks are computed: on the processor, by MuJoCo; or on an NVIDIA GPU,
+    by MuJoCo Warp (hugwbc[gpu]); auto takes a GPU where there is one. Evaluations stay on the processor. With warp, the
+    GPU's physics runs on the processor, for tests."""
     critic_warm_up: Annotated[int, Field(ge=0)] = 0
     """Iterations at the start of the run in which only the critic learns. Use it for a policy from another run, or
     after a change of rewards or discount: the values are wrong at first and would spoil the actor."""

@@ -9,8 +9,10 @@ other, faded into each other.
 import pathlib
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 
+from hugwbc.learned.env.random_numbers import rand, randint
 from hugwbc.mirror import Mirror
 from hugwbc.robot import load_robot
 from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
@@ -20,9 +22,9 @@ FADE_STEPS = 25  # control steps over which a motion takes over from the posture
 _ARMS = 8
 
 
-def _nominal_arms(count: int) -> torch.Tensor:
+def _nominal_arms(device: torch.device) -> torch.Tensor:
     robot = load_robot()
-    return torch.tensor(robot.nominal[robot.arms], dtype=torch.float32).repeat(count, 1)
+    return torch.tensor(robot.nominal[robot.arms], dtype=torch.float32, device=device)
 
 
 class NoiseTargets:
@@ -39,27 +41,31 @@ class NoiseTargets:
                 paper.
         """
         self.interval, self._paired = interval, paired
-        self._robot = load_robot()
-        self._mirror = Mirror.of(self._robot)
+        robot, device = load_robot(), generator.device
+        signed = Mirror.of(robot).arms(
+            1.0 + np.arange(_ARMS), robot
+        )  # the partner of each arm joint, from 1, with its sign
+        self._partner = torch.as_tensor(np.abs(signed).astype(int) - 1, device=device)
+        self._sign = torch.as_tensor(np.sign(signed), dtype=torch.float32, device=device)
         self._generator = generator
-        self._low, self._high = (torch.tensor(bound, dtype=torch.float32) for bound in arm_noise_range())
-        self._initial = _nominal_arms(count)
+        self._low, self._high = (torch.tensor(b, dtype=torch.float32, device=device) for b in arm_noise_range())
+        self._nominal = _nominal_arms(device)
+        self._initial = self._nominal.repeat(count, 1)
         self._target = self._draw(count)
-        self._age = torch.randint(interval, (count,), generator=generator)  # so that robots do not draw in step
+        self._age = randint(generator, interval, count)  # so that robots do not draw in step
 
     def _draw(self, count: int) -> torch.Tensor:
-        sample = torch.rand((count, _ARMS), generator=self._generator)
+        sample = rand(self._generator, count, _ARMS)
         targets = self._low + sample * (self._high - self._low)
         if self._paired > 0.0:
-            image = torch.from_numpy(self._mirror.arms(targets.numpy(), self._robot)).float()
-            chosen = torch.rand(count, generator=self._generator) < self._paired
-            right = slice(_ARMS // 2, _ARMS)
-            targets[chosen, right] = image[chosen, right]
+            image = (targets[:, self._partner] * self._sign)[:, _ARMS // 2 :]
+            chosen = rand(self._generator, count) < self._paired
+            targets[:, _ARMS // 2 :] = torch.where(chosen[:, None], image, targets[:, _ARMS // 2 :])
         return targets
 
     def reset(self, robots: torch.Tensor) -> None:
         """Restart robots (indices) from the nominal posture."""
-        self._initial[robots] = _nominal_arms(robots.numel())
+        self._initial[robots] = self._nominal
         self._target[robots] = self._draw(robots.numel())
         self._age[robots] = 0
 
@@ -99,25 +105,25 @@ class MotionTargets:
             motions: motions at any rate; they are resampled to the control rate.
             generator: source of the choices.
         """
+        device = generator.device
         clips = [torch.tensor(motion.resampled().positions, dtype=torch.float32) for motion in motions]
-        self._frames = torch.cat(clips)
-        self._length = torch.tensor([len(clip) for clip in clips])
+        self._frames = torch.cat(clips).to(device)
+        self._length = torch.tensor([len(clip) for clip in clips], device=device)
         self._begin = self._length.cumsum(0) - self._length
         self._generator = generator
-        self._previous = _nominal_arms(count)
-        self._clip = torch.zeros(count, dtype=torch.long)
-        self._frame = torch.zeros(count, dtype=torch.long)
-        self._played = torch.zeros(count, dtype=torch.long)
-        self._choose(torch.arange(count))
+        self._nominal = _nominal_arms(device)
+        self._previous = self._nominal.repeat(count, 1)
+        self._clip, self._frame, self._played = torch.zeros(3, count, dtype=torch.long, device=device)
+        self._choose(torch.arange(count, device=device))
 
     def _choose(self, robots: torch.Tensor) -> None:
-        clip = torch.randint(len(self._length), (robots.numel(),), generator=self._generator)
-        start = torch.rand(robots.numel(), generator=self._generator) * (self._length[clip] - 1)
+        clip = randint(self._generator, len(self._length), robots.numel())
+        start = rand(self._generator, robots.numel()) * (self._length[clip] - 1)
         self._clip[robots], self._frame[robots], self._played[robots] = clip, start.long(), 0
 
     def reset(self, robots: torch.Tensor) -> None:
         """Restart robots (indices) from the nominal posture."""
-        self._previous[robots] = _nominal_arms(robots.numel())
+        self._previous[robots] = self._nominal
         self._choose(robots)
 
     def step(self) -> None:
@@ -202,7 +208,7 @@ class Intervention:
         self.eligible = eligible
         self.flip_probability = flip_probability
         self.alpha = 0.0
-        self.active = torch.zeros(eligible.numel(), dtype=torch.bool)
+        self.active = torch.zeros_like(eligible)
         self.source = source
         self._generator = generator
 
@@ -213,7 +219,7 @@ class Intervention:
 
     def step(self) -> None:
         """Flip the indicators and advance the targets."""
-        flip = torch.rand(self.active.shape, generator=self._generator) < self.flip_probability
+        flip = rand(self._generator, *self.active.shape) < self.flip_probability
         self.active = (self.active ^ flip) & self.eligible
         self.source.step()
 

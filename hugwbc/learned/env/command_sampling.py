@@ -6,17 +6,11 @@ from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait, hopping as hopping_gait
 from hugwbc.learned.config import CommandConfig
 from hugwbc.learned.env.curriculum import MAX_SPEED, MAX_YAW_RATE, Curriculum
+from hugwbc.learned.env.random_numbers import rand, uniform
 
 _V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
-_HOPPING_LIMITS = torch.tensor([limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]).T
+_HOPPING = [limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
-
-
-def uniform(
-    generator: torch.Generator, count: int, low: float | torch.Tensor, high: float | torch.Tensor
-) -> torch.Tensor:
-    """Draw uniform numbers between `low` and `high`, shape (count,)."""
-    return low + torch.rand(count, generator=generator) * (high - low)
 
 
 def draw_commands(
@@ -61,21 +55,23 @@ def draw_commands(
     command = torch.stack(columns, dim=1)
     stands = config.combined_fraction if config.combined_stands is None else config.combined_stands
     combined = torch.where(standing, stands, config.combined_fraction)
-    single = torch.rand(count, generator=generator) >= combined
+    single = rand(generator, count) >= combined
     for i in _BEHAVIOUR:
-        at_default = torch.rand(count, generator=generator) < config.default_fraction
-        command[single & at_default, i] = ranges[COMMAND_NAMES[i]].default
-    still = torch.rand(count, generator=generator) < config.zero_velocity_fraction
-    command[standing | still, : _OMEGA + 1] = 0.0
+        at_default = rand(generator, count) < config.default_fraction
+        command[:, i].masked_fill_(single & at_default, ranges[COMMAND_NAMES[i]].default)
+    still = rand(generator, count) < config.zero_velocity_fraction
+    command[:, : _OMEGA + 1].masked_fill_((standing | still)[:, None], 0.0)
     # A range of hopping is the general one or the default alone, so clamping keeps the draws uniform.
-    command[hopping] = command[hopping].clamp(*_HOPPING_LIMITS)
-    return command, gait
+    low, high = torch.tensor(_HOPPING, device=command.device).T
+    return torch.where(hopping[:, None], command.clamp(low, high), command), gait
 
 
 def _draw_gaits(count: int, config: CommandConfig, generator: torch.Generator) -> torch.Tensor:
     """Draw values of `Gait` in the configured fractions, shape (count,)."""
-    gaits = torch.tensor([Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.JUMPING])
+    order = Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.JUMPING
+    gaits = torch.tensor(order, device=generator.device)
     hopping = config.hopping_fraction / 2.0
     shares = torch.tensor([config.standing_fraction, config.walking_fraction, hopping, hopping], dtype=torch.float64)
-    draw = torch.rand(count, generator=generator).double()
-    return gaits[torch.bucketize(draw, shares.cumsum(0), right=True)]
+    shares = shares.cumsum(0).to(generator.device)
+    draw = rand(generator, count).double()
+    return gaits[torch.bucketize(draw, shares, right=True)]

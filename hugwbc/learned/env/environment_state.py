@@ -4,16 +4,16 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-import numpy as np
 import torch
 
 from hugwbc.learned.env.arm_gains import ArmGains
 from hugwbc.learned.env.arm_intervention import Intervention
 from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.learned.env.random_numbers import restore as restore_generator
 from hugwbc.learned.env.randomization import Latency
 from hugwbc.learned.env.readings import Readings, read
 from hugwbc.learned.env.rough_ground import RoughGround
-from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.batch import RobotBatch
 
 # Tensors of the environment, parts with a state of their own, and arrays of the simulation.
 _STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist", "posture", "bias")
@@ -25,7 +25,7 @@ class Environment(Protocol):
     """What is read and restored besides the tensors and parts above: `HumanoidEnv`."""
 
     count: int
-    simulation: BatchSimulation
+    simulation: RobotBatch
     readings: Readings
     generator: torch.Generator
     curriculum: Curriculum
@@ -46,7 +46,7 @@ class Environment(Protocol):
 def state_of(env: Environment) -> dict[str, torch.Tensor]:
     """Return everything that a bit-exact continuation needs; some of the tensors are the environment's own."""
     state = {name: getattr(env, name) for name in _STATE_TENSORS}
-    state |= {name: torch.from_numpy(getattr(env.simulation, name).copy()) for name in _STATE_SIMULATION}
+    state |= {name: getattr(env.simulation, name).clone() for name in _STATE_SIMULATION}
     # Forces belong to the last physics step; position and velocity alone do not give them back.
     state["foot_force"], state["link_force"] = env.readings.foot_force, env.readings.link_force
     state["generator"] = env.generator.get_state()
@@ -58,7 +58,7 @@ def state_of(env: Environment) -> dict[str, torch.Tensor]:
         state["targets"] = env.latency.targets
     if env.ground is not None:
         state |= {f"terrain.{k}": v for k, v in env.ground.state_dict().items()}
-        state["terrain.footing"] = torch.from_numpy(env.simulation.footing)
+        state["terrain.footing"] = env.simulation.footing
     levels = env.curriculum.state_dict()
     return state | {f"curriculum.{k}": torch.tensor(v, dtype=torch.float64) for k, v in levels.items()}
 
@@ -74,9 +74,10 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
     Raises:
         KeyError: if a part is missing.
     """
+    restore_generator(env.generator, state["generator"])
+    state = {name: value.to(env.simulation.device) for name, value in state.items()}
     for name in _STATE_TENSORS:
         setattr(env, name, state[name].clone())
-    env.generator.set_state(state["generator"])
     prefixed: dict[str, dict[str, torch.Tensor]] = {name: {} for name in ("curriculum", "terrain", *_STATE_PARTS)}
     for key, value in state.items():
         group, _, name = key.partition(".")
@@ -90,9 +91,9 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
     env.arm_gains.update(env.intervention.active * env.curriculum.alpha)
     # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
     _write_simulation(env, state)
-    env.simulation.forward(np.arange(env.count))
+    env.simulation.forward(torch.arange(env.count, device=env.simulation.device))
     if "footing" in prefixed["terrain"]:
-        env.simulation.restore_footing(prefixed["terrain"]["footing"].numpy())
+        env.simulation.restore_footing(prefixed["terrain"]["footing"])
     _write_simulation(env, state)
     forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
     if env.latency is not None:
@@ -106,11 +107,11 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
 
 def _write_simulation(env: Environment, state: dict[str, torch.Tensor]) -> None:
     for name in _STATE_SIMULATION:
-        getattr(env.simulation, name)[:] = state[name].numpy()
+        getattr(env.simulation, name)[:] = state[name]
 
 
 def _restore_latency(env: Environment, latency: Latency, targets: torch.Tensor | None) -> None:
     if targets is not None and targets.shape == latency.targets.shape:
-        latency.targets = targets.clone()
+        latency.targets = targets.to(latency.targets, copy=True)
     else:  # the stored run had another latency or none: pretend that the current target has acted for ever
-        latency.reset(np.arange(env.count), env.simulation.ctrl.copy())
+        latency.targets[:] = env.simulation.ctrl

@@ -1,6 +1,7 @@
 """The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets
 from hugwbc.learned.env.command_sampling import draw_commands
 from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.loads import Loads
+from hugwbc.learned.env.random_numbers import rand, randint
 from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
 from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor
 from hugwbc.learned.env.rewards import check_terms, evaluate_terms, relative_tracking, reward_terms
@@ -30,7 +32,7 @@ from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
 from hugwbc.learned.policy.terms import Sensed, further_terms, observe
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
-from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.batch import BatchSimulation, RobotBatch
 from hugwbc.sim.ground import Ground
 
 GENERATED_MOTIONS_SEED = 0
@@ -75,39 +77,41 @@ class HumanoidEnv:
 
     # Construction ---------------------------------------------------------------------------------------------------
 
-    def __init__(self, config: EnvConfig, *, seed: int, threads: int) -> None:
+    def __init__(self, config: EnvConfig, *, seed: int, threads: int, device: str = "cpu") -> None:
         """Build the robots and start all episodes, each at a random age so that resets do not coincide.
 
         Args:
             config: the settings.
             seed: seed of every random number of the environment.
-            threads: threads of the simulation.
+            threads: threads of the simulation, on the processor.
+            device: "cpu" for MuJoCo; a CUDA device, or "warp" for the processor again, for MuJoCo Warp.
         """
         self.config = config
         self.robot = load_robot(config.robot)
         self.count = config.count
         self.dt = config.period
-        self.generator = torch.Generator().manual_seed(seed)
+        make, place = _engine(device, threads)
+        self.generator = torch.Generator(place).manual_seed(seed)
         rough = config.terrain.roughness > 0.0
-        self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed)) if rough else None
-        self.simulation = BatchSimulation(
+        self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed), place) if rough else None
+        self.simulation = make(
             config.count,
             terrain=None if self.ground is None else self.ground.terrain,
-            threads=threads,
             robot=self.robot,
             actuators=DRIVES[config.drives],
             ground=Ground.named(config.ground),
             timestep=config.timestep,
         )
-        self.action_scale = tensor(config.action_scales(self.robot))
+        self.action_scale = tensor(config.action_scales(self.robot), place)
         rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
-        self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping))
+        self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping), place)
         delays = draw_delays(self.count, config.randomization.latency, config.timestep, rng)
-        self.latency = None if delays is None else Latency(delays, config.substeps, obs.JOINTS)
-        self.nominal_qpos = self.simulation.nominal_qpos
+        self.latency = None if delays is None else Latency(delays, config.substeps, self.simulation)
+        self.nominal_qpos = self.simulation.tensor(self.simulation.nominal_qpos)
+        self._pose = torch.tensor(self.robot.nominal, device=place)
         self.curriculum = Curriculum(config.curriculum)
-        self.agile = torch.arange(self.count) < round(config.curriculum.agile_fraction * self.count)
+        self.agile = torch.arange(self.count, device=place) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
         targets = make_arm_targets(
             config.intervention,
@@ -121,41 +125,45 @@ class HumanoidEnv:
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
         self.arm_gains = ArmGains(self.simulation, self.robot, config.arm_servo)
         self.loads = Loads(self.simulation, self.robot, config.loads, ~self.agile, self.generator, self.dt)
-        self.mass = tensor(self.simulation.batch.expand("body_mass").sum(1) / self.robot.mass)
+        self.mass = tensor(self.simulation.expand("body_mass").sum(1) / self.robot.mass)
         seconds = np.zeros(self.count) if delays is None else delays * config.timestep
-        self._body_facts = torch.stack((self.mass, tensor(seconds)), dim=1)
+        self._body_facts = torch.stack((self.mass, tensor(seconds, place)), dim=1)
         self.adopt(config)
-        self.body = Body.of(self.robot, self.dt)
-        self.statistics = Statistics(self.count, self.robot.waist, hopping=config.command.hopping_fraction > 0.0)
+        self.body = Body.of(self.robot, self.dt, place)
+        hops = config.command.hopping_fraction > 0.0
+        self.statistics = Statistics(self.count, self.robot.waist, hopping=hops, device=place)
         self.further = further_terms(config.observations)
-        self._further_noise = obs.noise_amplitude(self.further)
-        self.noise = obs.noise_amplitude(obs.FRAME) * config.randomization.noise
+        self._further_noise = obs.noise_amplitude(self.further).to(place)
+        self.noise = obs.noise_amplitude(obs.FRAME).to(place) * config.randomization.noise
         self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
         grace = config.held_foot_grace
-        self.held_foot = FeetRule(self.count, grace, self.dt) if grace > 0.0 else None
-        self.starts = None if config.starts is None else RecordedStarts.load(config.starts)
-        self.command = torch.zeros(self.count, len(COMMAND_NAMES))
-        self.gait = torch.zeros(self.count, dtype=torch.long)
-        self.phase = torch.zeros(self.count)
-        self.age = torch.zeros(self.count, dtype=torch.long)
-        self.actions = torch.zeros(3, self.count, obs.JOINTS)
-        self.history = torch.zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
-        self.waist = torch.zeros(self.count)
-        self.posture = torch.zeros(self.count, 2)
-        self.bias = torch.zeros(self.count, 3)
-        self.begin_episodes(torch.arange(self.count))
-        nobody = torch.zeros(self.count, dtype=torch.bool)
+        self.held_foot = FeetRule(self.count, grace, self.dt, place) if grace > 0.0 else None
+        self.starts = None if config.starts is None else RecordedStarts.load(config.starts, place)
+        zeros = functools.partial(torch.zeros, device=place)
+        self.command = zeros(self.count, len(COMMAND_NAMES))
+        self.gait, self.age = zeros(2, self.count, dtype=torch.long)
+        self.phase, self.waist = zeros(2, self.count)
+        self.actions = zeros(3, self.count, obs.JOINTS)
+        self.history = zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
+        self.posture, self.bias = zeros(self.count, 2), zeros(self.count, 3)
+        self.begin_episodes(torch.arange(self.count, device=place))
+        nobody = zeros(self.count, dtype=torch.bool)
         check_terms(config.terms, self._transition(self.readings, nobody), self.body)
-        self.age = torch.randint(config.episode_steps, (self.count,), generator=self.generator)
+        self.age = randint(self.generator, config.episode_steps, self.count)
         if self.held_foot is not None:
             self.held_foot.due += self.age * self.dt
+
+    @property
+    def device(self) -> torch.device:
+        """Device of all tensors."""
+        return self.simulation.device
 
     def adopt(self, config: EnvConfig) -> None:
         """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before."""
         self._given = config  # before the rules of the curriculum
         self.config = config = self.curriculum.applied(config)
         self._terms = reward_terms(config)
-        self._commanded = CommandFeedForward(config.contract())
+        self._commanded = CommandFeedForward(config.contract(), functools.partial(torch.as_tensor, device=self.device))
         self.curriculum.config = config.curriculum
         self.loads.config = config.loads
 
@@ -177,9 +185,7 @@ class HumanoidEnv:
         if self.ground is not None:
             self.ground.keep_inside(self.simulation, self.readings.position[:, :2])
         late = self.latency
-        diverged = torch.from_numpy(
-            self.simulation.step(self.config.substeps) if late is None else late.step(self.simulation)
-        )
+        diverged = self.simulation.step(self.config.substeps) if late is None else late.step()
         self.age += 1
         self.phase = gaits.advance_phase(self.phase, self.command[:, _F], self.dt)
         self.readings = read(self.simulation, self.ground)
@@ -225,21 +231,20 @@ class HumanoidEnv:
         self.intervention.step()
         target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms])
         self.arm_gains.update(self.intervention.active * self.curriculum.alpha)
-        self.simulation.ctrl[:] = target.numpy()
+        self.simulation.ctrl[:] = target
 
     def _followed(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return waist, and height and pitch, of the feed-forward after the next control period."""
-        state = (self.waist, self.posture, self.command)
-        waist, posture = self._commanded.follow(*(value.numpy() for value in state))
-        return tensor(waist), tensor(posture)
+        waist, posture = self._commanded.follow(self.waist, self.posture, self.command)
+        return waist, posture.float()
 
     def next_feed_forward(self) -> torch.Tensor:
         """Return what the next step adds to nominal pose and action: waist, squat and swing [rad], shape (n, 19)."""
         return self._feed_forward(_ALL, *self._followed())
 
     def _feed_forward(self, robots: torch.Tensor | slice, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
-        told = (value[robots].numpy() for value in (self.phase, self.gait, self.command))
-        return tensor(self._commanded.offsets(waist.numpy(), posture.numpy(), *told))
+        told = (value[robots] for value in (self.phase, self.gait, self.command))
+        return self._commanded.offsets(waist, posture, *told).float()
 
     def _fallen(self) -> torch.Tensor:
         """Return which episodes end early, shape (n,), bool."""
@@ -306,18 +311,14 @@ class HumanoidEnv:
         Args:
             robots: indices, shape (k,).
         """
-        count, ids = robots.numel(), robots.numpy()
+        count = robots.numel()
         if not count:
             return
-        qpos, qvel = draw_starts(self.nominal_qpos, robots, self.ground, self.generator)
-        self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, qvel
-        self.simulation.ctrl[ids] = qpos[:, 7:]
-        if self.latency is not None:
-            self.latency.reset(ids, qpos[:, 7:])
+        self._place(robots, *draw_starts(self.nominal_qpos, robots, self.ground, self.generator))
         # Payloads change the model, so they are drawn before the quantities that depend on it are computed.
         self.loads.reset(robots)
-        self.simulation.forward(ids)
-        self.phase[robots] = torch.rand(count, generator=self.generator)
+        self.simulation.forward(robots)
+        self.phase[robots] = rand(self.generator, count)
         self.age[robots] = 0
         self.actions[:, robots] = 0.0
         self.waist[robots] = 0.0
@@ -331,6 +332,16 @@ class HumanoidEnv:
         past = self.history[moving]
         self.history[robots] = self._frame()[robots, None]
         self.history[moving] = past
+
+    def _place(
+        self, robots: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, target: torch.Tensor | None = None
+    ) -> None:
+        """Write the state of robots (indices), and the joint target that has acted for ever: where the joints are."""
+        target = qpos[:, 7:] if target is None else target
+        for state, value in zip(("qpos", "qvel", "ctrl"), (qpos, qvel, target), strict=True):
+            getattr(self.simulation, state)[robots] = self.simulation.tensor(value)
+        if self.latency is not None:
+            self.latency.reset(robots, target)
 
     def _draw_commands(self, robots: torch.Tensor) -> None:
         """Draw a new gait and command for robots (indices)."""
@@ -366,19 +377,15 @@ class HumanoidEnv:
         for name in _START_TENSORS:
             getattr(self, name)[moving] = state[name]
         self.actions[:, moving] = state["actions"].transpose(0, 1)
-        ids = moving.numpy()
-        qpos = state["qpos"].numpy().copy()
-        qpos[:, :2] = self.simulation.qpos[ids, :2]
+        qpos, here = self.simulation.tensor(state["qpos"]).clone(), self.simulation.qpos[moving]
+        qpos[:, :2] = here[:, :2]
         if self.ground is not None:  # the record is of a plane: lift it by the height of the ground here
-            qpos[:, 2] += self.simulation.qpos[ids, 2] - self.nominal_qpos[2]
-        self.simulation.qpos[ids], self.simulation.qvel[ids] = qpos, state["qvel"].numpy()
+            qpos[:, 2] += here[:, 2] - self.nominal_qpos[2]
         self.posture[moving] = self.command[moving][:, [_H, _P]]
         target = self.body.nominal + self.action_scale * self.actions[0, moving]
         target += self._feed_forward(moving, self.waist[moving], self.posture[moving])
-        self.simulation.ctrl[ids] = target.numpy()
-        if self.latency is not None:
-            self.latency.reset(ids, target.numpy())
-        self.simulation.forward(ids)
+        self._place(moving, qpos, state["qvel"], target)
+        self.simulation.forward(moving)
         if self.held_foot is not None:
             self.held_foot.restart(moving, self.age[moving], in_motion=True)
         return moving
@@ -387,8 +394,7 @@ class HumanoidEnv:
         """Return the present state of robots (indices) in the columns of `hugwbc.learned.env.starts.COLUMNS`."""
         columns = {name: getattr(self, name)[robots] for name in _START_TENSORS}
         columns["actions"] = self.actions[:, robots].transpose(0, 1)
-        ids = robots.numpy()
-        columns |= {name: torch.from_numpy(getattr(self.simulation, name)[ids]) for name in ("qpos", "qvel")}
+        columns |= {name: getattr(self.simulation, name)[robots] for name in ("qpos", "qvel")}
         return {name: columns[name] for name in COLUMNS}
 
     # Observations ---------------------------------------------------------------------------------------------------
@@ -397,20 +403,19 @@ class HumanoidEnv:
         """Return the proprioceptive frame of the current state with new noise, shape (n, 63)."""
         r = self.sensors.sensed(self.readings)
         sensed = (r.angular_velocity, r.gravity, r.q, r.dq, self.actions[0])
-        frame = torch.from_numpy(observe(obs.FRAME, self._sensed(_ALL, *(value.numpy() for value in sensed))))
+        frame = observe(obs.FRAME, self._sensed(_ALL, *sensed))
         if self.config.randomization.noise > 0.0:
-            frame = frame + (2.0 * torch.rand(frame.shape, generator=self.generator) - 1.0) * self.noise
+            frame = frame + (2.0 * rand(self.generator, *frame.shape) - 1.0) * self.noise
         return frame
 
     def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
         """Return the observations of the current state, of all robots or of some (indices)."""
         r = self.readings
         history = self.history[robots].flatten(1)
-        sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1].numpy(), self.robot.nominal))
-        command = torch.from_numpy(observe(obs.COMMAND, sensed))
-        further = torch.from_numpy(observe(self.further, sensed))
-        if bool(self._further_noise.any()):
-            further += (2.0 * torch.rand(further.shape, generator=self.generator) - 1.0) * self._further_noise
+        sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1], self._pose))
+        command, further = observe(obs.COMMAND, sensed), observe(self.further, sensed)
+        if any(term.noise for term in self.further):
+            further += (2.0 * rand(self.generator, *further.shape) - 1.0) * self._further_noise
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
         privileged = obs.privileged(
             velocity,
@@ -429,10 +434,10 @@ class HumanoidEnv:
             history, torch.cat((command, further), 1), critic, obs.estimate_target(velocity, clearance, height)
         )
 
-    def _sensed(self, robots: torch.Tensor | slice, *frame: np.ndarray) -> Sensed:
+    def _sensed(self, robots: torch.Tensor | slice, *frame: torch.Tensor) -> Sensed:
         """Return what robots (all, or indices) sense, in the order of `observations.FRAME`, and are told."""
         told = (self.command, self.gait, self.phase, self.intervention.active)
-        return Sensed(*frame, *(value[robots].numpy() for value in told), pose=self.robot.nominal)
+        return Sensed(*frame, *(value[robots] for value in told), pose=self._pose)
 
     # Checkpointing --------------------------------------------------------------------------------------------------
 
@@ -448,3 +453,13 @@ class HumanoidEnv:
                 these, the part in question starts afresh.
         """
         environment_state.restore(self, state)
+
+
+def _engine(device: str, threads: int) -> tuple[Callable[..., RobotBatch], torch.device]:
+    """Return what makes the robots for a device of `HumanoidEnv`, and the device of their tensors."""
+    if device == "cpu":
+        return functools.partial(BatchSimulation, threads=threads), torch.device("cpu")
+    from hugwbc.sim.warp_batch import WarpBatch
+
+    place = torch.device("cpu" if device == "warp" else device)
+    return functools.partial(WarpBatch, device=str(place)), place

@@ -1,13 +1,14 @@
 """Loads of the training robots: masses in the hands, forces on the hands, pushes of the trunk."""
 
-import numpy as np
+import math
+
 import torch
 
 from hugwbc import rotations
 from hugwbc.learned.config import LoadConfig
-from hugwbc.learned.env.command_sampling import uniform
+from hugwbc.learned.env.random_numbers import rand, randint, randn, uniform
 from hugwbc.robot import SIDES, Robot
-from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.batch import RobotBatch
 
 _HANDS = len(SIDES)
 _STATE = ("payload", "hand_force", "hand_time", "trunk_force", "trunk_time")
@@ -30,7 +31,7 @@ class Loads:
 
     def __init__(
         self,
-        simulation: BatchSimulation,
+        simulation: RobotBatch,
         robot: Robot,
         config: LoadConfig,
         eligible: torch.Tensor,
@@ -48,16 +49,15 @@ class Loads:
             dt: control period [s].
         """
         self.config, self._eligible, self._generator, self._dt = config, eligible, generator, dt
-        self._simulation, count = simulation, simulation.count
-        self._forearms = np.array([simulation.model.body(f"{side}_elbow_link").id for side in SIDES])
+        self._simulation, count, device = simulation, simulation.count, simulation.device
+        self._forearms = torch.tensor([simulation.model.body(f"{side}_elbow_link").id for side in SIDES], device=device)
         self._trunk = simulation.model.body("torso_link").id
-        self._hand = np.array(robot.hand)
-        self._empty: dict[str, np.ndarray] | None = None
-        self._poses: tuple[np.ndarray, ...] | None = None
+        self._hand = torch.tensor(robot.hand, dtype=torch.float64, device=device)
+        self._empty: tuple[torch.Tensor, ...] | None = None
         self._pulled = False
-        self.payload = torch.zeros(count, _HANDS)
-        self.hand_force, self.hand_time = torch.zeros(count, _HANDS, 3), torch.full((count,), -1.0)
-        self.trunk_force, self.trunk_time = torch.zeros(count, 3), torch.full((count,), -1.0)
+        self.payload = torch.zeros(count, _HANDS, device=device)
+        self.hand_force, self.trunk_force = self.payload.new_zeros(count, _HANDS, 3), self.payload.new_zeros(count, 3)
+        self.hand_time, self.trunk_time = torch.full((2, count), -1.0, device=device)
 
     # Payloads -------------------------------------------------------------------------------------------------------
 
@@ -68,29 +68,31 @@ class Loads:
         if self.config.payload == 0.0 and not bool(self.payload[robots].any()):
             return
         count = robots.numel()
-        loaded = torch.rand(count, generator=self._generator) < self.config.loaded_share
-        mass = self.config.payload * torch.rand((count, _HANDS), generator=self._generator)
+        loaded = rand(self._generator, count) < self.config.loaded_share
+        mass = self.config.payload * rand(self._generator, count, _HANDS)
         self.payload[robots] = mass * (loaded & self._eligible[robots])[:, None]
-        self._write_payload(robots.numpy())
+        self._write_payload(robots)
 
-    def _write_payload(self, ids: np.ndarray) -> None:
+    def _write_payload(self, ids: torch.Tensor) -> None:
         """Put the payloads of robots (indices) into the model of each."""
-        batch, arms = self._simulation.batch, self._forearms
-        fields = {name: batch.expand(name) for name in ("body_mass", "body_ipos", "body_inertia")}
+        simulation, arms = self._simulation, self._forearms
+        fields = [simulation.expand(name) for name in ("body_mass", "body_ipos", "body_inertia")]
         if self._empty is None:
-            self._empty = {name: values[:, arms].copy() for name, values in fields.items()}
-        mass, centre, inertia = (self._empty[name][ids] for name in fields)
-        load = self.payload[ids].double().numpy()
+            without = [field[:, arms].double() for field in fields]
+            to_hand = self._hand - without[1]
+            # Along the principal axes of the forearm, which stay.
+            axes = simulation.model.body_iquat[arms.numpy(force=True)]
+            lever = torch.as_tensor(rotations.rotate_inverse(axes, to_hand.numpy(force=True)), device=arms.device)
+            self._empty = *without, to_hand, lever**2
+        mass, centre, inertia, to_hand, squares = (part[ids] for part in self._empty)
+        load = self.payload[ids].double()
         total = mass + load
-        to_hand = self._hand - centre
-        rows = ids[:, None], arms[None]
-        fields["body_mass"][rows] = total
-        fields["body_ipos"][rows] = centre + (load / total)[..., None] * to_hand
-        # Of two point masses about their common centre, along the principal axes of the forearm, which stay.
-        lever = rotations.rotate_inverse(self._simulation.model.body_iquat[arms], to_hand)
+        # Of two point masses about their common centre.
         reduced = (mass * load / total)[..., None]
-        fields["body_inertia"][rows] = inertia + reduced * ((lever**2).sum(-1, keepdims=True) - lever**2)
-        batch.set_const(ids=ids)
+        inertia = inertia + reduced * (squares.sum(-1, keepdim=True) - squares)
+        for field, values in zip(fields, (total, centre + (load / total)[..., None] * to_hand, inertia), strict=True):
+            field[ids[:, None], arms] = values.to(field)
+        simulation.set_const(ids)
 
     # Forces ---------------------------------------------------------------------------------------------------------
 
@@ -100,20 +102,20 @@ class Loads:
         if c.hand_force > 0.0:
             begun = self._advance(self.hand_time, c.hand_interval, c.hand_time, hopping)
             count = begun.numel()
-            direction = torch.nn.functional.normalize(torch.randn((count, _HANDS, 3), generator=self._generator), dim=2)
+            direction = torch.nn.functional.normalize(randn(self._generator, count, _HANDS, 3), dim=2)
             # Each hand alone and both together, a third of the time each.
-            which = torch.randint(3, (count, 1), generator=self._generator)
+            which = randint(self._generator, 3, count, 1)
             pulled = torch.cat((which != 1, which != 0), dim=1)
-            force = c.hand_force * torch.rand((count, _HANDS), generator=self._generator) * pulled
+            force = c.hand_force * rand(self._generator, count, _HANDS) * pulled
             self.hand_force[begun] = force[..., None] * direction
         if c.trunk_force > 0.0:
             begun = self._advance(self.trunk_time, c.trunk_interval, c.trunk_time, hopping)
-            angle = uniform(self._generator, begun.numel(), -np.pi, np.pi)
+            angle = uniform(self._generator, begun.numel(), -math.pi, math.pi)
             force = uniform(self._generator, begun.numel(), 0.0, c.trunk_force)
             level = torch.stack((angle.cos(), angle.sin(), torch.zeros_like(angle)), dim=1)
             self.trunk_force[begun] = force[:, None] * level
-        self.hand_force[self.hand_time < 0.0] = 0.0
-        self.trunk_force[self.trunk_time < 0.0] = 0.0
+        self.hand_force.masked_fill_((self.hand_time < 0.0)[:, None, None], 0.0)
+        self.trunk_force.masked_fill_((self.trunk_time < 0.0)[:, None], 0.0)
         self._apply()
 
     def _advance(
@@ -123,28 +125,24 @@ class Loads:
         left -= self._dt
         left[hopping] = -1.0
         free = (left < 0.0) & self._eligible & ~hopping
-        begins = free & (torch.rand(left.shape, generator=self._generator) < self._dt / interval)
+        begins = free & (rand(self._generator, *left.shape) < self._dt / interval)
         begun = begins.nonzero().squeeze(1)
         left[begun] = uniform(self._generator, begun.numel(), *duration)
         return begun
 
     def _apply(self) -> None:
         """Write the forces of the next control step, with the torque that a force on a hand has about the forearm."""
-        pulled = bool(self.hand_force.any()) or bool(self.trunk_force.any())
+        pulled = bool(self.hand_force.any() | self.trunk_force.any())
         if not (pulled or self._pulled):
             return
         self._pulled = pulled
-        batch = self._simulation.batch
-        if self._poses is None:
-            self._poses = tuple(batch.bind(name) for name in ("xpos", "xmat", "xipos"))
-            batch.forward()  # a field is filled by the next call
-        position, matrix, centre = (field[:, self._forearms] for field in self._poses)
-        hand = position + np.einsum("nbij,j->nbi", matrix.reshape(*matrix.shape[:2], 3, 3), self._hand)
+        position, matrix, centre = (field[:, self._forearms] for field in self._simulation.link_poses())
+        lever = position + torch.einsum("nbij,j->nbi", matrix, self._hand.to(matrix)) - centre
         forces = self._simulation.forces
-        force = self.hand_force.double().numpy()
+        force = self.hand_force.to(forces)
         forces[:, self._forearms, :3] = force
-        forces[:, self._forearms, 3:] = np.cross(hand - centre, force)
-        forces[:, self._trunk, :3] = self.trunk_force.double().numpy()
+        forces[:, self._forearms, 3:] = rotations.cross(lever, force)
+        forces[:, self._trunk, :3] = self.trunk_force.to(forces)
 
     def observation(self, heading: torch.Tensor) -> torch.Tensor:
         """Return payloads [kg] and forces in the heading frame [N]: of both hands, then the trunk's, shape (n, 11).
@@ -169,4 +167,4 @@ class Loads:
         for name, value in state.items():
             setattr(self, name, value.clone())
         if state and (self._empty is not None or bool(self.payload.any())):
-            self._write_payload(np.arange(len(self.payload)))
+            self._write_payload(torch.arange(len(self.payload), device=self.payload.device))

@@ -7,13 +7,14 @@ import numpy as np
 import torch
 
 from hugwbc.learned.config import RandomizationConfig
-from hugwbc.sim.batch import BatchSimulation
+from hugwbc.learned.env.random_numbers import rand
+from hugwbc.sim.batch import RobotBatch
 
 _UNCHANGED = (1.0, 1.0)
 
 
 def randomize(
-    simulation: BatchSimulation,
+    simulation: RobotBatch,
     config: RandomizationConfig,
     rng: np.random.Generator,
     damping_factor: np.ndarray | float = 1.0,
@@ -29,17 +30,18 @@ def randomize(
     Returns:
         Friction coefficient of each robot, shape (count,).
     """
-    batch, model, count = simulation.batch, simulation.model, simulation.count
+    model, count, put = simulation.model, simulation.count, simulation.tensor
     floor = model.geom("floor").id
-    bodies = np.arange(model.ngeom) != floor
     friction = rng.uniform(*config.friction, count)
-    sliding = batch.expand("geom_friction")[:, :, 0]
-    sliding[:, bodies] = friction[:, None]
+    sliding = simulation.expand("geom_friction")[:, :, 0]
     # A contact has the larger of its two coefficients: a floor of 1 would hide every robot below it.
-    sliding[:, floor] = np.minimum(sliding[:, floor], friction)
+    lowered = torch.minimum(sliding[:, floor], put(friction))
+    sliding[:] = put(friction)[:, None]
+    sliding[:, floor] = lowered
     torso = model.body("torso_link").id
-    batch.expand("body_mass")[:, torso] += rng.uniform(*config.torso_mass, count)
-    batch.expand("body_ipos")[:, torso] += rng.uniform(-config.torso_centre, config.torso_centre, (count, 3))
+    simulation.expand("body_mass")[:, torso] += put(rng.uniform(*config.torso_mass, count))
+    shift = rng.uniform(-config.torso_centre, config.torso_centre, (count, 3))
+    simulation.expand("body_ipos")[:, torso] += put(shift)
     stiffness = rng.uniform(*config.gains, (count, model.nu))
     damping = damping_factor * rng.uniform(*config.gains, (count, model.nu))
     _scale_actuators(simulation, stiffness, damping)
@@ -49,56 +51,53 @@ def randomize(
     _randomize_drives(simulation, config, rng)
     for function in config.functions:
         function(simulation, rng)
-    batch.set_const()
+    simulation.set_const()
     return friction
 
 
-def _scale_actuators(simulation: BatchSimulation, stiffness: np.ndarray, damping: np.ndarray) -> None:
+def _scale_actuators(simulation: RobotBatch, stiffness: np.ndarray, damping: np.ndarray) -> None:
     """Scale kp and kd of the PD law tau = kp (target - q) - kd dq by factors of shape (count, 19)."""
-    simulation.batch.expand("actuator_gainprm")[:, :, 0] *= stiffness
-    bias = simulation.batch.expand("actuator_biasprm")
-    bias[:, :, 1] *= stiffness
-    bias[:, :, 2] *= damping
+    simulation.expand("actuator_gainprm")[:, :, 0] *= simulation.tensor(stiffness)
+    bias = simulation.expand("actuator_biasprm")
+    bias[:, :, 1] *= simulation.tensor(stiffness)
+    bias[:, :, 2] *= simulation.tensor(damping)
 
 
-def _randomize_links(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
-    batch, shape = simulation.batch, (simulation.count, simulation.model.nbody)
-    if config.mass != _UNCHANGED:
-        factor = rng.uniform(*config.mass, simulation.count)
-        batch.expand("body_mass")[:] *= factor[:, None]
-        batch.expand("body_inertia")[:] *= factor[:, None, None]
-    if config.link_mass != _UNCHANGED:
-        factor = rng.uniform(*config.link_mass, shape)
-        batch.expand("body_mass")[:] *= factor
-        batch.expand("body_inertia")[:] *= factor[..., None]
+def _randomize_links(simulation: RobotBatch, config: RandomizationConfig, rng: np.random.Generator) -> None:
+    count, bodies = simulation.count, simulation.model.nbody
+    for spread, shape in ((config.mass, (count, 1)), (config.link_mass, (count, bodies))):
+        if spread != _UNCHANGED:
+            factor = simulation.tensor(rng.uniform(*spread, shape))
+            simulation.expand("body_mass")[:] *= factor
+            simulation.expand("body_inertia")[:] *= factor[..., None]
     if config.link_centre > 0.0:
-        shift = rng.uniform(-config.link_centre, config.link_centre, (*shape, 3))
-        batch.expand("body_ipos")[:, 1:] += shift[:, 1:]  # the world has no mass
+        shift = rng.uniform(-config.link_centre, config.link_centre, (count, bodies, 3))
+        simulation.expand("body_ipos")[:, 1:] += simulation.tensor(shift)[:, 1:]  # the world has no mass
 
 
-def _randomize_motors(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
+def _randomize_motors(simulation: RobotBatch, config: RandomizationConfig, rng: np.random.Generator) -> None:
     shape = (simulation.count, simulation.model.nu)
     if config.strength != _UNCHANGED:
         factor = rng.uniform(*config.strength, shape)
         _scale_actuators(simulation, factor, factor)
     if config.offset > 0.0:
-        stiffness = simulation.batch.expand("actuator_gainprm")[:, :, 0]
-        bias = simulation.batch.expand("actuator_biasprm")
+        stiffness = simulation.expand("actuator_gainprm")[:, :, 0]
+        bias = simulation.expand("actuator_biasprm")
         # tau = kp (target + offset - q) - kd dq: an offset of the target is a constant torque of kp offset.
-        bias[:, :, 0] += stiffness * rng.uniform(-config.offset, config.offset, shape)
+        bias[:, :, 0] += stiffness * simulation.tensor(rng.uniform(-config.offset, config.offset, shape))
 
 
-def _randomize_drives(simulation: BatchSimulation, config: RandomizationConfig, rng: np.random.Generator) -> None:
+def _randomize_drives(simulation: RobotBatch, config: RandomizationConfig, rng: np.random.Generator) -> None:
     """Scale the Coulomb and viscous friction of every drive, if the drives have friction."""
     columns = simulation.layout.qvel
     friction = simulation.model.dof_frictionloss[columns][6:]
     if config.drive_friction != _UNCHANGED and friction.any():
-        factor = rng.uniform(*config.drive_friction, (simulation.count, friction.size))
+        factor = simulation.tensor(rng.uniform(*config.drive_friction, (simulation.count, friction.size)))
         for name in ("dof_frictionloss", "dof_damping"):
-            simulation.batch.expand(name)[:, columns][:, 6:] *= factor
+            simulation.expand(name)[:, columns][:, 6:] *= factor
 
 
-def push(simulation: BatchSimulation, config: RandomizationConfig, generator: torch.Generator) -> torch.Tensor:
+def push(simulation: RobotBatch, config: RandomizationConfig, generator: torch.Generator) -> torch.Tensor:
     """Change the horizontal velocity of the pelvis of random robots before a control step.
 
     Returns which robots were pushed, shape (n,), bool.
@@ -108,11 +107,10 @@ def push(simulation: BatchSimulation, config: RandomizationConfig, generator: to
         config: frequency and size of the pushes.
         generator: source of the draws.
     """
-    pushed = torch.rand(simulation.count, generator=generator) < 1.0 / config.push_interval
+    pushed = rand(generator, simulation.count) < 1.0 / config.push_interval
     ids = pushed.nonzero().squeeze(1)
     if ids.numel():
-        kick = (2.0 * torch.rand((ids.numel(), 2), generator=generator) - 1.0) * config.push_velocity
-        simulation.qvel[ids.numpy(), :2] += kick.numpy()
+        simulation.qvel[ids, :2] += (2.0 * rand(generator, ids.numel(), 2) - 1.0) * config.push_velocity
     return pushed & (config.push_velocity > 0.0)
 
 
@@ -120,44 +118,37 @@ class Latency:
     """Action latency: joint targets take effect some physics steps later, with a delay per robot.
 
     Attributes:
-        delay: delay of each robot [physics steps], shape (n,).
         targets: last joint targets, newest first [rad], shape (control steps kept, n, 19).
     """
 
-    def __init__(self, delay: np.ndarray, substeps: int, joints: int) -> None:
+    def __init__(self, delay: np.ndarray, substeps: int, simulation: RobotBatch) -> None:
         """Start without targets; call `reset` before the first step.
 
         Args:
             delay: delay of each robot [physics steps], shape (n,).
             substeps: physics steps in a control step.
-            joints: number of joints.
+            simulation: the robots.
         """
-        self.delay = delay
-        self._substeps = substeps
-        self._robots = np.arange(len(delay))
-        kept = 1 + int(self._age(0).max())
-        self.targets = torch.zeros(kept, len(delay), joints, dtype=torch.float64)
+        # How many control steps ago the target was given that acts in each physics step, shape (substeps, n).
+        age = np.maximum(-((np.arange(substeps)[:, None] - delay) // substeps), 0)
+        self._simulation, self._age = simulation, torch.as_tensor(age, device=simulation.device)
+        self._robots = torch.arange(len(delay), device=simulation.device)
+        self.targets = simulation.ctrl.new_zeros(1 + int(age.max()), *simulation.ctrl.shape)
 
-    def _age(self, substep: int) -> np.ndarray:
-        """Return how many control steps ago the target was given that acts in this physics step, shape (n,)."""
-        return np.maximum(-((substep - self.delay) // self._substeps), 0)
-
-    def reset(self, robots: np.ndarray, target: np.ndarray) -> None:
+    def reset(self, robots: torch.Tensor, target: torch.Tensor) -> None:
         """Fill the past of robots (indices) with one target [rad], shape (k, 19)."""
-        self.targets[:, robots] = torch.from_numpy(target).to(self.targets.dtype)
+        self.targets[:, robots] = target.to(self.targets)
 
-    def step(self, simulation: BatchSimulation) -> np.ndarray:
-        """Advance the physics by a control step; `simulation.ctrl` holds the newest target.
+    def step(self) -> torch.Tensor:
+        """Advance the physics by a control step; `ctrl` holds the newest target.
 
         Returns:
             Whether each robot diverged, shape (n,), bool.
         """
-        newest = torch.from_numpy(simulation.ctrl.copy())
-        self.targets = torch.cat((newest[None], self.targets[:-1]))
-        targets = self.targets.numpy()
-        acting = [targets[self._age(substep), self._robots] for substep in range(self._substeps)]
-        diverged = simulation.step(self._substeps, np.stack(acting))
-        simulation.ctrl[:] = targets[0]
+        simulation = self._simulation
+        self.targets = torch.cat((simulation.ctrl[None], self.targets[:-1]))
+        diverged = simulation.step(len(self._age), self.targets[self._age, self._robots])
+        simulation.ctrl[:] = self.targets[0]
         return diverged
 
 

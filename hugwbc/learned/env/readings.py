@@ -11,16 +11,18 @@ import torch
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.robot import Robot
-from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.batch import RobotBatch
 
 TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # the commands whose execution shows in a single state
 BIAS_TIME = 0.5  # [s], time constant of the filter of velocity errors
 CONTACT_THRESHOLD = 5.0  # [N], above which a foot counts as on the ground
 
 
-def tensor(array: np.ndarray) -> torch.Tensor:
-    """Copy an array to a float32 tensor."""
-    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
+def tensor(values: np.ndarray | torch.Tensor, device: torch.device | None = None) -> torch.Tensor:
+    """Copy numbers to a float32 tensor."""
+    if isinstance(values, torch.Tensor):
+        return values.to(torch.float32, copy=True)
+    return torch.tensor(values, dtype=torch.float32, device=device)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -188,22 +190,22 @@ class Body:
     dt: float
 
     @classmethod
-    def of(cls, robot: Robot, dt: float) -> "Body":
-        """Collect the constants of a robot that is controlled every `dt` [s]."""
+    def of(cls, robot: Robot, dt: float, device: torch.device | None = None) -> "Body":
+        """Collect the constants of a robot that is controlled every `dt` [s], on a device."""
         others = np.setdiff1d(np.arange(len(robot.joint_names)), robot.arms)
         return cls(
-            nominal=tensor(robot.nominal),
-            lower=tensor(robot.lower),
-            upper=tensor(robot.upper),
-            arms=torch.as_tensor(robot.arms),
-            hips=torch.as_tensor(robot.hip_yaw_roll),
-            waist_and_legs=torch.as_tensor(others),
+            nominal=tensor(robot.nominal, device),
+            lower=tensor(robot.lower, device),
+            upper=tensor(robot.upper, device),
+            arms=torch.as_tensor(robot.arms, device=device),
+            hips=torch.as_tensor(robot.hip_yaw_roll, device=device),
+            waist_and_legs=torch.as_tensor(others, device=device),
             waist=robot.waist,
             dt=dt,
         )
 
 
-def read(simulation: BatchSimulation, ground: RoughGround | None = None) -> Readings:
+def read(simulation: RobotBatch, ground: RoughGround | None = None) -> Readings:
     """Copy the current state of all robots of a batch.
 
     Args:

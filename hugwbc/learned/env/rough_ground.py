@@ -10,7 +10,7 @@ import torch
 from hugwbc.learned import distributed
 from hugwbc.learned.config import TerrainConfig
 from hugwbc.learned.policy import critic_observations as obs
-from hugwbc.sim.batch import BatchSimulation
+from hugwbc.sim.batch import RobotBatch
 from hugwbc.sim.terrain import level_terrain
 
 _LATE = 0.25  # [m], hysteresis: a robot is moved by a period this far beyond half of it, and so not moved to and fro
@@ -25,31 +25,35 @@ class RoughGround:
         level: level of each robot, shape (n,).
     """
 
-    def __init__(self, count: int, config: TerrainConfig, rng: np.random.Generator) -> None:
+    def __init__(
+        self, count: int, config: TerrainConfig, rng: np.random.Generator, device: torch.device | None = None
+    ) -> None:
         """Generate the ground and spread the robots over the first levels.
 
         Args:
             count: number of robots.
             config: roughness, levels and threshold.
             rng: source of the heights.
+            device: device of the robots.
         """
         ground = level_terrain(config.levels, config.roughness, rng)
         self.terrain = ground.field
-        self.level = torch.arange(count) % (config.start_level + 1)
+        self.level = torch.arange(count, device=device) % (config.start_level + 1)
         self._config = config
         self._period = ground.period
-        self._centres = torch.tensor(ground.centres, dtype=torch.float32)
-        self._heights = torch.tensor(ground.field.heights, dtype=torch.float32).flatten()
+        self._centres = torch.tensor(ground.centres, dtype=torch.float32, device=device)
+        self._heights = torch.tensor(ground.field.heights, dtype=torch.float32, device=device).flatten()
         self._rows, self._columns = ground.field.heights.shape
-        self._scale = torch.tensor([self._columns - 1, self._rows - 1]) / torch.tensor(ground.field.size)
-        self._moves = {"up": 0, "down": 0, "held": 0}
-        self._held_reward = 0.0
+        last = torch.tensor([self._columns - 1, self._rows - 1])
+        self._middle, self._scale = (0.5 * last).to(device), (last / torch.tensor(ground.field.size)).to(device)
+        self._points, self._footprint = obs.terrain_points().to(device), _FOOTPRINT.to(device)
+        # Robots that moved up, fell back and were held, and the sum of the latter's rewards, since the last report.
+        self._moves = torch.zeros(4, device=device)
 
     def height_at(self, xy: torch.Tensor) -> torch.Tensor:
         """Return the height of the ground [m] at points (..., 2), as `HeightField.height_at`; NaN is the origin."""
-        middle = 0.5 * torch.tensor([self._columns - 1.0, self._rows - 1.0])
         # A diverged robot may be anywhere; clamp its index to the grid.
-        cell = torch.nan_to_num(xy) * self._scale + middle
+        cell = torch.nan_to_num(xy) * self._scale + self._middle
         column, row = cell[..., 0].clamp(0.0, self._columns - 1.001), cell[..., 1].clamp(0.0, self._rows - 1.001)
         # MuJoCo splits each cell into two triangles along one diagonal: interpolate linearly on the one that is hit.
         left, below = column.long(), row.long()
@@ -66,7 +70,7 @@ class RoughGround:
             xy: positions of the pelvises [m], shape (k, 2).
             heading: yaw of the pelvises [rad], shape (k,).
         """
-        return self.height_at(_around(xy, heading, obs.terrain_points()))
+        return self.height_at(_around(xy, heading, self._points))
 
     def starts(self, robots: torch.Tensor, heading: torch.Tensor, sample: torch.Tensor) -> torch.Tensor:
         """Return positions on the robots' levels to start at, above the highest ground under a stand, shape (k, 3).
@@ -77,7 +81,7 @@ class RoughGround:
             sample: uniform numbers in [0, 1), shape (k, 2).
         """
         xy = self._centres[self.level[robots]] + (sample - 0.5) * self._period
-        z = self.height_at(_around(xy, heading, _FOOTPRINT)).amax(1)
+        z = self.height_at(_around(xy, heading, self._footprint)).amax(1)
         return torch.cat((xy, z[:, None]), dim=1)
 
     def shift(self, xy: torch.Tensor) -> torch.Tensor:
@@ -92,7 +96,7 @@ class RoughGround:
         far = offset.abs() > 0.5 * self._period + _LATE
         return torch.where(far, -self._period * torch.round(offset / self._period), 0.0)
 
-    def keep_inside(self, simulation: BatchSimulation, xy: torch.Tensor) -> None:
+    def keep_inside(self, simulation: RobotBatch, xy: torch.Tensor) -> None:
         """Move robots that approach the end of their region to a place where the ground is the same.
 
         Args:
@@ -102,8 +106,8 @@ class RoughGround:
         shift = self.shift(xy)
         ids = shift.any(1).nonzero().squeeze(1)
         if ids.numel():
-            simulation.qpos[ids.numpy(), :2] += shift[ids].numpy()
-            simulation.forward(ids.numpy())
+            simulation.qpos[ids, :2] += shift[ids]
+            simulation.forward(ids)
 
     def lost(self, xy: torch.Tensor) -> torch.Tensor:
         """Return which robots are outside the region of their level, shape (n,), bool.
@@ -129,9 +133,7 @@ class RoughGround:
         held = ~fell & ~up
         step = up.long() - fell.long()
         self.level[robots] = (self.level[robots] + step).clamp(0, self._config.levels - 1)
-        for name, moved in (("up", up), ("down", fell), ("held", held)):
-            self._moves[name] += int(moved.sum())
-        self._held_reward += float(tracking[held].sum())
+        self._moves += torch.stack((up, fell, held, held * tracking), 1).sum(0)
 
     @property
     def mean_level(self) -> float:
@@ -140,12 +142,11 @@ class RoughGround:
 
     def report(self) -> str:
         """Describe in words what happened since the last call."""
-        moves, reward = self._moves, self._held_reward
-        self._moves, self._held_reward = dict.fromkeys(moves, 0), 0.0
-        text = f"level {self.mean_level:.2f} of {self._config.levels - 1}, {moves['up']} up, {moves['down']} fell back"
-        if moves["held"]:
-            mean = reward / moves["held"]
-            text += f", {moves['held']} held: linear velocity reward {mean:.2f} < {self._config.threshold:.2f}"
+        up, down, held, reward = self._moves.tolist()
+        self._moves.zero_()
+        text = f"level {self.mean_level:.2f} of {self._config.levels - 1}, {up:.0f} up, {down:.0f} fell back"
+        if held:
+            text += f", {held:.0f} held: linear velocity reward {reward / held:.2f} < {self._config.threshold:.2f}"
         return text
 
     def state_dict(self) -> dict[str, torch.Tensor]:

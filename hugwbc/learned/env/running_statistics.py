@@ -1,6 +1,7 @@
 """Running figures of the training: reward terms, tracking errors, episodes, and what moves the curricula."""
 
 import math
+from collections.abc import Sequence
 
 import torch
 
@@ -13,7 +14,7 @@ TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the t
 _COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
 GATES = ("alpha", "speed")
 _MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
-_EVENTS = ("episodes", "falls", "diverged")
+_EVENTS, _LENGTH = ("episodes", "falls", "diverged"), "episode_length"
 
 
 class Statistics:
@@ -23,16 +24,17 @@ class Statistics:
         tracking: exponential averages of the linear and angular tracking reward relative to their maxima, shape (n, 2).
     """
 
-    def __init__(self, count: int, waist: int, *, hopping: bool = False) -> None:
+    def __init__(self, count: int, waist: int, *, hopping: bool = False, device: torch.device | None = None) -> None:
         """Start empty.
 
         Args:
             count: number of robots.
             waist: index of the waist joint.
             hopping: whether to report the errors of hopping robots in addition to those of walking ones.
+            device: device of the robots. The sums stay there until `pop`.
         """
-        self.tracking = torch.zeros(count, 2)
-        self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2) for name in GATES}
+        self.tracking = torch.zeros(count, 2, device=device)
+        self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2, device=device) for name in GATES}
         self._gaits = {"walking": (Gait.WALKING, Gait.WALKING), "jumping": (Gait.JUMPING, Gait.JUMPING)}
         if hopping:
             self._gaits["hopping"] = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
@@ -40,9 +42,7 @@ class Statistics:
         self._clear()
 
     def _clear(self) -> None:
-        self._sums: dict[str, tuple[float, float]] = {}  # total and number of samples of each average
-        self._events = dict.fromkeys(_EVENTS, 0.0)
-        self._finished_steps = 0.0
+        self._sums: dict[tuple[str, ...], torch.Tensor] = {}  # totals, numbers of samples: shape (2, number of names)
 
     def add(
         self,
@@ -64,18 +64,16 @@ class Statistics:
             diverged: whether the physics of each robot failed, shape (n,), bool.
         """
         self.tracking = TRACKING_MEMORY * self.tracking + (1.0 - TRACKING_MEMORY) * torch.nan_to_num(tracking)
-        for name, value in rewards.items():
-            self._average(f"reward/{name}", float(value.mean()), 1.0)
+        terms = torch.stack(tuple(rewards.values())).double().mean(1)
+        self._average([f"reward/{name}" for name in rewards], terms, torch.ones_like(terms))
         errors = (tracked(t, self._waist) - t.command[:, _COLUMNS]).abs()
         known = errors.isfinite().all(1)
         for label, (first, last) in self._gaits.items():
             robots = known & (gait >= first) & (gait <= last)
-            for name, total in zip(TRACKED, errors[robots].sum(0).tolist(), strict=True):
-                self._average(f"{label}_error/{name}", total, float(robots.sum()))
-        happened = (finished_age.numel(), t.fallen.sum(), diverged.sum())
-        for name, number in zip(_EVENTS, happened, strict=True):
-            self._events[name] += float(number)
-        self._finished_steps += float(finished_age.sum())
+            totals = torch.where(robots[:, None], errors, 0.0).double().sum(0)
+            self._average([f"{label}_error/{name}" for name in TRACKED], totals, robots.sum().expand(len(TRACKED)))
+        happened = (finished_age.new_tensor(finished_age.numel()), t.fallen.sum(), diverged.sum(), finished_age.sum())
+        self._average([*_EVENTS, _LENGTH], torch.stack(happened).double(), torch.ones_like(happened[1]).expand(4))
 
     def note_gate(self, name: str, tracking: torch.Tensor, robots: torch.Tensor) -> None:
         """Add a control step of the robots on which a gate depends to their running mean.
@@ -129,17 +127,23 @@ class Statistics:
 
     def add_share(self, name: str, flag: torch.Tensor, robots: torch.Tensor) -> None:
         """Add the share of the chosen robots whose flag is set; both arguments have shape (n,), bool."""
-        self._average(name, float((flag & robots).sum()), float(robots.sum()))
+        self._average([name], (flag & robots).sum()[None].double(), robots.sum()[None])
 
-    def _average(self, name: str, total: float, count: float) -> None:
-        before, samples = self._sums.get(name, (0.0, 0.0))
+    def _average(self, names: Sequence[str], totals: torch.Tensor, counts: torch.Tensor) -> None:
+        """Add totals over some samples, shape (number of names,) each; on the device, which is not waited for."""
         # A total that is not finite comes from a robot whose physics failed: leave it out.
-        self._sums[name] = (before + total, samples + count) if math.isfinite(total) else (before, samples)
+        finite = totals.isfinite()
+        added = torch.stack((torch.where(finite, totals, 0.0), torch.where(finite, counts, 0)))
+        key = tuple(names)
+        self._sums[key] = self._sums[key] + added if key in self._sums else added
 
     def pop(self) -> dict[str, float]:
         """Return and clear the averages (NaN without samples), event counts and mean episode length."""
-        result = {name: total / count if count else math.nan for name, (total, count) in self._sums.items()}
-        episodes = self._events["episodes"]
-        result |= self._events | {"episode_length": self._finished_steps / episodes if episodes else math.nan}
+        sums: dict[str, tuple[float, float]] = {}
+        for names, values in self._sums.items():
+            sums |= dict(zip(names, values.T.tolist(), strict=True))
+        events = {name: sums.pop(name, (0.0, 0.0))[0] for name in (*_EVENTS, _LENGTH)}
+        steps, episodes = events.pop(_LENGTH), events["episodes"]
         self._clear()
-        return result
+        result = {name: total / count if count else math.nan for name, (total, count) in sums.items()}
+        return result | events | {_LENGTH: steps / episodes if episodes else math.nan}

@@ -1,9 +1,11 @@
 """Errors of the sensors in training: the arena's noise, biases and offsets, in tensors for all robots."""
 
 import dataclasses
+import functools
 
 import torch
 
+from hugwbc.learned.env.random_numbers import rand, randn
 from hugwbc.learned.env.readings import Readings
 from hugwbc.sim.sensors import ROBOT
 
@@ -33,12 +35,9 @@ class SensorErrors:
         self._generator = generator
         low, high = scale
         self.active = high > 0.0
-        self.scale = (
-            low + (high - low) * torch.rand((count, 1), generator=generator) if self.active else torch.zeros(count, 1)
-        )
-        self.encoder_offset = torch.zeros(count, joints)
-        self.gyro_bias = torch.zeros(count, 3)
-        self.tilt_bias = torch.zeros(count, 3)
+        zeros = functools.partial(torch.zeros, count, device=generator.device)
+        self.scale = low + (high - low) * rand(generator, count, 1) if self.active else zeros(1)
+        self.encoder_offset, self.gyro_bias, self.tilt_bias = zeros(joints), zeros(3), zeros(3)
 
     def reset(self, robots: torch.Tensor) -> None:
         """Draw the offsets and biases of a new episode for robots (indices)."""
@@ -66,7 +65,7 @@ class SensorErrors:
         )
 
     def _normal(self, deviation: float, rows: int, columns: int) -> torch.Tensor:
-        return deviation * torch.randn((rows, columns), generator=self._generator)
+        return deviation * randn(self._generator, rows, columns)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return everything that a resumed run needs; the factors are drawn again from the seed."""

@@ -1,15 +1,15 @@
 """Initial states of episodes: near the nominal pose, or in recorded motion."""
 
+import math
 import pathlib
 from collections.abc import Mapping
 
-import numpy as np
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import PolicyFileError
-from hugwbc.learned.env.command_sampling import uniform
-from hugwbc.learned.env.readings import tensor
+from hugwbc.gait import Gait
+from hugwbc.learned.env.random_numbers import rand, uniform
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy import checkpoint, critic_observations as obs
 from hugwbc.learned.policy.records import versions
@@ -40,12 +40,15 @@ class RecordedStarts:
         columns: the columns of `COLUMNS` by name, one row per state.
     """
 
-    def __init__(self, columns: Mapping[str, torch.Tensor], path: pathlib.Path) -> None:
+    def __init__(
+        self, columns: Mapping[str, torch.Tensor], path: pathlib.Path, device: torch.device | None = None
+    ) -> None:
         """Take the columns of a file.
 
         Args:
             columns: the columns by name.
             path: path of the file, for messages.
+            device: where to keep them.
         """
         rows = len(columns["gait"]) if "gait" in columns else 0
         for name, shape in COLUMNS.items():
@@ -55,13 +58,17 @@ class RecordedStarts:
                     f"{path} has no usable recorded starts: '{name}' has the shape {found}, not {(rows, *shape)}; give "
                     "a file that this version recorded"
                 )
-        self.columns = dict(columns)
+        self.columns = {name: column.to(device) for name, column in columns.items()}
+        gait = self.columns["gait"]
+        self._rows = gait.argsort(stable=True)  # by gait
+        self._number = torch.bincount(gait, minlength=len(Gait))  # of each gait
+        self._first = self._number.cumsum(0) - self._number
 
     @classmethod
-    def load(cls, path: pathlib.Path) -> "RecordedStarts":
+    def load(cls, path: pathlib.Path, device: torch.device | None = None) -> "RecordedStarts":
         """Read a file that `StartRecorder.save` wrote."""
         tensors, _ = checkpoint.load_file(path, "starts")
-        return cls(tensors, path)
+        return cls(tensors, path, device)
 
     def draw(
         self, gait: torch.Tensor, share: float, generator: torch.Generator
@@ -77,16 +84,12 @@ class RecordedStarts:
             Robots that get a state, as indices into `gait`, shape (m,), and the columns of these states, (m, ...).
             Robots whose gait was not recorded get none.
         """
-        chosen = torch.rand(len(gait), generator=generator) < share
-        sample = torch.rand(len(gait), generator=generator, dtype=torch.float64)
-        rows = torch.full((len(gait),), -1)
-        for value in gait.unique().tolist():
-            recorded = (self.columns["gait"] == value).nonzero().squeeze(1)
-            if len(recorded):
-                mine = chosen & (gait == value)
-                rows[mine] = recorded[(sample[mine] * len(recorded)).long()]
-        having = (rows >= 0).nonzero().squeeze(1)
-        return having, {name: column[rows[having]] for name, column in self.columns.items()}
+        chosen = rand(generator, len(gait)) < share
+        sample = rand(generator, len(gait), dtype=torch.float64)
+        having = (chosen & (self._number[gait] > 0)).nonzero().squeeze(1)
+        kind = gait[having]
+        rows = self._rows[self._first[kind] + (sample[having] * self._number[kind]).long()]
+        return having, {name: column[rows] for name, column in self.columns.items()}
 
 
 class StartRecorder:
@@ -123,8 +126,8 @@ class StartRecorder:
 
 
 def draw_starts(
-    nominal: np.ndarray, robots: torch.Tensor, ground: RoughGround | None, generator: torch.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+    nominal: torch.Tensor, robots: torch.Tensor, ground: RoughGround | None, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Draw the stands in which robots start: nominal joints with noise, a random heading, a moving pelvis.
 
     Args:
@@ -136,20 +139,17 @@ def draw_starts(
     Returns:
         Positions in the layout of `nominal`, shape (k, 26), and velocities, zero in the joints, shape (k, 25).
     """
-    count = robots.numel()
-    yaw = uniform(generator, count, -np.pi, np.pi).numpy()
-    qpos = np.tile(nominal, (count, 1))
-    qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
-    joints = len(nominal) - 7
+    count, joints = robots.numel(), len(nominal) - 7
+    yaw = uniform(generator, count, -math.pi, math.pi)
+    qpos = nominal.repeat(count, 1)
+    qpos[:, 3], qpos[:, 6] = torch.cos(yaw.double() / 2.0), torch.sin(yaw.double() / 2.0)
     qpos[:, 7:] += _symmetric(generator, count, joints, START_JOINT_NOISE)
     if ground is not None:
-        sample = torch.rand((count, 2), generator=generator)
-        qpos[:, :3] += ground.starts(robots, tensor(yaw), sample).numpy()
-    qvel = np.zeros((count, 6 + joints))
+        qpos[:, :3] += ground.starts(robots, yaw, rand(generator, count, 2))
+    qvel = nominal.new_zeros(count, 6 + joints)
     qvel[:, :6] = _symmetric(generator, count, 6, START_VELOCITY)
     return qpos, qvel
 
 
-def _symmetric(generator: torch.Generator, rows: int, columns: int, half_width: float) -> np.ndarray:
-    sample = torch.rand((rows, columns), generator=generator)
-    return (half_width * (2.0 * sample - 1.0)).numpy()
+def _symmetric(generator: torch.Generator, rows: int, columns: int, half_width: float) -> torch.Tensor:
+    return half_width * (2.0 * rand(generator, rows, columns) - 1.0)

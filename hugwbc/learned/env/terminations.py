@@ -42,17 +42,17 @@ class FeetRule:
         down: time for which the feet have done what is forbidden [s], shape (n,).
     """
 
-    def __init__(self, count: int, grace: float, dt: float) -> None:
+    def __init__(self, count: int, grace: float, dt: float, device: torch.device | None = None) -> None:
         """Set up the rule.
 
         Args:
             count: number of robots.
             grace: time after a new command in which it is still allowed [s].
             dt: control period [s].
+            device: device of the robots.
         """
         self._grace, self._dt = grace, dt
-        self.due = torch.zeros(count)
-        self.down = torch.zeros(count)
+        self.due, self.down = torch.zeros(2, count, device=device)
 
     def restart(self, robots: torch.Tensor, age: torch.Tensor, *, in_motion: bool = False) -> None:
         """Note that robots have a new command.

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 
 from hugwbc.learned.policy.layout import (
@@ -60,16 +59,17 @@ def noise_amplitude(parts: Sequence[Part]) -> torch.Tensor:
     )
 
 
-def in_units(frame: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, ...]:
+def in_units(frame: torch.Tensor, pose: torch.Tensor) -> tuple[torch.Tensor, ...]:
     """Return what proprioceptive frames, shape (n, 63), say in physical units, with absolute joint positions.
 
     Args:
         frame: the frames, as the network reads them.
         pose: joint positions at action 0 [rad], shape (19,).
     """
-    ends = np.cumsum([part.size for part in FRAME])[:-1]
-    values = zip(np.split(frame.astype(float), ends, axis=1), FRAME, strict=True)
-    omega, gravity, offset, dq, action = (value / part.scale for value, part in values)
+    values = zip(frame.double().split([part.size for part in FRAME], 1), FRAME, strict=True)
+    omega, gravity, offset, dq, action = (
+        value / torch.tensor(part.scale, dtype=torch.float64) for value, part in values
+    )
     return omega, gravity, offset + pose, dq, action
 
 

@@ -10,9 +10,12 @@ relative to the nominal posture, at h = p = 0, with c the clearance of the sole 
 says nothing of balance or of the length of a step, which are left to the policy.
 """
 
+import math
+
 import numpy as np
 
 from hugwbc import gait as gaits
+from hugwbc.arrays import Array, Place, double, namespace
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.policy.contract import Contract
 from hugwbc.robot import SIDES, Robot, load_robot
@@ -20,52 +23,55 @@ from hugwbc.robot import SIDES, Robot, load_robot
 HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward follows the commands
 _MARGIN = 0.98  # of a straight leg's length, and of the joints' ranges
 _F, _L, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "w"))
-_SQUAT = [COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p")]
+_SQUAT = slice(COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p") + 1)
 
 
 class LegFeedForward:
     """Joint offsets of squats and swings."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, place: Place = np.asarray) -> None:
         """Take the lengths, the nominal posture and the ranges of a robot's legs."""
         parts = ("hip_pitch", "knee", "ankle")
-        self._joints = np.array([robot.indices([f"{side}_{part}_joint" for side in SIDES]) for part in parts])
-        knee = robot.nominal[self._joints[1, 0]]
-        self._length, self._half = robot.leg_length, 0.5 * knee
+        joints = np.array([robot.indices([f"{side}_{part}_joint" for side in SIDES]) for part in parts])
+        knee = robot.nominal[joints[1, 0]]
+        self._length, self._half = robot.leg_length, float(0.5 * knee)
         centre, half = 0.5 * (robot.upper + robot.lower), 0.5 * _MARGIN * (robot.upper - robot.lower)
-        self._count = centre.size
-        self._low, self._high = (
-            bound[self._joints] - robot.nominal[self._joints] for bound in (centre - half, centre + half)
-        )
-        self._shank = float(self._half - self._low[2].max())  # largest lean
-        thigh = float(knee + self._high[1].min()) - self._shank
-        self._lowest = 0.5 * (np.cos(self._shank) + np.cos(thigh))
+        low, high = ((bound - robot.nominal)[joints] for bound in (centre - half, centre + half))
+        self._shank = float(self._half - low[2].max())  # largest lean
+        thigh = float(knee + high[1].min()) - self._shank
+        self._lowest = 0.5 * (math.cos(self._shank) + math.cos(thigh))
+        self._low, self._high = place(low), place(high)
+        # Place of each joint among the offsets of these joints; the others take the zero behind them.
+        column = np.full(centre.size, joints.size)
+        column[joints.ravel()] = np.arange(joints.size)
+        self._column = place(column)
 
-    def offsets(self, height: np.ndarray, pitch: np.ndarray, clearance: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return what to add to the nominal joint positions [rad], shape (n, 19).
+    def offsets(self, height: Array, pitch: Array, clearance: Array | float = 0.0) -> Array:
+        """Return what to add to the nominal joint positions [rad], shape (n, 19), in double precision.
 
         Args:
             height: of the pelvis minus the nominal one [m], shape (n,).
             pitch: of the pelvis [rad], shape (n,).
             clearance: of the left and the right sole [m], shape (n, 2), or one number for all.
         """
-        share = _clip(np.cos(self._half) + (height[:, None] - clearance) / self._length, self._lowest, _MARGIN)
-        share = np.broadcast_to(share, (len(height), 2))
-        shank = np.minimum(np.arccos(share), self._shank)
-        thigh = np.arccos(2.0 * share - np.cos(shank))
-        result = np.zeros((len(height), self._count))
-        offsets = self._half - thigh - pitch[:, None], thigh + shank - 2.0 * self._half, self._half - shank
-        for joints, offset, low, high in zip(self._joints, offsets, self._low, self._high, strict=True):
-            result[:, joints] = _clip(offset, low, high)
-        return result
+        xp, height, pitch = namespace(height), double(height)[:, None], double(pitch)[:, None]
+        share = _clip(math.cos(self._half) + (height - clearance) / self._length, self._lowest, _MARGIN)
+        share = xp.broadcast_to(share, (len(height), 2))
+        shank = _clip(xp.arccos(share), -math.inf, self._shank)
+        thigh = xp.arccos(2.0 * share - xp.cos(shank))
+        offsets = self._half - thigh - pitch, thigh + shank - 2.0 * self._half, self._half - shank
+        bounded = [_clip(*one) for one in zip(offsets, self._low, self._high, strict=True)]
+        return xp.concatenate((*bounded, xp.zeros_like(pitch)), 1)[:, self._column]
 
 
-def _clip(values: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
+def _clip(values: Array, low: Array | float, high: Array | float) -> Array:
     """Return the values within bounds; for one robot `np.clip` takes three times as long."""
-    return np.minimum(np.maximum(values, low), high)
+    if namespace(values) is np:
+        return np.minimum(np.maximum(values, low), high)
+    return values.clip(low, high)
 
 
-def swing_clearance(phase: np.ndarray, gait: np.ndarray, command: np.ndarray, period: float) -> np.ndarray:
+def swing_clearance(phase: Array, gait: Array, command: Array, period: float) -> Array:
     """Return the clearance of both soles at the end of a control period [m], shape (n, 2).
 
     Args:
@@ -75,21 +81,22 @@ def swing_clearance(phase: np.ndarray, gait: np.ndarray, command: np.ndarray, pe
         period: control period [s].
     """
     later = gaits.advance_phase(phase, command[:, _F], period)
-    return gaits.swing_height(gaits.homogenised_phase(gaits.foot_phases(later, gait)), command[:, [_L]])
+    return gaits.swing_height(gaits.homogenised_phase(gaits.foot_phases(double(later), gait)), command[:, _L : _L + 1])
 
 
 class CommandFeedForward:
     """What the joint targets take from the commands alone, besides the policy's actions: waist, squat and swing."""
 
-    def __init__(self, contract: Contract) -> None:
+    def __init__(self, contract: Contract, place: Place = np.asarray) -> None:
         """Take robot, period, rate and gains of a contract."""
         robot, period = load_robot(contract.robot), contract.period
-        self._legs, self._waist, self._period = LegFeedForward(robot), robot.waist, period
-        self._joints, self._waist_reach = len(robot.joint_names), contract.waist_rate * period
-        self._squat_reach = period * np.array([HEIGHT_RATE, PITCH_RATE])
+        self._legs, self._period = LegFeedForward(robot, place), period
+        self._waist = place(np.eye(len(robot.joint_names))[robot.waist])
+        self._waist_reach = contract.waist_rate * period
+        self._squat_reach = place(period * np.array([HEIGHT_RATE, PITCH_RATE]))
         self._squat, self._swing = contract.squat_gain, contract.swing_gain
 
-    def follow(self, waist: np.ndarray, posture: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def follow(self, waist: Array, posture: Array, command: Array) -> tuple[Array, Array]:
         """Return the angle of the waist [rad], height [m] and pitch [rad] after a control period.
 
         Args:
@@ -100,9 +107,7 @@ class CommandFeedForward:
         waist = waist + _clip(command[:, _W] - waist, -self._waist_reach, self._waist_reach)
         return waist, posture + _clip(command[:, _SQUAT] - posture, -self._squat_reach, self._squat_reach)
 
-    def offsets(
-        self, waist: np.ndarray, posture: np.ndarray, phase: np.ndarray, gait: np.ndarray, command: np.ndarray
-    ) -> np.ndarray:
+    def offsets(self, waist: Array, posture: Array, phase: Array, gait: Array, command: Array) -> Array:
         """Return what to add to pose and action [rad], shape (n, 19).
 
         Args:
@@ -112,11 +117,9 @@ class CommandFeedForward:
             gait: values of `Gait`, shape (n,).
             command: commands, shape (n, 8).
         """
-        if self._squat > 0.0 or self._swing > 0.0:
-            height, pitch = self._squat * posture.T
-            lifted = self._swing * swing_clearance(phase, gait, command, self._period)
-            result = self._legs.offsets(height, pitch, lifted)
-        else:
-            result = np.zeros((len(waist), self._joints))
-        result[:, self._waist] += waist
-        return result
+        turn = double(waist)[:, None] * self._waist
+        if self._squat == 0.0 and self._swing == 0.0:
+            return turn
+        height, pitch = self._squat * posture.T
+        lifted = self._swing * swing_clearance(phase, gait, command, self._period)
+        return self._legs.offsets(height, pitch, lifted) + turn

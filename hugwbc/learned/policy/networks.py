@@ -292,11 +292,14 @@ class ActorCritic(nn.Module):
         further: observation terms besides those of `layout` that the networks read.
     """
 
+    _partner: torch.Tensor  # of each joint, in the mirror
+
     def __init__(self, std: float = 1.0, *, further: tuple[Part, ...] = ()) -> None:
         """Draw the weights, and set the std of all joints."""
         super().__init__()
         self.further = further
         self.actor, self.critic = SymmetricActor(further), SymmetricCritic(further)
+        self.register_buffer("_partner", obs.action_mirror().index.clone(), persistent=False)
         self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(std)).log())
         last = self.actor.policy.layers[-1]
         assert isinstance(last, SplitLinear)
@@ -306,7 +309,7 @@ class ActorCritic(nn.Module):
 
     def exploration(self) -> torch.Tensor:
         """Return the log of the standard deviation of every joint, shape (19,)."""
-        return 0.5 * (self.log_std + self.log_std[obs.action_mirror().index.to(self.log_std.device)])
+        return 0.5 * (self.log_std + self.log_std[self._partner])
 
     def prepare(self, observation: Observation) -> Observation:
         """Return an observation in the coordinates in which `prepared` of actor and critic read it."""

@@ -9,6 +9,7 @@ coordinates, which is half of the products of a full matrix.
 import math
 
 import torch
+from torch import nn
 
 _HALF = math.sqrt(0.5)
 
@@ -49,7 +50,7 @@ class SignedPermutation:
         return rows.index_select(1, index) * sign
 
 
-class EvenOdd:
+class EvenOdd(nn.Module):
     """The orthogonal change to even and odd coordinates of a mirror map, the even ones first.
 
     Attributes:
@@ -57,8 +58,13 @@ class EvenOdd:
         matrix: coordinates = matrix @ vector, shape (n, n).
     """
 
+    matrix: torch.Tensor
+    _columns: torch.Tensor  # of the one or two entries in each row of the matrix and of its transpose, shape (2, 2, n)
+    _factors: torch.Tensor  # their values
+
     def __init__(self, mirror: SignedPermutation) -> None:
         """Build the coordinates of a mirror map, in the order of the first entry of each pair."""
+        super().__init__()
         index, sign = mirror.index.tolist(), mirror.sign.tolist()
         even, odd = [], []
         for i, (j, s) in enumerate(zip(index, sign, strict=True)):
@@ -68,34 +74,35 @@ class EvenOdd:
                 even.append({i: _HALF, j: s * _HALF})
                 odd.append({i: _HALF, j: -s * _HALF})
         self.even, self.odd = len(even), len(odd)
-        self.matrix = torch.zeros(len(index), len(index))
+        matrix = torch.zeros(len(index), len(index))
         for row, entries in enumerate([*even, *odd]):
             for column, value in entries.items():
-                self.matrix[row, column] = value
-        self._forward, self._back = _sparse(self.matrix), _sparse(self.matrix.T)
+                matrix[row, column] = value
+        columns, factors = zip(*(_sparse(one) for one in (matrix, matrix.T)), strict=True)
+        # On the device of the network, but no part of it.
+        self.register_buffer("matrix", matrix, persistent=False)
+        self.register_buffer("_columns", torch.stack(columns), persistent=False)
+        self.register_buffer("_factors", torch.stack(factors), persistent=False)
 
-    def __call__(self, rows: torch.Tensor) -> torch.Tensor:
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
         """Return the coordinates of rows, shape (m, n): even ones first."""
-        return _product(rows, self._forward)
+        return self._product(rows, 0)
 
     def inverse(self, coordinates: torch.Tensor) -> torch.Tensor:
         """Return the rows of which these are the coordinates, shape (m, n)."""
-        return _product(coordinates, self._back)
+        return self._product(coordinates, 1)
+
+    def _product(self, rows: torch.Tensor, way: int) -> torch.Tensor:
+        (first, second), (a, b) = self._columns[way], self._factors[way]
+        return rows.index_select(1, first) * a + rows.index_select(1, second) * b
 
 
-def _sparse(matrix: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return the columns and values of the one or two entries in each row; a single entry counts twice by half."""
-    first, second, a, b = [], [], [], []
+def _sparse(matrix: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return columns and values of the one or two entries in each row, (2, n); a single entry counts twice by half."""
+    columns, values = [], []
     for row in matrix:
-        columns = row.nonzero().squeeze(1).tolist()
-        share = 1.0 / (3 - len(columns))
-        first.append(columns[0])
-        second.append(columns[-1])
-        a.append(share * float(row[columns[0]]))
-        b.append(share * float(row[columns[-1]]))
-    return torch.tensor(first), torch.tensor(second), torch.tensor(a), torch.tensor(b)
-
-
-def _product(rows: torch.Tensor, sparse: tuple[torch.Tensor, ...]) -> torch.Tensor:
-    first, second, a, b = (part.to(rows.device) for part in sparse)
-    return rows.index_select(1, first) * a + rows.index_select(1, second) * b
+        found = row.nonzero().squeeze(1)
+        ends = found[[0, -1]]
+        columns.append(ends)
+        values.append(row[ends] / (3 - len(found)))
+    return torch.stack(columns, 1), torch.stack(values, 1)

@@ -1,4 +1,4 @@
-"""Observation terms: what a policy can read of a robot and its commands, by name; NumPy, many robots at once.
+"""Observation terms: what a policy can read of a robot and its commands, by name; many robots at once.
 
 Training, policy files and contracts of other projects' policies use the same table, `TERMS`. A Python file adds its
 own: `TERMS["ankles"] = ObservationTerm(...)` (docs/how-to/add-an-observation.md).
@@ -8,12 +8,13 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hugwbc import gait as gaits
+from hugwbc.arrays import Array, double, namespace, single
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
@@ -22,7 +23,6 @@ from hugwbc.robot import load_robot
 
 JOINTS = 19
 _VECTOR, _AXIAL = tuple(VECTOR_SIGNS.tolist()), tuple(AXIAL_SIGNS.tolist())
-_GAITS = np.arange(len(Gait))
 _ROWS, _SEED = 64, 0  # of the made-up robots on which a term is tried
 _TOLERANCE = 1e-4  # of a mirror image, relative to the larger of 1 and the number
 
@@ -89,22 +89,33 @@ class Sensed:
         velocity: of the pelvis in its own frame [m/s], shape (n, 3); None where nothing estimates it.
     """
 
-    angular_velocity: np.ndarray
-    gravity: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    action: np.ndarray
-    command: np.ndarray
-    gait: np.ndarray
-    phase: np.ndarray
-    indicator: np.ndarray
-    pose: np.ndarray
-    velocity: np.ndarray | None = None
+    angular_velocity: Array
+    gravity: Array
+    q: Array
+    dq: Array
+    action: Array
+    command: Array
+    gait: Array
+    phase: Array
+    indicator: Array
+    pose: Array
+    velocity: Array | None = None
 
     @functools.cached_property
-    def feet(self) -> np.ndarray:
+    def feet(self) -> Array:
         """Homogenised phases of the left and the right foot, shape (n, 2)."""
-        return gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))
+        return gaits.homogenised_phase(gaits.foot_phases(double(self.phase), self.gait))
+
+    @functools.cached_property
+    def on_cpu(self) -> "Sensed":
+        """The same in NumPy arrays."""
+        arrays = self._rows() | {"pose": self.pose}
+        return dataclasses.replace(self, **{name: value.numpy(force=True) for name, value in arrays.items()})
+
+    def _rows(self) -> dict[str, Array]:
+        """Return what there is of each robot, by name."""
+        names = [field.name for field in dataclasses.fields(self) if field.name != "pose"]
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def mirrored(self) -> "Sensed":
         """Return what the mirror images of the robots sense."""
@@ -125,9 +136,7 @@ class Sensed:
 
     def row(self, place: int) -> "Sensed":
         """Return one robot's, as n = 1."""
-        names = [field.name for field in dataclasses.fields(self) if field.name != "pose"]
-        rows = {name: value[place : place + 1] for name in names if (value := getattr(self, name)) is not None}
-        return dataclasses.replace(self, **rows)
+        return dataclasses.replace(self, **{name: value[place : place + 1] for name, value in self._rows().items()})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -137,43 +146,76 @@ class ObservationTerm(Part):
     Attributes:
         read: returns the numbers in physical units, shape (n, size), each row of the same row of `Sensed` alone. It
             keeps nothing between calls.
+        tensors: whether `read` takes torch tensors as well (`hugwbc.arrays`). Otherwise it gets NumPy arrays in
+            training too, which on a GPU go to the processor and back.
     """
 
-    read: Callable[[Sensed], np.ndarray]
+    read: Callable[[Sensed], Array]
+    tensors: bool = False
 
 
-def scaled(value: np.ndarray, scale: ArrayLike) -> np.ndarray:
+def scaled(value: Array, scale: ArrayLike) -> Array:
     """Return numbers as a network reads them: float32, and 0 in place of what is not finite."""
-    numbers = np.asarray(value).astype(np.float32) * np.asarray(scale, dtype=np.float32)
-    return np.nan_to_num(numbers, copy=False, posinf=0.0, neginf=0.0)
+    if namespace(value) is np:
+        numbers = np.asarray(value).astype(np.float32) * np.asarray(scale, dtype=np.float32)
+        return np.nan_to_num(numbers, copy=False, posinf=0.0, neginf=0.0)
+    factor = _factors(scale, value.device) if isinstance(scale, tuple) else scale
+    return (value.float() * factor).nan_to_num(posinf=0.0, neginf=0.0)
 
 
-def observe(terms: Iterable[ObservationTerm], sensed: Sensed) -> np.ndarray:
+@functools.cache
+def _factors(scale: tuple[float, ...], device: Any) -> Array:  # noqa: ANN401  torch's
+    """Return factors as a tensor; a new one in every step would hold up a GPU."""
+    import torch
+
+    return torch.tensor(scale, device=device)
+
+
+def observe(terms: Iterable[ObservationTerm], sensed: Sensed) -> Array:
     """Return the numbers of terms side by side, as a network reads them, shape (n, sum of sizes), float32."""
-    rows = [scaled(term.read(sensed), term.scale) for term in terms]
-    return np.concatenate([np.zeros((len(sensed.gait), 0), np.float32), *rows], axis=1)
+    xp, gait = namespace(sensed.gait), sensed.gait
+    rows = [scaled(_numbers(term, sensed), term.scale) for term in terms]
+    return xp.concatenate([single(gait[:, None])[:, :0], *rows], 1)
+
+
+def _numbers(term: ObservationTerm, sensed: Sensed) -> Array:
+    if term.tensors or namespace(sensed.gait) is np:
+        return term.read(sensed)
+    return namespace(sensed.gait).as_tensor(term.read(sensed.on_cpu), device=sensed.gait.device)
 
 
 # The table ------------------------------------------------------------------------------------------------------------
 
 
-def _pelvis_velocity(sensed: Sensed) -> np.ndarray:
-    return np.zeros((len(sensed.gait), 3)) if sensed.velocity is None else sensed.velocity
+def _pelvis_velocity(sensed: Sensed) -> Array:
+    velocity, command = sensed.velocity, sensed.command
+    return namespace(command).zeros_like(command[:, :3]) if velocity is None else velocity
 
 
-def _joint_position(sensed: Sensed) -> np.ndarray:
-    return sensed.q.astype(np.float32) - sensed.pose.astype(np.float32)
+def _joint_position(sensed: Sensed) -> Array:
+    return single(sensed.q) - single(sensed.pose)
 
 
-def _wave(of: Callable[[np.ndarray], np.ndarray], phase: Callable[[Sensed], np.ndarray]) -> Callable:
-    return lambda sensed: of(2.0 * math.pi * phase(sensed))
+def _gait(sensed: Sensed) -> Array:
+    return namespace(sensed.gait).stack([sensed.gait == int(gait) for gait in Gait], 1)
+
+
+def _wave(name: Literal["sin", "cos"], phase: Callable[[Sensed], Array]) -> Callable[[Sensed], Array]:
+    def read(sensed: Sensed) -> Array:
+        angle = 2.0 * math.pi * double(phase(sensed))
+        return getattr(namespace(angle), name)(angle)
+
+    return read
+
+
+_term = functools.partial(ObservationTerm, tensors=True)
 
 
 # Scales bring each command to about 1. They are ours: the authors scale l by 0.15, which hides it from the network.
 _COMMAND_SCALES = {"v_x": 2.0, "v_y": 2.0, "omega": 1.0, "f": 1.0, "l": 4.0, "h": 2.0, "p": 2.0, "w": 1.0}
 
 TERMS: dict[str, ObservationTerm] = {
-    "angular_velocity": ObservationTerm(
+    "angular_velocity": _term(
         about="angular velocity of the pelvis in its own frame",
         size=3,
         signs=_AXIAL,
@@ -181,71 +223,69 @@ TERMS: dict[str, ObservationTerm] = {
         noise=0.2,
         read=lambda s: s.angular_velocity,
     ),
-    "linear_velocity": ObservationTerm(
+    "linear_velocity": _term(
         about="velocity of the pelvis in its own frame, 0 where nothing estimates it",
         size=3,
         signs=_VECTOR,
         read=_pelvis_velocity,
     ),
-    "gravity": ObservationTerm(
+    "gravity": _term(
         about="unit vector of gravity in the pelvis frame",
         size=3,
         signs=_VECTOR,
         noise=0.05,
         read=lambda s: s.gravity,
     ),
-    "joint_position": ObservationTerm(
+    "joint_position": _term(
         about="q minus the pose at action 0", size=JOINTS, signs="joints", noise=0.01, read=_joint_position
     ),
-    "absolute_joint_position": ObservationTerm(about="q", size=JOINTS, signs="joints", read=lambda s: s.q),
-    "joint_velocity": ObservationTerm(
-        about="dq", size=JOINTS, signs="joints", scale=0.05, noise=1.5, read=lambda s: s.dq
-    ),
-    "last_action": ObservationTerm(about="last action", size=JOINTS, signs="joints", read=lambda s: s.action),
-    "command": ObservationTerm(
+    "absolute_joint_position": _term(about="q", size=JOINTS, signs="joints", read=lambda s: s.q),
+    "joint_velocity": _term(about="dq", size=JOINTS, signs="joints", scale=0.05, noise=1.5, read=lambda s: s.dq),
+    "last_action": _term(about="last action", size=JOINTS, signs="joints", read=lambda s: s.action),
+    "command": _term(
         about="commands: " + ", ".join(COMMAND_NAMES),
         size=len(COMMAND_NAMES),
         signs=tuple(COMMAND_SIGNS.tolist()),
         scale=tuple(_COMMAND_SCALES[name] for name in COMMAND_NAMES),
         read=lambda s: s.command,
     ),
-    "gait": ObservationTerm(
+    "gait": _term(
         about="1 for the gait, else 0: " + ", ".join(gait.label for gait in Gait),
         size=len(Gait),
         signs="gaits",
-        read=lambda s: s.gait[:, None] == _GAITS,
+        read=_gait,
     ),
-    "foot_sin": ObservationTerm(
+    "foot_sin": _term(
         about="sin(2 pi phase) of the left and the right foot",
         size=2,
         signs=(1.0,),
         sides=True,
-        read=_wave(np.sin, lambda s: s.feet),
+        read=_wave("sin", lambda s: s.feet),
     ),
-    "foot_cos": ObservationTerm(
+    "foot_cos": _term(
         about="cos(2 pi phase) of the left and the right foot",
         size=2,
         signs=(1.0,),
         sides=True,
-        read=_wave(np.cos, lambda s: s.feet),
+        read=_wave("cos", lambda s: s.feet),
     ),
-    "intervention": ObservationTerm(
+    "intervention": _term(
         about="1 where the arms are under external control",
         size=1,
         signs=(1.0,),
         read=lambda s: s.indicator[:, None],
     ),
-    "phase_sin": ObservationTerm(
+    "phase_sin": _term(
         about="sin(2 pi phase) of the clock",
         size=1,
         signs=(1.0,),
-        read=_wave(np.sin, lambda s: s.phase[:, None]),
+        read=_wave("sin", lambda s: s.phase[:, None]),
     ),
-    "phase_cos": ObservationTerm(
+    "phase_cos": _term(
         about="cos(2 pi phase) of the clock",
         size=1,
         signs=(1.0,),
-        read=_wave(np.cos, lambda s: s.phase[:, None]),
+        read=_wave("cos", lambda s: s.phase[:, None]),
     ),
 }
 """All terms, by name. The paper's policy has one clock per foot, which cannot tell phi from 0.5 - phi; ours reads sine

@@ -85,7 +85,7 @@ def run_recipe(
     Returns:
         Whether the recipe is finished; False if a signal stopped it.
     """
-    with distributed.process_group("cpu:gloo"), stopped_by_signals() as stop:
+    with distributed.process_group(), stopped_by_signals() as stop:
         leads = distributed.rank() == 0
         with sole_writer(out) if leads else contextlib.nullcontext():
             if leads:

@@ -14,6 +14,7 @@ from torch import nn
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
+from hugwbc.learned.env.random_numbers import randn
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
@@ -141,7 +142,6 @@ class PPO:
         config: PPOConfig,
         count: int,
         generator: torch.Generator,
-        device: str = "cpu",
         further: tuple[obs.Part, ...] = (),
     ) -> None:
         """Build networks and optimiser.
@@ -149,12 +149,11 @@ class PPO:
         Args:
             config: the settings.
             count: number of robots.
-            generator: source of exploration noise and minibatches, on the CPU.
-            device: device of networks and experience; observations and actions are exchanged on the CPU.
+            generator: source of exploration noise and minibatches, on whose device everything is.
             further: observation terms besides those of `layout`.
         """
         self.config = config
-        self.device = torch.device(device)
+        self.device = generator.device
         self.network = ActorCritic(config.std_initial, further=further).to(self.device)
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
@@ -164,7 +163,7 @@ class PPO:
             [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}],
             fused=True,
         )
-        self._count = count
+        self._count, self._groups = count, _GROUPS.to(self.device)
         self._rollout: Rollout | None = None
         self.skipped = 0
         self._generator = generator
@@ -212,16 +211,15 @@ class PPO:
         r = self.rollout
         for field in dataclasses.fields(seen):
             getattr(r, field.name)[t] = getattr(seen, field.name)
-        r.group[t] = _GROUPS[gait]
+        r.group[t] = self._groups[gait]
         mean, _ = self.network.actor.prepared(r.history[t], r.command[t])
-        # Drawn on the CPU, so that a run on a GPU explores with the same numbers.
-        noise = torch.randn(mean.shape, generator=self._generator).to(self.device)
+        noise = randn(self._generator, *mean.shape)
         log_std = self.network.exploration()
         action = mean + noise * log_std.exp()
         r.action[t], r.mean[t] = action, mean
         r.log_prob[t] = log_probability(action, mean, log_std)
         r.value[t] = self.network.critic.prepared(r.critic[t])
-        return action.cpu()
+        return action
 
     @torch.no_grad()
     def record(self, t: int, result: StepResult) -> None:
@@ -234,12 +232,12 @@ class PPO:
         self.rollout.disturbed[t] = False if result.disturbed is None else result.disturbed
         if result.timed_out.numel():
             final = self.value(result.final_critic)
-            self.rollout.reward[t, result.timed_out.to(self.device)] += self.config.gamma * final
+            self.rollout.reward[t, result.timed_out] += self.config.gamma * final
 
     @torch.no_grad()
     def value(self, critic_observation: torch.Tensor) -> torch.Tensor:
         """Return the values of critic observations as the environment gives them, shape (n,)."""
-        return self.network.critic(critic_observation.to(self.device))
+        return self.network.critic(critic_observation)
 
     # Learning -------------------------------------------------------------------------------------------------------
 
@@ -287,7 +285,7 @@ class PPO:
     def _minibatches(self, samples: int) -> Iterator[torch.Tensor]:
         size = math.ceil(samples / self.config.minibatches)
         for _ in range(self.config.epochs):
-            yield from torch.randperm(samples, generator=self._generator).to(self.device).split(size)
+            yield from torch.randperm(samples, generator=self._generator, device=self.device).split(size)
 
     def _step(self, b: dict[str, torch.Tensor], old_log_std: torch.Tensor) -> tuple[dict[str, float], bool]:
         """Take a gradient step on a minibatch; return its losses and whether the step was applied."""
@@ -304,14 +302,29 @@ class PPO:
         loss = l_value + c.policy_weight * l_policy + c.estimation_weight * l_estimation - c.entropy_weight * entropy
 
         with torch.no_grad():
-            kl = float(distributed.mean(kl_divergence(b["mean"], old_log_std, mean, log_std).mean()))
-        # The KL is that of all processes, so that their learning rates, and with them their networks, stay equal.
+            # That of all processes, so that their learning rates, and with them their networks, stay equal.
+            kl = distributed.mean(kl_divergence(b["mean"], old_log_std, mean, log_std).mean())
+        seen, applied = self._descend(loss, torch.stack([l_value, l_policy, l_estimation, kl]).detach())
+        return dict(zip(_LOSSES, seen, strict=True)), applied
+
+    def _descend(self, loss: torch.Tensor, figures: torch.Tensor) -> tuple[list[float], bool]:
+        """Apply the gradient if it is finite; return figures, whose last one is the KL, and whether it was."""
+        self.optimiser.zero_grad()
+        loss.backward()
+        distributed.average_gradients(self.network.parameters())
+        # Clip the two separately: a large error of the critic must not shorten the actor's step.
+        parts = (group["params"] for group in self.optimiser.param_groups)
+        norms = [nn.utils.clip_grad_norm_(part, self.config.max_grad_norm).to(loss) for part in parts]
+        # The one time that a GPU is waited for.
+        *seen, total, first, second = torch.cat((figures, torch.stack([loss.detach(), *norms]))).tolist()
         # While the critic learns alone the policy does not move: a KL of zero says nothing about the rate.
-        if network.log_std.requires_grad:
-            self._adapt_learning_rate(kl)
-        applied = self._descend(loss)
-        losses = [float(one.detach()) for one in (l_value, l_policy, l_estimation)]
-        return dict(zip(_LOSSES, [*losses, kl], strict=True)), applied
+        if self.network.log_std.requires_grad:
+            self._adapt_learning_rate(seen[-1])
+        # If one process skips the step, all must: their networks are equal.
+        finite = not distributed.anywhere(not all(map(math.isfinite, (total, first, second))))
+        if finite:
+            self.optimiser.step()
+        return seen, finite
 
     def _adapt_learning_rate(self, kl: float) -> None:
         """Keep the KL divergence of an update near its target: step less after a large one, more after a small one."""
@@ -326,20 +339,3 @@ class PPO:
         """Set the learning rate of the actor; that of the critic stays as configured."""
         self.learning_rate = rate
         self.optimiser.param_groups[0]["lr"] = rate
-
-    def _descend(self, loss: torch.Tensor) -> bool:
-        """Apply the gradient if it is finite; return whether it was."""
-        self.optimiser.zero_grad()
-        loss.backward()
-        distributed.average_gradients(self.network.parameters())
-        # Clip the two separately: a large error of the critic must not shorten the actor's step.
-        norms = [
-            nn.utils.clip_grad_norm_(group["params"], self.config.max_grad_norm)
-            for group in self.optimiser.param_groups
-        ]
-        values = (loss, *norms)
-        # If one process skips the step, all must: their networks are equal.
-        finite = not distributed.anywhere(not all(bool(torch.isfinite(value)) for value in values))
-        if finite:
-            self.optimiser.step()
-        return finite

@@ -16,6 +16,7 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.config.environment import same_robots
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
+from hugwbc.learned.env.random_numbers import restore as restore_generator
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor, ActorCritic
 from hugwbc.learned.policy.records import settings_record, versions
@@ -48,14 +49,14 @@ class Trainer:
         best: the same of the best evaluation, whose policy is in the folder `best`.
         product: the networks that are evaluated and given out: the learner's, averaged over `config.average_steps`.
         leads: whether this is the first process.
+        device: where it computes.
         stop: the wish to stop; it is looked at after every iteration.
         remark: what a user should know about the run that this one starts from; usually empty.
     """
 
     def __init__(self, config: TrainConfig) -> None:
         """Set up; restore the latest checkpoint if `config.resume`, or another run's if `config.start_from`."""
-        if config.device == "cuda":
-            _claim_gpu()
+        self.device = distributed.claim_device(config.device)
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config = config
@@ -69,9 +70,9 @@ class Trainer:
         # The networks start equal in all processes; robots, commands and noise must not.
         self._seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
-        self.generator = torch.Generator().manual_seed(self._seed)
         self.env = self._robots(now.env)
-        self.ppo = PPO(now.ppo, config.env.count, self.generator, config.device, self.env.further)
+        self.generator = torch.Generator(self.env.device).manual_seed(self._seed)
+        self.ppo = PPO(now.ppo, config.env.count, self.generator, self.env.further)
         self.product = copy.deepcopy(self.ppo.network)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}
@@ -89,7 +90,7 @@ class Trainer:
 
     def _robots(self, config: EnvConfig) -> HumanoidEnv:
         self._env_config = config
-        return HumanoidEnv(config, seed=self._seed, threads=self.config.threads)
+        return HumanoidEnv(config, seed=self._seed, threads=self.config.threads, device=self.device)
 
     # Training -------------------------------------------------------------------------------------------------------
 
@@ -103,7 +104,7 @@ class Trainer:
         start, first, hours = time.monotonic(), self.run_steps, self.config.hours
         if self.leads:
             record = {"config": settings_record(self.config), "start_iteration": self.iteration}
-            append_session(self.config.out, {"versions": versions(), **record})
+            append_session(self.config.out, {"versions": versions(), "device": self.device, **record})
             begin_log(self.config.out, self.iteration, resumed=self.config.resume)
         # A signal or a clock of one process must stop all of them in the same iteration: they wait for each other.
         while self.run_steps < self.config.steps and not distributed.anywhere(
@@ -125,12 +126,12 @@ class Trainer:
         begin = time.monotonic()
         self._adopt_schedules()
         observation = self.env.observe()
-        reward = 0.0
+        reward = torch.zeros((), dtype=torch.float64, device=self.env.device)
         horizon = self.ppo.config.horizon
         for t in range(horizon):
             result = self.env.step(self.ppo.act(t, observation, self.env.gait))
             self.ppo.record(t, result)
-            reward += float(result.reward.mean()) / horizon
+            reward += result.reward.mean().double() / horizon
             observation = self.env.observe()
         collected = time.monotonic()
         critic_only = self.iteration - self.begin["iteration"] < self.config.critic_warm_up
@@ -147,13 +148,15 @@ class Trainer:
         elapsed = time.monotonic() - begin
         self.seconds += elapsed
         levels = self.env.curriculum
+        if fault := self.env.simulation.faults():
+            levels.gates["physics"] = fault
         return {
             "iteration": self.iteration,
             "steps": self.steps,
             "seconds": round(self.seconds, 1),
             "steps_per_second": steps / elapsed,
             "collect_fraction": (collected - begin) / elapsed,
-            "reward": reward,
+            "reward": float(reward),
             "penalty_scale": levels.penalty_scale,
             "alpha": levels.alpha,
             "max_speed": levels.max_speed,
@@ -308,7 +311,7 @@ class Trainer:
             stored, count = len(state["command"]), self.config.env.count
             if stored == count:
                 self.env.load_state_dict(state)
-                self.generator.set_state(tensors["generator"])
+                restore_generator(self.generator, tensors["generator"])
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             raise PolicyFileError(
                 f"{path} does not hold the environment's state as this version has it ({error}); it was written "
@@ -413,7 +416,7 @@ def train(config: TrainConfig, report: Report, notice: Callable[[str], object] =
     """
     if not config.resume and (config.out / CHECKPOINT_NAME).exists():
         raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
-    with distributed.process_group("gloo" if config.device == "cpu" else "cpu:gloo,cuda:nccl"):
+    with distributed.process_group():
         trainer = Trainer(config)
         if trainer.remark and trainer.leads:
             notice(trainer.remark)
@@ -421,10 +424,3 @@ def train(config: TrainConfig, report: Report, notice: Callable[[str], object] =
         with alone, stopped_by_signals() as trainer.stop:
             trainer.run(report)
     return trainer
-
-
-def _claim_gpu() -> None:
-    """Select the GPU of this process."""
-    if not torch.cuda.is_available():
-        raise ConfigError("device cuda needs an NVIDIA GPU and torch built for it; none was found. Use --device cpu")
-    torch.cuda.set_device(distributed.local_rank())

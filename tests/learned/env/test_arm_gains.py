@@ -10,11 +10,11 @@ ROBOT = load_robot("h1")
 
 
 def torque(simulation: BatchSimulation, error: float, speed: float) -> np.ndarray:
-    simulation.ctrl[:] = ROBOT.nominal + error
-    simulation.qpos[:, 7:] = ROBOT.nominal
+    simulation.ctrl[:] = simulation.tensor(ROBOT.nominal + error)
+    simulation.qpos[:, 7:] = simulation.tensor(ROBOT.nominal)
     simulation.qvel[:, 6:] = speed
-    simulation.forward(np.arange(simulation.count))
-    return simulation.torque[:, ROBOT.arms].copy()
+    simulation.forward(torch.arange(simulation.count))
+    return simulation.torque[:, ROBOT.arms].numpy()
 
 
 def test_gains_go_from_the_policy_s_to_the_servo_s_and_back() -> None:

@@ -23,7 +23,7 @@ def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:
 
 
 def state_of(env: HumanoidEnv, i: int) -> RobotState:
-    qpos, qvel = env.simulation.qpos[i], env.simulation.qvel[i]
+    qpos, qvel = env.simulation.qpos[i].numpy(), env.simulation.qvel[i].numpy()
     return RobotState(
         q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6], position=qpos[:3],
         velocity=qvel[:3],
@@ -74,7 +74,7 @@ def test_same_seed_same_run_whatever_the_threads() -> None:
 
 def test_a_fallen_robot_ends_as_a_failure_and_starts_anew(small_env: HumanoidEnv) -> None:
     small_env.age[:] = 10
-    small_env.simulation.qpos[2, 3:7] = [np.cos(0.6), 0.0, np.sin(0.6), 0.0]  # pitched by 1.2 rad
+    small_env.simulation.qpos[2, 3:7] = torch.tensor([np.cos(0.6), 0.0, np.sin(0.6), 0.0])  # pitched by 1.2 rad
     result = small_env.step(torch.zeros(8, 19))
     assert result.done[2] and 2 not in result.timed_out
     assert result.reward[2] < -3.0  # the paper's -200 times the period
@@ -102,9 +102,9 @@ def test_a_diverged_robot_touches_no_other() -> None:
     others = [0, 1, 2, 4, 5]
     assert b.done[3] and torch.isfinite(b.reward).all()
     assert torch.equal(a.reward[others], b.reward[others])
-    assert np.array_equal(healthy.simulation.qpos[others], faulty.simulation.qpos[others])
+    assert torch.equal(healthy.simulation.qpos[others], faulty.simulation.qpos[others])
     assert faulty.statistics.pop()["diverged"] == 1
-    assert np.isfinite(faulty.simulation.qpos).all()
+    assert faulty.simulation.qpos.isfinite().all()
 
 
 def test_commands_stay_in_their_ranges_and_standing_has_no_velocity() -> None:
@@ -207,7 +207,7 @@ def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> No
     small_env.age[:] = 10
     small_env.step(torch.zeros(8, 19))
     arms = small_env.robot.arms
-    ctrl = torch.from_numpy(small_env.simulation.ctrl[:, arms].copy()).float()
+    ctrl = small_env.simulation.ctrl[:, arms].float()
     torch.testing.assert_close(ctrl[4:], small_env.intervention.targets()[4:])
     torch.testing.assert_close(ctrl[:4], torch.tensor(small_env.robot.nominal[arms]).float().expand(4, 8))
 
@@ -219,7 +219,7 @@ def test_yaw_joints_have_their_own_action_scale_and_damping() -> None:
     assert {env.robot.joint_names[i] for i in yaw} == {"left_hip_yaw_joint", "right_hip_yaw_joint", "torso_joint"}
     env.command[:] = 0.0
     env.step(torch.ones(2, 19))
-    target = env.simulation.ctrl - env.robot.nominal
+    target = env.simulation.ctrl.numpy() - env.robot.nominal
     others = np.setdiff1d(np.arange(19), yaw)
     np.testing.assert_allclose(target[:, yaw], 0.1, atol=1e-6)
     np.testing.assert_allclose(target[:, others], 0.2, atol=1e-6)
@@ -246,12 +246,13 @@ def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
     twin.bias[:] = env.bias * torch.tensor([1.0, -1.0, -1.0])
     twin.actions[:] = torch.stack([obs.action_mirror()(actions) for actions in env.actions])
     twin.history[:] = obs.history_mirror()(env.history.flatten(1)).view_as(env.history)
-    qpos, qvel = env.simulation.qpos, env.simulation.qvel
+    qpos, qvel = env.simulation.qpos.numpy(), env.simulation.qvel.numpy()
+    new_qpos, new_qvel = twin.simulation.qpos.numpy(), twin.simulation.qvel.numpy()
     pose = np.concatenate((qpos[:, :3] * VECTOR_SIGNS, qpos[:, 3:7] * QUATERNION_SIGNS), axis=1)
-    twin.simulation.qpos[:] = np.concatenate((pose, mirror.joints(qpos[:, 7:])), axis=1)
+    new_qpos[:] = np.concatenate((pose, mirror.joints(qpos[:, 7:])), axis=1)
     speed = np.concatenate((qvel[:, :3] * VECTOR_SIGNS, qvel[:, 3:6] * AXIAL_SIGNS), axis=1)
-    twin.simulation.qvel[:] = np.concatenate((speed, mirror.joints(qvel[:, 6:])), axis=1)
-    twin.simulation.forward(np.arange(env.count))
+    new_qvel[:] = np.concatenate((speed, mirror.joints(qvel[:, 6:])), axis=1)
+    twin.simulation.forward(torch.arange(env.count))
     twin.readings = read(twin.simulation)
 
 
@@ -286,7 +287,7 @@ def test_restored_run_continues_bit_for_bit() -> None:
     resumed.load_state_dict(state)
     for env in (straight, resumed):
         run(env, 20, seed=2)
-    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)
+    assert torch.equal(straight.simulation.qpos, resumed.simulation.qpos)
     assert torch.equal(straight.observe().critic, resumed.observe().critic)
 
 

@@ -23,13 +23,13 @@ def make(config: LoadConfig, eligible: tuple[bool, ...] = (True,) * COUNT) -> tu
 def test_a_payload_is_a_point_mass_in_the_hand() -> None:
     simulation, loads = make(LoadConfig(payload=4.0, loaded_share=1.0), (True, True, True, False))
     com = simulation.batch.bind("subtree_com")
-    simulation.forward(np.arange(COUNT))
+    simulation.forward(torch.arange(COUNT))
     before = com[:, 0].copy()
     loads.reset(torch.arange(COUNT))
-    simulation.forward(np.arange(COUNT))
+    simulation.forward(torch.arange(COUNT))
     payload = loads.payload.double().numpy()
     assert (payload[:3] > 0.0).all() and payload.max() <= 4.0 and (payload[3] == 0.0).all()
-    mass = simulation.batch.expand("body_mass").sum(1)
+    mass = simulation.expand("body_mass").numpy().sum(1)
     np.testing.assert_allclose(mass, ROBOT.mass + payload.sum(1))
     forearms = [simulation.model.body(f"{side}_elbow_link").id for side in ("left", "right")]
     position, matrix = simulation.batch.bind("xpos"), simulation.batch.bind("xmat")
@@ -40,7 +40,7 @@ def test_a_payload_is_a_point_mass_in_the_hand() -> None:
     # Laid down again, the arms are as light as before.
     loads.config = LoadConfig()
     loads.reset(torch.arange(COUNT))
-    np.testing.assert_allclose(simulation.batch.expand("body_mass").sum(1), ROBOT.mass)
+    np.testing.assert_allclose(simulation.expand("body_mass").numpy().sum(1), ROBOT.mass)
 
 
 def test_forces_begin_and_end_and_push_where_they_say() -> None:
@@ -56,7 +56,7 @@ def test_forces_begin_and_end_and_push_where_they_say() -> None:
     total = (loads.hand_force.sum(1) + loads.trunk_force).double().numpy()
     np.testing.assert_allclose(simulation.forces[:, :, :3].sum(1), total)
     simulation.qpos[:, 2] += 1.0  # in the air, where nothing else acts but weight
-    simulation.forward(np.arange(COUNT))
+    simulation.forward(torch.arange(COUNT))
     acceleration = simulation.batch.bind("qacc")
     simulation.batch.forward()
     moved = acceleration[:, :3].copy()

@@ -22,17 +22,17 @@ def simulate(**changes: object) -> BatchSimulation:
     simulation = BatchSimulation(COUNT)
     config = RandomizationConfig(**{**PLAIN, **changes})  # type: ignore[arg-type]
     randomize(simulation, config, np.random.default_rng(0))
-    simulation.ctrl[:] = ROBOT.nominal
-    simulation.forward(np.arange(COUNT))
+    simulation.ctrl[:] = simulation.tensor(ROBOT.nominal)
+    simulation.forward(torch.arange(COUNT))
     return simulation
 
 
 def torque(simulation: BatchSimulation, error: float, speed: float) -> np.ndarray:
     """Joint torques with every target ahead of its joint by an error [rad], at a joint speed [rad/s]."""
-    simulation.ctrl[:] = ROBOT.nominal + error
+    simulation.ctrl[:] = simulation.tensor(ROBOT.nominal + error)
     simulation.qvel[:, 6:] = speed
-    simulation.forward(np.arange(COUNT))
-    return simulation.torque.copy()
+    simulation.forward(torch.arange(COUNT))
+    return simulation.torque.numpy().copy()
 
 
 def weight(simulation: BatchSimulation) -> float:
@@ -41,15 +41,15 @@ def weight(simulation: BatchSimulation) -> float:
     for step in range(120):
         simulation.step(1)
         if step >= 20:
-            forces.append(simulation.foot_force()[:, :, 2].sum(axis=1))
-    return float(np.mean(forces))
+            forces.append(simulation.foot_force()[:, :, 2].sum(1))
+    return float(torch.stack(forces).mean())
 
 
 def slide(simulation: BatchSimulation) -> float:
     """Return how far the soles slide within 0.1 s of a push by 1 m/s, as a mean over robots [m]."""
     simulation.step(10)
     simulation.qvel[:, 0] = 1.0
-    start = simulation.sole_position()[:, :, 0].copy()
+    start = simulation.sole_position()[:, :, 0]
     simulation.step(20)
     return float((simulation.sole_position()[:, :, 0] - start).mean())
 
@@ -86,11 +86,11 @@ def test_centres_of_mass_move() -> None:
     mass = plain.model.body_mass
     body = plain.model.body("torso_link").id
     centres = [one.batch.bind("subtree_com")[:, 0] for one in (plain, torso, links)]
-    shift = torso.batch.expand("body_ipos")[:, body] - plain.model.body_ipos[body]
+    shift = torso.expand("body_ipos")[:, body].numpy() - plain.model.body_ipos[body]
     assert 0.01 < np.abs(shift).max() <= 0.1
     # The robot stands upright and looks along x: body axes are world axes but for the nominal joint angles' small yaw.
     np.testing.assert_allclose(centres[1] - centres[0], shift * mass[body] / mass.sum(), atol=1e-6)
-    moved = links.batch.expand("body_ipos")[:, 1:] - plain.model.body_ipos[1:]
+    moved = links.expand("body_ipos")[:, 1:].numpy() - plain.model.body_ipos[1:]
     assert (np.abs(moved) <= 0.1).all() and (np.abs(moved).max(axis=(0, 2)) > 0.005).all()
     assert np.abs(centres[2] - centres[0]).max() > 1e-4
 
@@ -117,7 +117,7 @@ def test_what_is_off_changes_no_other_draw() -> None:
     for changes in ({}, {"offset": 0.02, "strength": (0.8, 1.2), "link_mass": (0.8, 1.2)}):
         simulation = BatchSimulation(COUNT)
         friction = randomize(simulation, RandomizationConfig(**changes), np.random.default_rng(1))
-        draws.append((friction, simulation.batch.expand("geom_friction").copy()))
+        draws.append((friction, simulation.expand("geom_friction").clone()))
     np.testing.assert_array_equal(draws[0][0], draws[1][0])
     np.testing.assert_array_equal(draws[0][1], draws[1][1])
 
@@ -135,8 +135,8 @@ def test_a_push_changes_the_velocity() -> None:
         disturbed = env.step(torch.zeros(COUNT, 19)).disturbed
         assert disturbed is not None
         assert (disturbed[env.agile] == seen).all()  # some arms of the others may be intervened
-    change = np.abs(pushed.simulation.qvel[:, :2] - calm.simulation.qvel[:, :2])
-    assert (change.max(axis=1) > 0.05).all() and change.max() < 1.2
+    change = (pushed.simulation.qvel[:, :2] - calm.simulation.qvel[:, :2]).abs()
+    assert (change.amax(1) > 0.05).all() and change.max() < 1.2
 
 
 def test_observation_noise_has_the_papers_widths() -> None:
@@ -162,22 +162,23 @@ class Recorder:
     """A stand-in for a simulation that records the target of every physics step."""
 
     def __init__(self, count: int) -> None:
-        self.ctrl = np.zeros((count, 1))
+        self.ctrl, self.device = torch.zeros(count, 1), torch.device("cpu")
         self.acted: list[list[float]] = []
 
-    def step(self, substeps: int, targets: np.ndarray) -> np.ndarray:
+    def step(self, substeps: int, targets: torch.Tensor) -> torch.Tensor:
         assert len(targets) == substeps
         self.acted.extend(targets[:, :, 0].tolist())
-        return np.zeros(len(self.ctrl), dtype=bool)
+        return torch.zeros(len(self.ctrl), dtype=torch.bool)
 
 
 def test_targets_act_as_many_physics_steps_later_as_each_robot_s_delay() -> None:
     delays = np.array([0, 1, 4, 6])
-    simulation, latency = Recorder(4), Latency(delays, substeps=4, joints=1)
-    latency.reset(np.arange(4), np.full((4, 1), -1.0))
+    simulation = Recorder(4)
+    latency = Latency(delays, 4, simulation)  # type: ignore[arg-type]
+    latency.reset(torch.arange(4), torch.full((4, 1), -1.0))
     for target in range(4):
         simulation.ctrl[:] = target
-        latency.step(simulation)  # type: ignore[arg-type]
+        latency.step()
         assert (simulation.ctrl == target).all()
     given = np.repeat(np.arange(4.0), 4)
     for robot, delay in enumerate(delays):
@@ -203,7 +204,7 @@ def test_a_latency_of_a_control_step_shifts_the_motion_by_one() -> None:
     actions = [0.3 * torch.randn(COUNT, 19, generator=generator) for _ in range(6)]
     scales = prompt.config.action_scales(ROBOT)
     # What acts before the first late target: the joint positions of the start.
-    hold = torch.tensor((prompt.simulation.qpos[:, 7:] - ROBOT.nominal) / scales, dtype=torch.float32)
+    hold = torch.tensor((prompt.simulation.qpos[:, 7:].numpy() - ROBOT.nominal) / scales, dtype=torch.float32)
     for action in actions:
         late.step(action)
     for action in [hold, *actions[:-1]]:
@@ -212,16 +213,16 @@ def test_a_latency_of_a_control_step_shifts_the_motion_by_one() -> None:
     other = make(0.0)
     for action in actions:
         other.step(action)
-    assert np.abs(other.simulation.qpos - prompt.simulation.qpos).max() > 0.01
+    assert (other.simulation.qpos - prompt.simulation.qpos).abs().max() > 0.01
 
 
 def test_steps_one_by_one_are_a_control_step() -> None:
     split, whole = BatchSimulation(3), BatchSimulation(3)
-    latency = Latency(np.zeros(3, dtype=int), substeps=4, joints=19)
+    latency = Latency(np.zeros(3, dtype=int), 4, split)
     for step in range(10):
         for simulation in (split, whole):
-            simulation.ctrl[:] = ROBOT.nominal + 0.1 * np.sin(step + np.arange(19))
-        latency.step(split)
+            simulation.ctrl[:] = simulation.tensor(ROBOT.nominal + 0.1 * np.sin(step + np.arange(19)))
+        latency.step()
         whole.step(4)
     np.testing.assert_array_equal(split.qpos, whole.qpos)
 
@@ -231,7 +232,7 @@ def test_the_state_of_a_run_without_latency_goes_on_with_one() -> None:
     late, prompt = make(0.03), make(0.0)
     late.load_state_dict(prompt.state_dict())
     assert late.latency is not None
-    torch.testing.assert_close(late.latency.targets[1].numpy(), prompt.simulation.ctrl.copy())
+    torch.testing.assert_close(late.latency.targets[1], prompt.simulation.ctrl)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.02])
@@ -242,7 +243,7 @@ def test_a_diverged_robot_is_noticed_in_any_physics_step(latency: float) -> None
 
 
 def test_all_links_grow_and_shrink_together_to_the_earlier_robot_s_mass() -> None:
-    light = simulate(mass=(0.87, 0.87)).batch.expand("body_mass").sum(1)
+    light = simulate(mass=(0.87, 0.87)).expand("body_mass").numpy().sum(1)
     np.testing.assert_allclose(light, 0.87 * ROBOT.mass)
     low, high = RandomizationConfig().mass
     heavy = load_robot("h1").mass
@@ -253,7 +254,7 @@ def test_the_friction_of_drives_has_a_factor_a_joint() -> None:
     def friction(factors: tuple[float, float]) -> np.ndarray:
         simulation = BatchSimulation(COUNT, actuators=Actuators())
         randomize(simulation, RandomizationConfig(**{**PLAIN, "drive_friction": factors}), np.random.default_rng(0))
-        return simulation.batch.expand("dof_frictionloss")[:, 6:]
+        return simulation.expand("dof_frictionloss")[:, 6:].numpy()
 
     plain, drawn = friction((1.0, 1.0)), friction((0.5, 1.5))
     np.testing.assert_allclose(plain, np.tile(ROBOT.friction, (COUNT, 1)))

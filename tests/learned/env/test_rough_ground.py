@@ -101,14 +101,14 @@ def test_a_robot_at_the_end_of_its_region_is_moved_and_notices_nothing() -> None
     env, other = make_env(start_level=3), make_env(start_level=3)
     assert env.ground is not None
     for one, distance in ((env, 2.2), (other, 2.2 - 4.0)):
-        one.simulation.qpos[:, 0] = one.ground._centres[one.ground.level, 0].numpy() + distance
-        one.simulation.forward(np.arange(8))
+        one.simulation.qpos[:, 0] = one.ground._centres[one.ground.level, 0] + distance
+        one.simulation.forward(torch.arange(8))
         one.age[:] = 10
     for _ in range(3):
         for one in (env, other):
             one.simulation.qvel[:, 0] += 1.0
             one.step(torch.zeros(8, 19))
-    offset = env.simulation.qpos[:, 0] - env.ground._centres[env.ground.level, 0].numpy()
+    offset = env.simulation.qpos[:, 0] - env.ground._centres[env.ground.level, 0]
     assert (offset < 0.0).all()
     torch.testing.assert_close(env.readings.clearance, other.readings.clearance, atol=1e-3, rtol=0.0)
 
@@ -126,12 +126,12 @@ def test_a_robot_that_has_just_passed_the_end_of_its_region_is_resumed_as_it_is(
     """A robot is moved back in the next step, in the resumed run as in the uninterrupted one."""
     straight, resumed = make_env(start_level=3), make_env(start_level=3)
     straight.age[:] = 10
-    straight.simulation.qpos[:, 0] = straight.ground._centres[straight.ground.level, 0].numpy() + 2.24
+    straight.simulation.qpos[:, 0] = straight.ground._centres[straight.ground.level, 0] + 2.24
     straight.simulation.qvel[:, 0] = 1.0
-    straight.simulation.forward(np.arange(8))
+    straight.simulation.forward(torch.arange(8))
     straight.step(torch.zeros(8, 19))
     assert straight.ground.shift(straight.readings.position[:, :2]).any(1).all()
     resumed.load_state_dict({name: value.clone() for name, value in straight.state_dict().items()})
     for env in (straight, resumed):
         env.step(torch.zeros(8, 19))
-    assert np.array_equal(straight.simulation.qpos, resumed.simulation.qpos)
+    assert torch.equal(straight.simulation.qpos, resumed.simulation.qpos)

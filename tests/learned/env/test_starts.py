@@ -27,7 +27,7 @@ def states(gait: list[int], first: int = 1) -> dict[str, torch.Tensor]:
     rows = len(gait)
     generator = torch.Generator().manual_seed(first)
     sizes = {name: torch.rand(rows, *shape, generator=generator) for name, shape in COLUMNS.items()}
-    nominal = torch.from_numpy(BatchSimulation(1).qpos[0].copy())
+    nominal = BatchSimulation(1).qpos[0]
     qpos = nominal.repeat(rows, 1)
     qpos[:, 7:] += 0.01 * torch.arange(first, first + rows)[:, None]
     return sizes | {"gait": torch.tensor(gait), "qpos": qpos, "qvel": 0.1 * sizes["qvel"].double()}
@@ -63,11 +63,11 @@ def test_episodes_start_in_recorded_motion_and_others_stand(starts_file: pathlib
     env = HumanoidEnv(config, seed=0, threads=1)
     env.begin_episodes(torch.arange(60))
     assert env.starts is not None and env.held_foot is not None
-    columns, hopping = env.starts.columns, (env.gait >= Gait.HOPPING_LEFT).numpy()
-    same = (env.simulation.qpos[:, None, 7:] == columns["qpos"][:, 7:].numpy()).all(-1)
+    columns, hopping = env.starts.columns, env.gait >= Gait.HOPPING_LEFT
+    same = (env.simulation.qpos[:, None, 7:] == columns["qpos"][:, 7:]).all(-1)
     moving = same.any(1)
     assert not moving[~hopping].any() and 10 < moving.sum() < 40
-    row = same[moving].argmax(1)
+    row = same[moving].int().argmax(1)
     for name in ("phase", "command", "history", "waist", "gait"):
         torch.testing.assert_close(getattr(env, name)[moving], columns[name][row])
     torch.testing.assert_close(env.actions[:, moving], columns["actions"][row].transpose(0, 1))
@@ -84,7 +84,7 @@ def test_recorded_motion_starts_with_action_latency_too(starts_file: pathlib.Pat
     env = HumanoidEnv(config, seed=0, threads=1)
     assert env.latency is not None
     hopping = env.gait >= Gait.HOPPING_LEFT
-    assert torch.equal(env.latency.targets[-1, hopping], torch.from_numpy(env.simulation.ctrl.copy())[hopping])
+    assert torch.equal(env.latency.targets[-1, hopping], env.simulation.ctrl[hopping])
 
 
 def test_recorded_states_give_themselves_again(starts_file: pathlib.Path) -> None:
@@ -114,8 +114,9 @@ def test_unusable_starts_are_refused(tmp_path: pathlib.Path) -> None:
 
 
 def test_starts_are_about_the_nominal_pose_in_any_heading() -> None:
-    nominal = BatchSimulation(1).qpos[0].copy()
-    qpos, qvel = draw_starts(nominal, torch.arange(500), None, torch.Generator().manual_seed(0))
+    stand = BatchSimulation(1).qpos[0]
+    drawn = draw_starts(stand, torch.arange(500), None, torch.Generator().manual_seed(0))
+    nominal, qpos, qvel = (value.numpy() for value in (stand, *drawn))
     assert qpos.shape == (500, 26) and qvel.shape == (500, 25)
     np.testing.assert_array_equal(qpos[:, [0, 1, 2, 4, 5]], np.tile(nominal[[0, 1, 2, 4, 5]], (500, 1)))
     np.testing.assert_allclose(np.linalg.norm(qpos[:, 3:7], axis=1), 1.0, atol=1e-6)

@@ -25,7 +25,8 @@ def rise(value, curriculum):
 
 
 def springs(simulation, rng):
-    simulation.batch.expand("jnt_stiffness")[:] = rng.uniform(0.0, 3.0, (simulation.count, simulation.model.njnt))
+    shape = simulation.count, simulation.model.njnt
+    simulation.expand("jnt_stiffness")[:] = simulation.tensor(rng.uniform(0.0, 3.0, shape))
 
 
 def robots(**settings):
@@ -72,7 +73,7 @@ def test_a_randomisation_comes_after_ours():
     def drawn(**settings):
         simulation = BatchSimulation(2)
         randomize(simulation, RandomizationConfig(**settings), np.random.default_rng(0))
-        return simulation.batch
+        return simulation
 
     plain, springy = drawn(), drawn(functions=(springs,))
     assert 0.0 < springy.expand("jnt_stiffness").max() < 3.0

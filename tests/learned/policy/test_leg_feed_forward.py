@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+import torch
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.learned.config import EnvConfig
@@ -51,6 +52,19 @@ def test_the_clearance_is_that_of_the_clock_one_period_later() -> None:
     gait = np.array([Gait.WALKING, Gait.HOPPING_LEFT, Gait.STANDING])
     result = swing_clearance(np.full(3, 0.21), gait, command, 0.02)  # the left foot is at 0.75 in a walk
     np.testing.assert_allclose(result, [[0.2, 0.0], [0.0, 0.2], [0.0, 0.0]], atol=1e-9)
+
+
+def test_training_and_deployment_move_the_legs_alike() -> None:
+    rng, contract = np.random.default_rng(0), EnvConfig(squat_gain=1.2, swing_gain=0.7).contract()
+    low, high = np.array([limits.initial for limits in command_ranges(Gait.WALKING).values()]).T
+    given = [rng.uniform(-0.2, 0.2, 64), rng.uniform(-0.2, 0.2, (64, 2))]
+    told = [rng.uniform(0.0, 1.0, 64), np.arange(64) % len(Gait), rng.uniform(low, high, (64, 8))]
+    deployed, trained = CommandFeedForward(contract), CommandFeedForward(contract, torch.as_tensor)
+    here = [*deployed.follow(*given, told[2]), deployed.offsets(*given, *told)]
+    tensors = [[torch.from_numpy(value) for value in values] for values in (given, told)]
+    there = [*trained.follow(*tensors[0], tensors[1][2]), trained.offsets(*tensors[0], *tensors[1])]
+    for one, other in zip(here, there, strict=True):
+        np.testing.assert_allclose(other.numpy(), one, atol=1e-12)
 
 
 def test_absurd_commands_stay_within_the_joints_ranges() -> None:

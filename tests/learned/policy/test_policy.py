@@ -64,7 +64,7 @@ def test_controller_does_what_the_training_environment_does(changes: dict, tmp_p
     command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
 
     def state() -> RobotState:
-        qpos, qvel = env.simulation.qpos[0].copy(), env.simulation.qvel[0].copy()
+        qpos, qvel = env.simulation.qpos[0].numpy().copy(), env.simulation.qvel[0].numpy().copy()
         return RobotState(q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6])
 
     controller.reset(state())

@@ -14,7 +14,7 @@ from hugwbc.learned.policy import critic_observations as obs, load_policy
 from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS
 from hugwbc.learned.policy.networks import ActorCritic
 from hugwbc.learned.policy.snapshots import load_into
-from hugwbc.learned.policy.terms import TERMS, ObservationTerm, check_term
+from hugwbc.learned.policy.terms import TERMS, ObservationTerm, _made_up, check_term, observe
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.trainer import save_product
 from hugwbc.state import RobotState
@@ -41,6 +41,18 @@ def both(monkeypatch):
 @pytest.mark.parametrize("name", [*FRAME_TERMS, *COMMAND_TERMS, "absolute_joint_position", "linear_velocity"])
 def test_our_terms_are_what_they_declare(name):
     check_term(name)
+
+
+def test_training_and_deployment_read_the_same():
+    """A term takes tensors as it takes arrays; one of a user's gets arrays in training too."""
+    arrays = _made_up()
+    values = {field.name: getattr(arrays, field.name) for field in dataclasses.fields(arrays)}
+    parts = {name: torch.tensor(value) for name, value in values.items()}
+    terms = [*TERMS.values(), KNEES]
+    assert not KNEES.tensors and all(term.tensors for term in TERMS.values())
+    seen = observe(terms, dataclasses.replace(arrays, **parts))
+    assert isinstance(seen, torch.Tensor) and seen.dtype == torch.float32
+    np.testing.assert_allclose(seen.numpy(), observe(terms, arrays), atol=1e-6)
 
 
 def test_a_clock_without_a_gait_has_no_mirror_image():

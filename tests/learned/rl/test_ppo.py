@@ -93,7 +93,7 @@ def test_learning_rate_follows_the_kl() -> None:
 def test_non_finite_loss_is_skipped() -> None:
     learner = make_learner()
     before = [p.detach().clone() for p in learner.network.parameters()]
-    assert not learner._descend(learner.network.log_std.sum() * float("nan"))
+    assert not learner._descend(learner.network.log_std.sum() * float("nan"), torch.zeros(4))[1]
     for old, new in zip(before, learner.network.parameters(), strict=True):
         torch.testing.assert_close(old, new.detach())
 
@@ -172,5 +172,5 @@ def test_a_large_critic_gradient_does_not_shorten_the_actor_s() -> None:
     learner = make_learner(max_grad_norm=1.0)
     actor = learner.optimiser.param_groups[0]["params"]
     loss = 0.5 * actor[0].sum() + 1e6 * sum(p.sum() for p in learner.network.critic.parameters())
-    assert learner._descend(loss)
+    assert learner._descend(loss, torch.zeros(4))[1]
     torch.testing.assert_close(actor[0].grad, torch.full_like(actor[0], 0.5 * min(1.0, 2.0 / actor[0].numel() ** 0.5)))
