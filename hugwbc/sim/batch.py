@@ -60,6 +60,8 @@ class RobotBatch(abc.ABC):
     # Sensors of positions and velocities, and of forces; an engine may keep them apart.
     _sensors: torch.Tensor
     _force_sensors: torch.Tensor
+    _geom_pos: torch.Tensor
+    _footing: Footing | None
 
     def __init__(
         self,
@@ -144,9 +146,9 @@ class RobotBatch(abc.ABC):
         """Return the bodies' origins (count, bodies, 3), rotations (count, bodies, 3, 3) and centres of mass, live."""
 
     @property
-    @abc.abstractmethod
     def footing(self) -> torch.Tensor:
         """Positions of the contact spheres and their plane in the last contact search, for `restore_footing`."""
+        return self.qpos.new_zeros(0) if self._footing is None else self._geom_pos[:, self._footing.geoms]
 
     @abc.abstractmethod
     def restore_footing(self, footing: torch.Tensor) -> None:
@@ -221,7 +223,7 @@ class BatchSimulation(RobotBatch):
         self._blocks = self._make_blocks()
         self._footing = None if self.terrain is None else Footing(self.model, self.terrain)
         if self._footing is not None:
-            self._geom_pos = self.batch.expand("geom_pos")
+            self._geom_pos = self.expand("geom_pos")
             self._xpos, self._xmat = self.batch.bind("xpos"), self.batch.bind("xmat")
         self._poses: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
         self.batch.reset(keyframe=0)
@@ -293,17 +295,11 @@ class BatchSimulation(RobotBatch):
 
     def _place_feet(self, ids: np.ndarray) -> None:
         if self._footing is not None and ids.size:
-            self._geom_pos[ids[:, None], self._footing.geoms] = self._footing.positions(
-                self._xpos[ids], self._xmat[ids]
-            )
-
-    @property
-    def footing(self) -> torch.Tensor:
-        """Positions of the contact spheres and their plane in the last contact search."""
-        return torch.from_numpy(np.zeros(0) if self._footing is None else self._geom_pos[:, self._footing.geoms])
+            positions = self._footing.positions(self._xpos[ids], self._xmat[ids])
+            self._geom_pos.numpy()[ids[:, None], self._footing.geoms] = positions
 
     def restore_footing(self, footing: torch.Tensor) -> None:
         """Set a value of `footing` and search for contacts."""
         if self._footing is not None:
-            self._geom_pos[:, self._footing.geoms] = footing.numpy()
-            self.batch.forward(ids=np.arange(self.count))
+            self._geom_pos[:, self._footing.geoms] = footing.to(self._geom_pos)
+            self.batch.forward()

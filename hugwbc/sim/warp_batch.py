@@ -1,12 +1,8 @@
 """Many H1s at once on MuJoCo Warp: the engine of an NVIDIA GPU; on the processor it is slow, and serves tests.
 
-It has MuJoCo's physics in single precision. What differs from `mujoco.batch` is MuJoCo Warp's doing:
-
-- The second half of a step clears no sensors, the first half of the next one does: forces are kept before.
-- Box against box uses another algorithm unless that is switched off; there is no midphase to switch off.
-- Places of the world's own geoms are computed once: the footing's plane is moved by hand.
-- Nothing is recomputed for some robots alone. What a recomputation for all would change in the others is put back.
-- Contacts beyond the memory set aside for them are dropped without a word: `faults` counts the robots.
+It recomputes for all robots or for none: what a reset of some would change in the others is put back. It computes the
+places of the world's own geoms once, so the plane below the feet is moved by hand. It drops contacts beyond the memory
+set aside for them without a word: `faults` counts the robots.
 """
 
 import contextlib
@@ -22,7 +18,6 @@ import warp as wp  # pyright: ignore[reportMissingImports]
 
 from hugwbc.sim.batch import RobotBatch
 from hugwbc.sim.footing import Footing
-from hugwbc.sim.terrain import HeightField
 
 CONTACTS = 24  # for each robot on average; a walking one has 8
 ROWS = 128  # of constraints for each robot: 19 of friction, 4 of a contact, limits of joints; a walking one has 60
@@ -59,7 +54,7 @@ class WarpBatch(RobotBatch):
     """The robots on MuJoCo Warp, in single precision; the tensors are views of Warp's arrays.
 
     Attributes:
-        graphs: whether a control step is one CUDA graph; without, each of its kernels is launched by itself.
+        graphs: whether a control step is one CUDA graph instead of single kernels.
     """
 
     def __init__(self, count: int, *, device: str = "cuda", contacts: int = CONTACTS, **settings: Any) -> None:  # noqa: ANN401
@@ -72,12 +67,13 @@ class WarpBatch(RobotBatch):
             settings: those of `RobotBatch`.
         """
         super().__init__(count, **settings)
-        flags = mujoco.mjtDisableBit
-        self.model.opt.disableflags &= ~int(flags.mjDSBL_MIDPHASE)
-        self.model.opt.disableflags |= int(flags.mjDSBL_NATIVECCD)
+        # Warp has no midphase to switch off. Without its own convex collision it takes MuJoCo's of box against box.
+        flags = self.model.opt.disableflags & ~int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+        self.model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         wp.init()
-        self._device = wp.device_from_torch(torch.device(device))
-        with wp.ScopedDevice(self._device):
+        self._place = torch.device(device)
+        self._device = wp.device_from_torch(self._place)
+        with self._running():
             self._model = mjw.put_model(self.model)
             self._data = mjw.make_data(self.model, nworld=count, nconmax=contacts, njmax=ROWS)
         self._model.opt.warn_overflow = 0  # no lines from kernels
@@ -93,10 +89,13 @@ class WarpBatch(RobotBatch):
         self._targets = self.ctrl.new_zeros(0, *self.ctrl.shape)
         self._limit = self.expand("actuator_forcerange")[..., 1].clone()
         slope = 1.0 / (self.robot.velocity_limit - self.robot.corner_speed)
-        with wp.ScopedDevice(self._device):
+        with self._running():
             self._slope, self._reserve = (wp.array(v, dtype=float) for v in (slope, self.robot.velocity_limit * slope))
             self._joints = wp.array(np.arange(self.model.nv)[layout.rates], dtype=int)
-        self._footing = None if self.terrain is None else self._make_footing(self.terrain)
+        self._footing, self._geom_pos = None, self.expand("geom_pos")
+        if self.terrain is not None:
+            place = functools.partial(torch.as_tensor, device=self.device)
+            self._footing = Footing(self.model, self.terrain, place)
         key = self.model.key("nominal")
         self.qpos[:], self.ctrl[:] = self.tensor(key.qpos[layout.qpos]), self.tensor(key.ctrl[layout.ctrl])
         self.forward(torch.arange(count, device=self.device))
@@ -106,7 +105,8 @@ class WarpBatch(RobotBatch):
         field = getattr(self._model, name)
         if field.shape[0] != self.count:
             values = np.repeat(field.numpy()[:1], self.count, axis=0)
-            setattr(self._model, name, wp.array(values, dtype=field.dtype, device=self._device))
+            with self._running():
+                setattr(self._model, name, wp.array(values, dtype=field.dtype))
             self._graph = None  # it knows the old array
         return wp.to_torch(getattr(self._model, name))
 
@@ -120,11 +120,9 @@ class WarpBatch(RobotBatch):
     @contextlib.contextmanager
     def _running(self) -> Iterator[None]:
         """Let Warp's kernels run in order with torch's."""
-        stream = wp.stream_from_torch(torch.cuda.current_stream(self.device)) if self._device.is_cuda else None
+        stream = wp.stream_from_torch(torch.cuda.current_stream(self._place)) if self._device.is_cuda else None
         with wp.ScopedDevice(self._device), wp.ScopedStream(stream):
             yield
-
-    # Stepping -------------------------------------------------------------------------------------------------------
 
     def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:
         """Advance all robots; return which diverged."""
@@ -163,7 +161,7 @@ class WarpBatch(RobotBatch):
             if substep == last:
                 m.opt.disableflags &= ~mjw.DisableBit.SENSOR
             mjw.step2(m, d)
-            if substep == last:
+            if substep == last:  # the next stage of positions clears the sensors
                 wp.copy(wp.from_torch(self._force_sensors), d.sensordata)
                 wp.copy(wp.from_torch(self.torque), d.actuator_force)
             mjw.step1(m, d)
@@ -181,36 +179,22 @@ class WarpBatch(RobotBatch):
         forces[ids], torque[ids] = self._sensors[ids], wp.to_torch(self._data.actuator_force)[ids]
         self.warm_start[:] = warm_start
 
-    # Footing --------------------------------------------------------------------------------------------------------
-
-    def _make_footing(self, terrain: HeightField) -> Footing:
-        self._geom_pos = self.expand("geom_pos")
-        return Footing(self.model, terrain, functools.partial(torch.as_tensor, device=self.device))
-
     def _place_feet(self) -> None:
         if self._footing is not None:
-            self._move_feet(self._footing, self._footing.positions(*self._poses_of_feet()))
+            position, matrix, _ = self.link_poses()
+            self._move_feet(self._footing.positions(position, matrix.flatten(2)))
 
-    def _poses_of_feet(self) -> tuple[torch.Tensor, torch.Tensor]:
-        return wp.to_torch(self._data.xpos), wp.to_torch(self._data.xmat).flatten(2)
-
-    def _move_feet(self, footing: Footing, positions: torch.Tensor) -> None:
-        self._geom_pos[:, footing.geoms] = positions.to(self._geom_pos)
-        wp.to_torch(self._data.geom_xpos)[:, footing.geoms[-1]] = positions[:, -1].to(self._geom_pos)
-
-    @property
-    def footing(self) -> torch.Tensor:
-        """Positions of the contact spheres and their plane in the last contact search."""
-        return self.qpos.new_zeros(0) if self._footing is None else self._geom_pos[:, self._footing.geoms]
+    def _move_feet(self, positions: torch.Tensor) -> None:
+        assert self._footing is not None
+        self._geom_pos[:, self._footing.geoms] = positions.to(self._geom_pos)
+        wp.to_torch(self._data.geom_xpos)[:, self._footing.geoms[-1]] = positions[:, -1].to(self._geom_pos)
 
     def restore_footing(self, footing: torch.Tensor) -> None:
         """Set a value of `footing` and search for contacts."""
         if self._footing is not None:
-            self._move_feet(self._footing, footing)
+            self._move_feet(footing)
             with self._running():
                 mjw.step1(self._model, self._data)
-
-    # Readings -------------------------------------------------------------------------------------------------------
 
     def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return origins, rotations and centres of mass of the bodies."""
@@ -218,7 +202,8 @@ class WarpBatch(RobotBatch):
 
     def faults(self) -> str:
         """Return in words what was dropped since the last call; empty if nothing was. It waits for the device."""
-        dropped = wp.to_torch(self._data.overflow) & ~int(_SOLVER)
+        overflow = wp.to_torch(self._data.overflow)
+        dropped = overflow & ~int(_SOLVER)
         number, kinds = int((dropped != 0).sum()), int(dropped.amax())
-        self._data.overflow.zero_()
+        overflow.zero_()
         return f"contacts of {number} robots were dropped ({mjw.OverflowType(kinds)!r})" if number else ""

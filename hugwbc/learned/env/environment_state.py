@@ -1,19 +1,13 @@
 """The state of a training environment: everything that a bit-exact continuation of a run needs."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 
-from hugwbc.learned.env.arm_gains import ArmGains
-from hugwbc.learned.env.arm_intervention import Intervention
-from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.random_numbers import restore as restore_generator
 from hugwbc.learned.env.randomization import Latency
-from hugwbc.learned.env.readings import Readings, read
-from hugwbc.learned.env.rough_ground import RoughGround
-from hugwbc.sim.batch import RobotBatch
+from hugwbc.learned.env.readings import read
 
 # Tensors of the environment, parts with a state of their own, and arrays of the simulation.
 _STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist", "posture", "bias")
@@ -21,26 +15,7 @@ _STATE_PARTS = ("intervention", "sensors", "loads", "held_foot", "statistics")
 _STATE_SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 
-class Environment(Protocol):
-    """What is read and restored besides the tensors and parts above: `HumanoidEnv`."""
-
-    count: int
-    simulation: RobotBatch
-    readings: Readings
-    generator: torch.Generator
-    curriculum: Curriculum
-    intervention: Intervention
-    arm_gains: ArmGains
-    latency: Latency | None
-    ground: RoughGround | None
-
-    def begin_episodes(self, robots: torch.Tensor) -> None:
-        """Restart robots (indices)."""
-        ...
-
-    def restore_levels(self, state: Mapping[str, Any]) -> None:
-        """Restore the levels of the curricula."""
-        ...
+Environment = Any  # a `HumanoidEnv`, whose module imports this one
 
 
 def state_of(env: Environment) -> dict[str, torch.Tensor]:

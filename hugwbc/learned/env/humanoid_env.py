@@ -199,8 +199,7 @@ class HumanoidEnv:
         timed_out = (done & ~fallen).nonzero().squeeze(1)
         tracking = relative_tracking(rewards, self._terms, self.dt)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
-        active = self.intervention.active
-        self.statistics.note_gates(tracking, self.command, self.gait, active=active, agile=self.agile)
+        self.statistics.note_gates(tracking, transition, self.agile)
         if self.config.command.hopping_fraction > 0.0:
             down = terminations.held_foot_down(self.readings, self.gait)
             self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))

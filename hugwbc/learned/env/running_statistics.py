@@ -87,28 +87,18 @@ class Statistics:
             present = torch.nan_to_num(tracking[robots]).mean(0)
             self._gates[name] = TRACKING_MEMORY * self._gates[name] + (1.0 - TRACKING_MEMORY) * present
 
-    def note_gates(
-        self,
-        tracking: torch.Tensor,
-        command: torch.Tensor,
-        gait: torch.Tensor,
-        *,
-        active: torch.Tensor,
-        agile: torch.Tensor,
-    ) -> None:
+    def note_gates(self, tracking: torch.Tensor, t: Transition, agile: torch.Tensor) -> None:
         """Note the tracking rewards of the robots on which the gates depend: those that walk somewhere.
 
         Standing robots track their zero velocity whatever the others do, and would hold a gate open.
 
         Args:
             tracking: as in `note_gate`.
-            command: commands, shape (n, 8).
-            gait: values of `Gait`, shape (n,).
-            active: whose arms are under external control, shape (n,), bool.
+            t: the transition.
             agile: which robots are of the agile group, shape (n,), bool.
         """
-        walking = (command[:, :3].abs().amax(1) > _MOVING) & (gait == Gait.WALKING)
-        self.note_gate("alpha", tracking, walking & active)
+        walking = (t.command[:, :3].abs().amax(1) > _MOVING) & (t.gait == Gait.WALKING)
+        self.note_gate("alpha", tracking, walking & t.intervention)
         self.note_gate("speed", tracking, walking & agile)
 
     def gate(self, name: str) -> tuple[float, float]:

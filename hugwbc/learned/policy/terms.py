@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -159,16 +159,8 @@ def scaled(value: Array, scale: ArrayLike) -> Array:
     if namespace(value) is np:
         numbers = np.asarray(value).astype(np.float32) * np.asarray(scale, dtype=np.float32)
         return np.nan_to_num(numbers, copy=False, posinf=0.0, neginf=0.0)
-    factor = _factors(scale, value.device) if isinstance(scale, tuple) else scale
+    factor = namespace(value).tensor(scale, device=value.device) if isinstance(scale, tuple) else scale
     return (value.float() * factor).nan_to_num(posinf=0.0, neginf=0.0)
-
-
-@functools.cache
-def _factors(scale: tuple[float, ...], device: Any) -> Array:  # noqa: ANN401  torch's
-    """Return factors as a tensor; a new one in every step would hold up a GPU."""
-    import torch
-
-    return torch.tensor(scale, device=device)
 
 
 def observe(terms: Iterable[ObservationTerm], sensed: Sensed) -> Array:
