@@ -3,6 +3,7 @@
 import dataclasses
 import enum
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
 from hugwbc.commands import Command
 from hugwbc.extensions import described
 from hugwbc.gait import Gait
+from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
 
@@ -86,10 +88,14 @@ class BehaviourSource:
         self._course: Course | None = None
         self._manners = Manners()
         self._stood, self._rest, self._drift = 0.0, (0.0, 0.0), 0.0
+        self._grips: dict[str, str | None] = {}  # what each gripper was last asked to hold
+        self._lost: dict[str, str] = {}  # what a force has torn out of it
 
     def see(self, view: View) -> None:
         """Take the view of this tick, and decide on the action. Never raises: an error ends the behaviour."""
         dt = 0.0 if self.view is None else max(view.time - self.view.time, 0.0)
+        if self.view is not None:
+            self._note_grips(self.view.held, view.held)
         self.view = dataclasses.replace(view, last=self.action)
         self._stood = self._stood + dt if self.action.command.gait is Gait.STANDING else 0.0
         place = view.position[:2].tolist()
@@ -100,6 +106,15 @@ class BehaviourSource:
         if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
             hands = dataclasses.replace(hands, stamp=view.state.time, sequence=None)
         self.action = dataclasses.replace(action, command=self._manners(action.command, dt), hands=hands)
+
+    def _note_grips(self, before: Sequence[str | None], now: Sequence[str | None]) -> None:
+        """Note which grips a force has broken: those that end although they were asked for."""
+        self._grips.update({grip.side: grip.name for grip in self.action.grips})
+        for side, had, has in zip(SIDES, before, now, strict=True):
+            if has is not None:
+                self._lost.pop(side, None)
+            elif had is not None and self._grips.get(side):
+                self._lost[side] = had
 
     def act(self, view: View) -> Action:
         """Return the next action of the behaviour, without soft starts and stops; never raises."""
@@ -115,8 +130,11 @@ class BehaviourSource:
                 raise Failure(f"it yielded a {type(action).__name__} instead of an Action{_RUN}")
             except StopIteration:
                 self.status = Status.SUCCESS
+                lost = [f"a force broke the grip of the {side} hand on '{name}'" for side, name in self._lost.items()]
                 if self._drift > FARTHEST:
-                    self.status, self.reason = Status.FAILURE, f"{RAN_AWAY}, by {self._drift:.2f} m"
+                    lost.append(f"{RAN_AWAY}, by {self._drift:.2f} m")
+                if lost:
+                    self.status, self.reason = Status.FAILURE, "; ".join(lost)
             except Failure as failure:
                 self.status, self.reason = Status.FAILURE, str(failure)
             except Exception as error:  # a mistake in a behaviour must not stop the loop

@@ -9,6 +9,7 @@ from hugwbc.behaviours.source import ACCELERATION, FARTHEST, RAN_AWAY, STEP_OUT
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.scripts.command_source import SeeingSource
+from hugwbc.scripts.view import Grip
 from hugwbc.targets import HandTargets
 
 
@@ -119,3 +120,23 @@ def test_a_walk_is_not_running_away() -> None:
         walked = 0.5 * min(time, 2.5)  # it walks, steps out and comes to rest
         source.see(view(time, position=(walked, 0.0, 0.98)))
     assert source.status is Status.SUCCESS
+
+
+@pytest.mark.parametrize(("broken", "let_go", "reason"), [
+    (True, False, "a force broke the grip of the right hand on 'cup'"),
+    (False, False, ""),
+    (True, True, ""),
+])  # fmt: skip
+def test_a_grip_that_a_force_broke_is_told_in_the_end(broken: bool, let_go: bool, reason: str) -> None:
+    def take(view):
+        view = yield Action(grips=(Grip("right", "cup"),))
+        view = yield from wait(view, 0.5)
+        if let_go:
+            view = yield Action(grips=(Grip("right", None),))
+        return (yield from wait(view, 1.0))
+
+    source = BehaviourSource(take)
+    for time in np.arange(0.0, 2.0, 0.02):
+        held = "cup" if time > 0.03 and not (broken and time > 0.8) else None
+        source.see(view(time, held=(None, held)))
+    assert source.reason == reason and source.status is (Status.FAILURE if reason else Status.SUCCESS)

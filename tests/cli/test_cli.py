@@ -52,7 +52,7 @@ BAD_INPUT = {
     "cluster": (["evaluate", "--cluster", "nowhere", "--episodes", "8"], "no Dask scheduler answers at nowhere"),
     "benchmark of a fine grid": (["bench", "--spacing", "0"], "spacing is 0.0; it should be greater than 0"),
     "benchmark of a coarse grid": (["bench", "--spacing", "3"], "spacing is 3.0; it should be less than or equal to 2"),
-    "benchmark size": (["bench", "--count", "0"], "count is 0; it should"),
+    "benchmark size": (["bench", "--count", "0"], "count.0 is 0; it should"),
 }  # fmt: skip
 
 

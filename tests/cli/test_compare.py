@@ -51,10 +51,21 @@ def test_the_main_job(tmp_path):
 
 def test_compare_does_a_task_with_each_controller(tmp_path, capsys, standing_task):
     task, out = standing_task("Milestone('the robot did not stand', lambda record: 1.0)"), tmp_path / "out"
-    words = ["compare", "--task", str(task), "--controllers", "hold", "--seed", "0", "--no-video", "--sensing", "exact"]
+    words = [
+        "compare",
+        "--task",
+        str(task),
+        "--controllers",
+        "learned",
+        "--seed",
+        "0",
+        "--no-video",
+        "--sensing",
+        "exact",
+    ]
     assert main([*words, "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["task"] == "stand" and summary["controllers"]["hold"]["verdict"]["success"] is True
+    assert summary["task"] == "stand" and summary["controllers"]["learned"]["verdict"]["success"] is True
     assert "task done" in capsys.readouterr().out
     assert "hugwbc compare: stand" in (out / "report.html").read_text() and (out / "replay.html").exists()
 

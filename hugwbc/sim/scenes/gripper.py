@@ -12,6 +12,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import SIDES
+from hugwbc.sim.scenes.objects import contact_force
 
 REACH = 0.03  # [m], from the hand's surface to that of the object
 BREAKING_FORCE = 150.0  # [N]
@@ -147,9 +148,13 @@ class Gripper:
                 continue
             rows = np.flatnonzero(equalities & (data.efc_id == held[1]))
             self._force[hand] = data.efc_force[rows[:3]] if rows.size else 0.0
-            if np.linalg.norm(self._force[hand]) > held[2]:
+            if np.linalg.norm(self._force[hand]) > held[2] and np.linalg.norm(self._carried(hand, held[0])) > held[2]:
                 self.broken += 1
                 self.release(SIDES[hand])
+
+    def _carried(self, hand: int, name: str) -> np.ndarray:
+        """Return the force of a held object on a hand, by the joint less that with which the hand presses on it."""
+        return self._force[hand] - contact_force(self._model, self._data, [self._hands[hand]], self._bodies[name])[0]
 
     @property
     def force(self) -> np.ndarray:

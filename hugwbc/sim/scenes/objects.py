@@ -3,7 +3,7 @@
 import collections
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -229,24 +229,28 @@ class SceneObjects(Objects):
             velocity=velocity[3:],
             angular_velocity=velocity[:3],
             travel=travel,
-            hand_force=self._hand_force(body),
+            hand_force=contact_force(model, data, self._hands, body),
             time=float(data.time),
         )
-
-    def _hand_force(self, body: int) -> np.ndarray:
-        force, wrench, contact = np.zeros((2, 3)), np.zeros(6), self._data.contact
-        links = self._model.geom_bodyid[contact.geom]
-        for index in np.flatnonzero(np.any(links == body, axis=1)):
-            one, other = links[index]
-            for hand, link in enumerate(self._hands):
-                if link in (one, other):
-                    mujoco.mj_contactForce(self._model, self._data, int(index), wrench)
-                    # In the contact's frame, whose axes are the rows, and on the second geom.
-                    on_second = contact.frame[index].reshape(3, 3).T @ wrench[:3]
-                    force[hand] += on_second if other == body else -on_second
-        return force
 
     def _row(self, name: str) -> int:
         if name not in self.names:
             raise UnknownNameError("object", name, self.names)
         return self.names.index(name)
+
+
+def contact_force(
+    model: mujoco.MjModel, data: mujoco.MjData, links: Sequence[int] | np.ndarray, body: int
+) -> np.ndarray:
+    """Return the force of each of some links on a body by contact, in the world [N], shape (n, 3)."""
+    force, wrench, contact = np.zeros((len(links), 3)), np.zeros(6), data.contact
+    pairs = model.geom_bodyid[contact.geom]
+    for index in np.flatnonzero(np.any(pairs == body, axis=1)):
+        one, other = pairs[index]
+        for row, link in enumerate(links):
+            if link in (one, other):
+                mujoco.mj_contactForce(model, data, int(index), wrench)
+                # In the contact's frame, whose axes are the rows, and on the second geom.
+                on_second = contact.frame[index].reshape(3, 3).T @ wrench[:3]
+                force[row] += on_second if other == body else -on_second
+    return force

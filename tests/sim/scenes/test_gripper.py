@@ -157,3 +157,15 @@ def test_what_sleeps_is_woken_by_a_grip() -> None:
         simulation.step(HOLD, 0.002)
         raised = simulation.objects["parcel"].position - start
     assert simulation.gripper.held("left") == "parcel" and raised[2] > 0.03
+
+
+def test_a_hand_that_presses_on_what_it_holds_does_not_tear_itself_off() -> None:
+    simulation = beside_the_hand(0.02)
+    simulation.data.qpos[simulation.model.joint("parcel").qposadr[0]] -= 0.022  # the forearm is in the box by 2 mm
+    simulation.push(np.zeros(3))  # brings what is derived up to date
+    assert simulation.gripper.attach("parcel", "left", breaking_force=1000.0)
+    largest = 0.0
+    for _ in range(100):
+        simulation.step(HOLD, 0.002)
+        largest = max(largest, float(np.linalg.norm(simulation.gripper.force[0])))
+    assert largest > 1000.0 and simulation.gripper.held("left") == "parcel" and simulation.gripper.broken == 0
