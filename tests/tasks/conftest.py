@@ -36,6 +36,7 @@ def _record(name: str, **changes) -> TaskRecord:
         gait=np.full(SAMPLES, -1),
         held=np.full((SAMPLES, 2), -1),
         touched={},
+        lasted={},
         depth={},
         fell=False,
         ending=Ending(True, "", 19.0),
