@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import re
 import sys
 import types
 import typing
@@ -83,7 +84,7 @@ def _entry(name: str, value: Any) -> str:  # noqa: ANN401
     if not inspect.isroutine(value) and not inspect.isclass(value):
         return _first_line(value)
     text, aliases = _call(name, value), _aliases(value)
-    ranges = (f"{alias}: {_type(kind, {})}" for alias, kind in aliases.items() if alias in text)
+    ranges = (f"{alias}: {_type(kind, {})}" for alias, kind in aliases.items() if re.search(rf"\b{alias}\b", text))
     methods = (
         f"{_call(f'{name}.{each}', method)}\n    {_first_line(method)}"
         for each, method in (vars(value).items() if inspect.isclass(value) else ())

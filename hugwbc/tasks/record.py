@@ -45,7 +45,8 @@ class TaskRecord:
         time: times of the samples [s], shape (T,).
         pelvis: position [m] and quaternion (w, x, y, z), shape (T, 7).
         hands: positions of the left and the right hand in the world [m], shape (T, 2, 3).
-        hand_force: force on each hand from outside in the world [N], shape (T, 2, 3).
+        hand_force: force on each hand from outside in the world [N], shape (T, 2, 3); an arm may rest on its own body.
+        hand_touches: whether each hand touches a body of the scene, shape (T, 2).
         poses: position [m] and quaternion of each body of the scene by its name, shape (T, 7) each.
         travel: way of each thing with a joint from its rest [m or rad] by its name, shape (T,) each.
         gait: values of `Gait`, as commanded, shape (T,); -1 where nothing tells.
@@ -66,6 +67,7 @@ class TaskRecord:
     pelvis: np.ndarray
     hands: np.ndarray
     hand_force: np.ndarray
+    hand_touches: np.ndarray
     poses: Mapping[str, np.ndarray]
     travel: Mapping[str, np.ndarray]
     gait: np.ndarray
@@ -160,6 +162,7 @@ class TaskWatch:
         self.touched: dict[tuple[str, str], float] = {}
         self.lasted: dict[tuple[str, str], float] = {}
         self._looked = simulation.time
+        self._touching: set[tuple[str, str]] = set()  # at the last look
         self._depth: dict[str, float] = {}
         self._samples: dict[str, list[np.ndarray]] = {}
         self._count = 0
@@ -172,7 +175,7 @@ class TaskWatch:
             return
         now = self._simulation.time
         since, self._looked = max(now - self._looked, 0.0), now
-        contact, touching = self._simulation.data.contact, set[tuple[str, str]]()
+        contact, self._touching = self._simulation.data.contact, set()
         bodies = self._simulation.model.geom_bodyid[contact.geom]
         mixed = self._is_object[bodies].any(axis=1) & (contact.dist < 0.0)
         for index in np.flatnonzero(mixed):
@@ -181,10 +184,10 @@ class TaskWatch:
             name = self._objects.get(one) or self._objects.get(other)
             if link is None or name is None or (link in _FEET and abs(contact.frame[index][2]) > _UPRIGHT):
                 continue
-            touching.add((link, name))
+            self._touching.add((link, name))
             if link in _HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
-        for pair in sorted(touching):
+        for pair in sorted(self._touching):
             self.touched.setdefault(pair, now)
             self.lasted[pair] = self.lasted.get(pair, 0.0) + since
 
@@ -201,6 +204,7 @@ class TaskWatch:
             "pelvis": simulation.qpos[:7],
             "hands": np.stack([simulation.hand_position(side) for side in SIDES]),
             "hand_force": np.zeros((2, 3)) if force is None else force.copy(),
+            "hand_touches": np.array([any(link == hand for link, _ in self._touching) for hand in _HANDS]),
             "poses": simulation.objects.poses,
             "travel": np.array([simulation.objects[name].travel or 0.0 for name in self._jointed]),
             "gait": np.array(gait),

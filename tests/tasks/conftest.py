@@ -31,6 +31,7 @@ def _record(name: str, **changes) -> TaskRecord:
         pelvis=pelvis,
         hands=np.tile([[0.3, 0.2, 1.0], [0.3, -0.2, 1.0]], (SAMPLES, 1, 1)),
         hand_force=np.zeros((SAMPLES, 2, 3)),
+        hand_touches=np.zeros((SAMPLES, 2), dtype=bool),
         poses=poses,
         travel={body: np.zeros(SAMPLES) for body in jointed},
         gait=np.full(SAMPLES, -1),
