@@ -4,6 +4,7 @@ import importlib
 import inspect
 import re
 import sys
+import textwrap
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -29,21 +30,23 @@ _WIDTH = 100  # characters
 
 
 class _Words(str):
-    """A type in words, which `help` shows without quotes."""
+    """What `help` shows without quotes."""
 
     __slots__ = ()
     __repr__ = str.__str__
 
 
 def plain_signature(target: Callable[..., Any]) -> inspect.Signature:
-    """Return a signature whose types are words, such as `Metres`."""
+    """Return a signature whose types are words, such as `Metres`, and whose defaults are short."""
     found, aliases = inspect.signature(target), _aliases(target)
 
-    def plain(kind: Any) -> Any:  # noqa: ANN401
-        return kind if kind is inspect.Signature.empty else _Words(_type(kind, aliases))
+    def plain(one: inspect.Parameter) -> inspect.Parameter:
+        long = one.default is not one.empty and (callable(one.default) or len(repr(one.default)) > _WIDTH // 2)
+        default, kind = (_Words("...") if long else one.default), one.annotation
+        return one.replace(default=default, annotation=kind if kind is one.empty else _Words(_type(kind, aliases)))
 
-    parameters = [one.replace(annotation=plain(one.annotation)) for one in found.parameters.values()]
-    return found.replace(parameters=parameters, return_annotation=plain(found.return_annotation))
+    parameters = [plain(one) for one in found.parameters.values()]
+    return found.replace(parameters=parameters, return_annotation=_Words(_type(found.return_annotation, aliases)))
 
 
 def exported(package: str) -> tuple[str, ...]:
@@ -96,23 +99,10 @@ def _entry(name: str, value: Any) -> str:  # noqa: ANN401
 
 
 def _call(name: str, value: Any) -> str:  # noqa: ANN401
-    """Return a name with its signature, on several lines where it is long."""
-    if isinstance(value, property):
-        return name
-    found = plain_signature(value)
-    parameters = [one for one in found.parameters.values() if one.name != "self"]
-    dark = [
-        one.default is not one.empty and (callable(one.default) or len(repr(one.default)) > 50) for one in parameters
-    ]
-    parameters = [one.replace(default=_Words("...")) if d else one for one, d in zip(parameters, dark, strict=True)]
-    found = found.replace(parameters=parameters)
-    text = f"{name}{found}"
-    if len(text) <= _WIDTH:
-        return text
-    lines, kinds = [*map(str, parameters)], [one.kind for one in parameters]
-    if inspect.Parameter.KEYWORD_ONLY in kinds:
-        lines.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
-    return f"{name}(\n    " + ",\n    ".join(lines) + f",\n) -> {found.return_annotation}"
+    """Return a name with its signature."""
+    text = name if isinstance(value, property) else f"{name}{plain_signature(value)}".replace("(self, ", "(")
+    kept = re.sub("(?<!,) ", "\N{NO-BREAK SPACE}", text)  # lines end behind commas
+    return "\n".join(textwrap.wrap(kept, _WIDTH, subsequent_indent="    ")).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _first_line(value: object) -> str:
@@ -137,19 +127,14 @@ def _type(kind: Any, aliases: Mapping[str, Any]) -> str:  # noqa: ANN401
         if value is kind:
             return name
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    words = [_type(part, aliases) for part in parts]
     if origin is Annotated:
         rules = [rule for data in kind.__metadata__ for rule in getattr(data, "metadata", ())]
-        words = [
-            f"{word} {getattr(rule, name):g}" for rule in rules for name, word in _BOUNDS.items() if hasattr(rule, name)
-        ]
-        return " ".join([_type(parts[0], aliases), *words])
-    if origin in (typing.Union, types.UnionType):
-        return " | ".join(_type(part, aliases) for part in parts)
-    if origin is typing.Literal:
-        return " | ".join(map(repr, parts))
-    if kind is Ellipsis or kind is type(None):
-        return "..." if kind is Ellipsis else "None"
-    if isinstance(kind, list):
-        return f"[{', '.join(_type(part, aliases) for part in kind)}]"
-    name = getattr(origin or kind, "__name__", str(kind))
-    return f"{name}[{', '.join(_type(part, aliases) for part in parts)}]" if parts else name
+        bounds = [(word, getattr(rule, name, None)) for rule in rules for name, word in _BOUNDS.items()]
+        return " ".join([words[0], *(f"{word} {bound:g}" for word, bound in bounds if bound is not None)])
+    if origin in (typing.Union, types.UnionType, typing.Literal):
+        return " | ".join(words)
+    if isinstance(kind, list | str):  # arguments of a Callable; a choice of a Literal
+        return f"[{', '.join(_type(part, aliases) for part in kind)}]" if isinstance(kind, list) else repr(kind)
+    name = {type(None): "None", Ellipsis: "..."}.get(kind) or getattr(origin or kind, "__name__", str(kind))
+    return f"{name}[{', '.join(words)}]" if parts else name
