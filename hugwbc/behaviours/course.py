@@ -23,6 +23,7 @@ from pydantic import Field
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
+from hugwbc.reference import plain_signature
 from hugwbc.scripts.view import Action, SeenObject, View
 from hugwbc.settings import settings
 from hugwbc.targets import FARTHEST, HandTargets
@@ -86,6 +87,7 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
         start = functools.partial(function, *bound.args, **bound.kwargs)  # pyright: ignore[reportCallIssue]
         return _watched(name, view, start, getattr(values, "timeout", math.inf))
 
+    begin.__signature__ = plain_signature(function)  # pyright: ignore[reportAttributeAccessIssue]
     return begin
 
 

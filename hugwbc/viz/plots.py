@@ -29,7 +29,7 @@ TITLES = {
 }
 _SIZE = (6.0, 2.6)  # [in]
 _LETTERS = 95  # of the names of chapters that fit above the axes
-_MARGIN = 0.5  # [m] around the ways
+_MARGIN = 0.5  # [m] around the ways, and between the ends of two whose names would overlap
 SMALLEST_SPAN = 0.2  # shortest vertical axis, in the quantity's unit
 # A placeholder that becomes the page's text colour (currentColor) when the picture is written.
 INK = "#010203"
@@ -181,13 +181,15 @@ def path_panel(traces: Sequence[Trace]) -> Panel:
     check_traces(traces)
 
     def draw(axes: "Axes") -> None:
-        for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
+        ends = np.array([trace.qpos[-1, :2] for trace in traces])
+        for i, (trace, colour) in enumerate(zip(traces, LABEL_COLOURS, strict=False)):
             way = trace.qpos[:, :2]
             axes.plot(way[:, 0], way[:, 1], color=colour)
             yaw = float(rotations.yaw_of(trace.qpos[-1, 3:7]))
             ahead: Any = (3, 0, np.degrees(yaw) - 90.0)  # a triangle, turned
             axes.plot(*way[-1], marker="X" if trace.fell else ahead, color=colour, markersize=11)
-            axes.annotate(trace.name, way[-1], (8, 8), textcoords="offset points", color=colour, fontsize=9)
+            near = int((np.linalg.norm(ends[:i] - ends[i], axis=1) < _MARGIN).sum())  # names one above the other
+            axes.annotate(trace.name, way[-1], (8, 8 + 11 * near), textcoords="offset points", color=colour, fontsize=9)
         axes.plot(0.0, 0.0, "s", color=INK, markersize=4)
         points = np.concatenate([trace.qpos[:, :2] for trace in traces])
         low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
