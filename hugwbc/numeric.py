@@ -53,9 +53,9 @@ def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collectio
 
     None stays where it is optional.
     """
-    fields = vars(record)
-    for name, shape in shapes.items():
-        value = fields[name]
+    fields = record.__dict__
+    for name in shapes:
+        value, shape = fields[name], shapes[name]
         if value is None and name in optional:
             continue
         if not shape:

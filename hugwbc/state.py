@@ -72,9 +72,9 @@ class RobotState:
     @functools.cached_property
     def is_finite(self) -> bool:
         """Whether all numbers in the fields that are present are finite."""
-        fields = [getattr(self, name) for name in _VECTORS]
-        vectors = [value if value.ndim == 1 else value.ravel() for value in fields if value is not None]
-        together = np.concatenate(vectors)
+        fields = vars(self)
+        given = [value for name in _VECTORS if (value := fields[name]) is not None]
+        together = np.concatenate([value if value.ndim == 1 else value.ravel() for value in given])
         return math.isfinite(self.time + self.age + together.dot(together))  # squares do not cancel
 
     @functools.cached_property
@@ -110,7 +110,9 @@ def pelvis_from_torso_imu(
     """
     if not math.isfinite(waist):
         return np.full(4, np.nan), np.full(3, np.nan)
-    back = np.array([math.cos(0.5 * waist), 0.0, 0.0, -math.sin(0.5 * waist)])
+    # The product with (c, 0, 0, s), a turn back about z.
+    c, s = math.cos(0.5 * waist), -math.sin(0.5 * waist)
+    w, x, y, z = orientation.tolist()
     rate = rotations.rotation_z(waist).dot(gyro)
     rate[2] -= waist_rate
-    return rotations.multiply(orientation, back), rate
+    return np.array([w * c - z * s, c * x + y * s, c * y - x * s, w * s + c * z]), rate

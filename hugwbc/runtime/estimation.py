@@ -5,6 +5,7 @@ The filter multiplies by `dot`: on matrices this small it takes half the time of
 
 import collections
 import dataclasses
+import math
 
 import numpy as np
 import pinocchio as pin
@@ -216,8 +217,8 @@ class StateEstimator:
         self._time, self._gyro = state.time, np.zeros(3) if state.imu_gyro is None else state.imu_gyro
         self._touch_down, self._turning = np.full(_FEET, -np.inf), np.zeros(_FEET)
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
-        estimate = self._estimate(state)
-        self._observer.reset(estimate)
+        self._to_pelvis = rotations.rotation_z(float(self._joints.q[self._robot.waist]))
+        self._observer.reset(self._estimate(state))
         return self._estimate(state)
 
     def update(
@@ -239,21 +240,24 @@ class StateEstimator:
         """
         state = self.guard.admit(state)
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
-        if gyro is None or accelerometer is None or torque is None or not state.is_finite:
+        if gyro is None or accelerometer is None or torque is None:
             return state
-        # One such number would stay in the filter for ever.
-        if np.abs(np.concatenate((gyro, accelerometer, state.q, state.dq, torque))).max() > LARGEST_READING:
+        # One such number would stay in the filter for ever. A comparison with NaN is false.
+        together = np.concatenate((gyro, accelerometer, state.q, state.dq, torque, state.orientation))
+        if not (np.abs(together) <= LARGEST_READING).all() or not math.isfinite(state.age):
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
         self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
+        self._to_pelvis = rotations.rotation_z(float(self._joints.q[self._robot.waist]))
         self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
         self._gyro = gyro
         if newest_gyro is not None and not state.coasted:
             change = newest_gyro - gyro
             if change.dot(change) < GYRO_JUMP**2:
                 self._gyro = newest_gyro
-        self._kinematics.place(self._estimate(state))
+        self._kinematics.place_joints(self._joints.q, self._joints.dq)
+        self._kinematics.place_pelvis(*self._pelvis())
         contact = self._observer.infer(torque, dt)
         self._measure_legs()
         stands, stood = contact.tolist(), self.contact.tolist()
@@ -289,7 +293,7 @@ class StateEstimator:
 
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
         """Return the plan for the time up to that of the reading; keep the plan for the present."""
-        if planned is not None and (planned.shape != state.q.shape or not np.abs(planned).max() <= LARGEST_READING):
+        if planned is not None and (planned.shape != state.q.shape or not (np.abs(planned) <= LARGEST_READING).all()):
             planned = None
         self._plans.append((state.time + state.age, planned))
         while len(self._plans) > 1 and self._plans[0][0] < state.time - _SAME_TIME:
@@ -370,25 +374,22 @@ class StateEstimator:
         corrected = self._P - gain.dot(spread.T)
         self._P = 0.5 * (corrected + corrected.T)
 
+    def _pelvis(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return orientation, angular velocity, position and velocity of the pelvis below the IMU (`RobotState`)."""
+        x, y, z, w = pin.Quaternion(self._R.dot(self._to_pelvis.T)).coeffs().tolist()
+        self._rate = gyro = self._gyro - self.gyro_bias
+        angular = self._to_pelvis.dot(gyro)
+        angular[2] -= self._joints.dq[self._robot.waist]
+        # The torso's origin, on the waist's axis, is the pelvis's.
+        position = self._p - self._R.dot(self._imu_in_torso)
+        return np.array([w, x, y, z]), angular, position, self._v + self._R.dot(self._lever.dot(gyro))
+
     def _estimate(self, state: RobotState) -> RobotState:
-        """Return the pelvis below the IMU, by the smoothed waist joint."""
-        joints, robot = self._joints, self._robot
-        waist, rate = float(joints.q[robot.waist]), float(joints.dq[robot.waist])
-        to_pelvis = rotations.rotation_z(waist)
-        rotation = self._R.dot(to_pelvis.T)
-        x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()
-        gyro = self._gyro - self.gyro_bias
-        self._rate = gyro
-        angular = to_pelvis.dot(gyro)
-        angular[2] -= rate
+        """Return the estimate at the time of a reading."""
         return RobotState(
-            q=joints.q,  # the filter makes new arrays at every update, as the observer does
-            dq=joints.dq,
-            orientation=np.array([w, x, y, z]),
-            angular_velocity=angular,
-            # The torso's origin, on the waist's axis, is the pelvis's.
-            position=self._p - self._R.dot(self._imu_in_torso),
-            velocity=self._v + self._R.dot(self._lever.dot(gyro)),
+            self._joints.q,  # the filter makes new arrays at every update, as the observer does
+            self._joints.dq,
+            *self._pelvis(),
             foot_force=self._observer.force,
             hand_force=self._observer.hands.force,
             imu_gyro=state.imu_gyro,

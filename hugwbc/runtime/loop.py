@@ -97,18 +97,16 @@ class ControlLoop:
             self.safe.ask("source_failures", "the source", lambda: following.follow(truth))
         return self.control.decide(t)
 
-    def step(self, command: JointCommand, duration: float) -> RobotState:
-        """Apply a joint command for a duration [s] and return the true state; the estimator sees every physics step."""
+    def step(self, command: JointCommand, duration: float) -> None:
+        """Apply a joint command for a duration [s]; the estimator sees every physics step."""
+        simulation = self.simulation
         if self.control.estimator is None:
-            return self.simulation.step(command, duration)
-        timestep = self.simulation.timestep
-        return [self._observed_step(command, timestep) for _ in range(max(1, round(duration / timestep)))][-1]
-
-    def _observed_step(self, command: JointCommand, timestep: float) -> RobotState:
-        """Make one physics step, show the estimator its reading, and return the true state."""
-        state = self.simulation.step(command, timestep)
-        self.control.observe(self.simulation.sense(), self.simulation.time)
-        return state
+            simulation.advance(command, duration)
+            return
+        timestep = simulation.timestep
+        for _ in range(max(1, round(duration / timestep))):
+            simulation.advance(command, timestep)
+            self.control.observe(simulation.sense(), simulation.time)
 
     def moment(self) -> Moment:
         """Return what a picture shows now."""

@@ -61,7 +61,7 @@ def rollout(
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
-    recorder = Recorder(loop, Disturber(simulation.link_names, forces), on_step)
+    recorder = Recorder(loop, Disturber(simulation.link_names, forces) if forces else None, on_step)
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
@@ -88,7 +88,7 @@ class Recorder:
     """A collector of the samples of one run, which watches the feet at every physics step."""
 
     def __init__(
-        self, loop: ControlLoop, disturber: Disturber, on_step: Callable[[RobotState, RobotState], None] | None
+        self, loop: ControlLoop, disturber: Disturber | None, on_step: Callable[[RobotState, RobotState], None] | None
     ) -> None:
         self.loop = loop
         self.on_step = on_step
@@ -111,14 +111,12 @@ class Recorder:
         """Step the physics through one control period, note touch-downs, and return whether the robot is still up."""
         dt, simulation = self.simulation.timestep, self.simulation
         for substep in range(self.loop.substeps):
-            self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
-            now = t + (substep + 1) * dt
-            state = self.loop.step(command, dt)
-            force = state.foot_force
-            assert force is not None
+            if self.disturber is not None:
+                self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
+            self.loop.step(command, dt)
             if self.on_step is not None:
-                self.on_step(state, self.loop.control.estimate)
-            self._watch.update(now, force, self.simulation.sole_velocity)
+                self.on_step(simulation.state(), self.loop.control.estimate)
+            self._watch.update(t + (substep + 1) * dt, simulation.foot_force, simulation.sole_velocity)
         return not self.simulation.fallen
 
     def sample(self, t: float, command: JointCommand) -> Moment:

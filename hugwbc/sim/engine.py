@@ -226,7 +226,12 @@ class Engine(abc.ABC):
         """Return whether the torso touches the ground."""
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
-        """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state.
+        """Apply a joint command as `advance` does, and return the new true state."""
+        self.advance(command, duration)
+        return self._sensors.truth(self._readings[-1])
+
+    def advance(self, command: JointCommand, duration: float) -> None:
+        """Apply a joint command for a duration [s], rounded to whole physics steps.
 
         With a delay, the drives follow the command that many physics steps later; only the first command after a reset
         acts at once. A command that is not finite is counted, and the previous command is held instead.
@@ -243,10 +248,10 @@ class Engine(abc.ABC):
             self._pending.extend([given] * self._delay)
         for _ in range(max(1, round(duration / self.timestep))):
             self._pending.append(given)
-            self._expire_forces()
+            if self._force_until:
+                self._expire_forces()
             self._advance(*self._pending.popleft())
             self._readings.append(self._reading())
-        return self._sensors.truth(self._readings[-1])
 
     def _take(self, command: JointCommand) -> None:
         """Turn a command into what the drives follow until the next one: stiffness, damping and constant torque."""
@@ -277,6 +282,11 @@ class Engine(abc.ABC):
         reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
         sensed = self._sensors.read(reading, self.time)
         return sensed if self._faults is None else self._faults.apply(sensed)
+
+    @property
+    def foot_force(self) -> np.ndarray:
+        """Ground reaction on the left and the right foot after the last physics step, world frame [N], shape (2, 3)."""
+        return self._readings[-1].foot_force
 
     def ground_height(self, xy: np.ndarray) -> float:
         """Return the height of the ground at a point [m]."""
