@@ -10,6 +10,7 @@ from hugwbc import rotations
 from hugwbc.numeric import Shape, keep_floats
 
 GRAVITY = 9.81  # [m/s^2]
+_LARGEST_SQUARE = 1e12  # sum of the squares of a usable state's numbers: beyond it, products overflow
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,18 +70,27 @@ class RobotState:
         """Heading of the pelvis [rad]."""
         return float(rotations.yaw_of(self.orientation))
 
-    @functools.cached_property
+    @property
     def is_finite(self) -> bool:
         """Whether all numbers in the fields that are present are finite."""
+        return math.isfinite(self.time + self.age + self._square)
+
+    @functools.cached_property
+    def _square(self) -> float:
+        """The sum of the squares of all numbers but the times, which do not cancel as numbers might."""
         fields = vars(self)
         given = [value for name in _VECTORS if (value := fields[name]) is not None]
         together = np.concatenate([value if value.ndim == 1 else value.ravel() for value in given])
-        return math.isfinite(self.time + self.age + together.dot(together))  # squares do not cancel
+        return float(together.dot(together))
 
     @functools.cached_property
     def is_usable(self) -> bool:
-        """Whether the state is finite and its orientation a unit quaternion to 5 %; a broken IMU may send zeros."""
-        return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
+        """Whether the state is finite, of a size that can be squared, and its orientation a unit quaternion to 5 %.
+
+        A broken IMU may send zeros.
+        """
+        size = self._square + abs(self.time + self.age)  # a comparison with NaN is false
+        return size < _LARGEST_SQUARE and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
 
 
 _NUMBERS: dict[str, Shape] = {

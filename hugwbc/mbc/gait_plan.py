@@ -33,6 +33,7 @@ class GaitPlan:
         phase: common phase of `hugwbc.gait`, in [0, 1); steps end at 0 and 0.5.
         frequency: stride frequency [Hz].
         swing: foot in the air of a walk, 0 for left, 1 for right, or None.
+        legs: feet that leap or land; none in other modes. The last flight of a series ends on both.
         elapsed: time since the last change of mode or step [s].
         delay: by how much the current step of a walk ends later than its frequency asks for [s]; negative for sooner.
     """
@@ -53,6 +54,7 @@ class GaitPlan:
         self.phase = 0.0
         self.frequency = 2.0
         self.swing: int | None = None
+        self.legs: tuple[int, ...] = ()
         self.elapsed = 0.0
         self._gather = 0.0
         self._last = False
@@ -110,13 +112,6 @@ class GaitPlan:
     def airborne(self) -> bool:
         """Whether the robot is in flight by the clock."""
         return self.mode is Mode.LEAPING and self.phase >= 0.5
-
-    @property
-    def legs(self) -> tuple[int, ...]:
-        """Feet that leap or land; none in other modes. The last flight of a series ends on both."""
-        if self.mode is Mode.LEAPING:
-            return (0, 1) if self._last else _LEGS[self.gait]
-        return (0, 1) if self.mode is Mode.LANDING else ()
 
     def advance(
         self,
@@ -197,10 +192,11 @@ class GaitPlan:
         if self.mode is Mode.WALKING:
             if stops:
                 self._enter(Mode.STANDING, Gait.STANDING)
-            self._set_swing()
+            self._set_feet()
             return not stops
         if self.airborne:
             self._last = stops  # a series of leaps stops by a flight that lands on both feet
+            self._set_feet()
             return True
         if self._last:
             self._enter(Mode.LANDING, self.gait)
@@ -216,9 +212,12 @@ class GaitPlan:
         self._last = False
         self._overdue = 0.0
         self._keep_time()
-        self._set_swing()
+        self._set_feet()
 
-    def _set_swing(self) -> None:
+    def _set_feet(self) -> None:
+        self.legs = (0, 1) if self.mode is Mode.LANDING else ()
+        if self.mode is Mode.LEAPING:
+            self.legs = (0, 1) if self._last else _LEGS[self.gait]
         if self.mode is Mode.WALKING:
             self.swing = int(np.argmax(foot_phases(self.phase, Gait.WALKING)))
         else:

@@ -58,7 +58,7 @@ class HandLoad:
         """
         told = -hand_loads(upper_body.hand_force, upper_body.payload)
         seen = state.hand_force
-        if not math.isfinite(told.sum() + (0.0 if seen is None else seen.sum())):
+        if not math.isfinite((told if seen is None else told + seen).sum()):
             return
         told = _bounded(told)
         self.force = _without_small(told, self._least)

@@ -152,7 +152,7 @@ class StateEstimator:
         self._robot = robot or load_robot()
         self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
         self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
-        self._pelvis = kinematics.frame_id("pelvis")
+        self._pelvis_frame = kinematics.frame_id("pelvis")
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
         self._lever = pin.skew(self._imu_in_torso)
@@ -306,7 +306,7 @@ class StateEstimator:
     def _measure_legs(self) -> None:
         """Read the sole centres seen from the IMU [m], shape (2, 3), and in the world their covariances and turning."""
         places, pelvis = self._kinematics.data.oMf, self._kinematics.q[:3]
-        waist = places[self._pelvis].rotation[:, 2]
+        waist = places[self._pelvis_frame].rotation[:, 2]
         soles = np.array([places[frame].translation for frame in self._sole_frames])
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
         # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.

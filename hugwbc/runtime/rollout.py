@@ -1,6 +1,7 @@
 """One run of a controller in simulation and its record."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class Recorder:
         self.disturber = disturber
         self.simulation = loop.simulation
         self.kinematics = Kinematics(self.simulation.robot)
-        self.rows: dict[str, list] = {}
+        self.rows: list[dict[str, Any]] = []
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
         self._watch = TouchDownWatch(self.simulation.timestep)
@@ -129,27 +130,27 @@ class Recorder:
         measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]), (left, right))
         moment = self.loop.moment()
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
-        row = {
-            "time": t,
-            "command": self.loop.safe.command.array(),
-            "measured": [getattr(measured, name) for name in MEASURED_NAMES],
-            "clearance": measured.clearance,
-            **{name: getattr(moment, name) for name in self._moment_fields},
-            "qvel": self.simulation.qvel,
-            "target": command.q.copy(),
-            "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
-            "reachable": self.loop.reachable,
-            "torque": self.simulation.torque,
-        }
-        for name, value in row.items():
-            self.rows.setdefault(name, []).append(value)
+        self.rows.append(
+            {
+                "time": t,
+                "command": self.loop.safe.command.array(),
+                "measured": [getattr(measured, name) for name in MEASURED_NAMES],
+                "clearance": measured.clearance,
+                **{name: getattr(moment, name) for name in self._moment_fields},
+                "qvel": self.simulation.qvel,
+                "target": command.q.copy(),
+                "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
+                "reachable": self.loop.reachable,
+                "torque": self.simulation.torque,
+            }
+        )
         return moment
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """Return the record of the run."""
         return Trace(
             name=self.loop.safe.name,
-            **{name: np.array(values) for name, values in self.rows.items()},
+            **{name: np.array([row[name] for row in self.rows]) for name in self.rows[0]},
             tick_ms=np.array(self.tick_ms),
             ik_ms=np.array(self.ik_ms),
             **self._watch.record(),
