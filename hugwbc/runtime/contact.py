@@ -133,7 +133,7 @@ class ContactObserver:
             rows = slice(_WRENCH * loaded, _WRENCH * (loaded + 1))
             self.force = np.zeros((_FEET, 3))
             self.force[loaded] = np.linalg.solve(normal[rows, rows], wrenches[rows].dot(felt))[:3]
-        self.contact = self.force[:, 2] > np.where(self.contact, _LIFT, _TOUCH)
+        self.contact = self.force[:, 2] > _TOUCH - (_TOUCH - _LIFT) * self.contact
         return self.contact
 
     def _move(self, acceleration: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ def joined(readings: Sequence[RobotState]) -> RobotState:
         if count == 1 or gyro is None or accelerometer is None or torque is None:
             return last
         parts.append((gyro, accelerometer, torque))
-    gyro, accelerometer, torque = (sum(values[1:], values[0]) / count for values in zip(*parts, strict=True))
+    gyro, accelerometer, torque = [sum(values[1:], values[0]) / count for values in zip(*parts, strict=True)]
     return dataclasses.replace(last, imu_gyro=gyro, imu_accelerometer=accelerometer, torque=torque)
 
 

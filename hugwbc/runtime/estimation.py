@@ -5,7 +5,6 @@ The filter multiplies by `dot`: on matrices this small it takes half the time of
 
 import collections
 import dataclasses
-import math
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +13,7 @@ from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.contact import BASE_WEIGHT, ContactObserver
-from hugwbc.runtime.reading_guard import GYRO_JUMP, ReadingGuard
+from hugwbc.runtime.reading_guard import GYRO_JUMP, LARGEST_READING, ReadingGuard
 from hugwbc.sim.engine import Engine
 from hugwbc.state import GRAVITY, RobotState
 
@@ -23,8 +22,6 @@ _MOTION = 9 + 3 * _FEET  # orientation, velocity, position, feet
 _SIZE = _MOTION + 6  # and the biases
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 _GYRO_BIAS, _ACCELEROMETER_BIAS = slice(_MOTION, _MOTION + 3), slice(_MOTION + 3, _SIZE)
-# [rad], [rad/s], [rad/s^2], [m/s^2]; larger readings come from broken sensors.
-LARGEST_READING = 1e4
 _LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is integrated for this time only
 _SAME_TIME = 1e-6  # [s]
 _PLANS = 256  # that are kept: half a second of the shortest control periods
@@ -228,7 +225,7 @@ class StateEstimator:
 
         Everything but the time, the age and the IMU's raw readings is replaced. What the `guard` refuses is filled in
         first; the estimate says so (`RobotState.coasted`). A reading that lacks the IMU or the joint torques, is not
-        finite, or is beyond `LARGEST_READING`, is passed on as it is.
+        finite, or is the first and beyond `LARGEST_READING`, is passed on as it is.
 
         Args:
             state: a reading, perhaps of some time ago (`state.age`).
@@ -240,11 +237,7 @@ class StateEstimator:
         """
         state = self.guard.admit(state)
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
-        if gyro is None or accelerometer is None or torque is None:
-            return state
-        # One such number would stay in the filter for ever. A comparison with NaN is false.
-        together = np.concatenate((gyro, accelerometer, state.q, state.dq, torque, state.orientation))
-        if not (np.abs(together) <= LARGEST_READING).all() or not math.isfinite(state.age):
+        if gyro is None or accelerometer is None or torque is None or not self.guard.started or not state.is_finite:
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
@@ -293,7 +286,9 @@ class StateEstimator:
 
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
         """Return the plan for the time up to that of the reading; keep the plan for the present."""
-        if planned is not None and (planned.shape != state.q.shape or not (np.abs(planned) <= LARGEST_READING).all()):
+        if planned is not None and (
+            planned.shape != state.q.shape or np.count_nonzero(np.abs(planned) <= LARGEST_READING) < planned.size
+        ):
             planned = None
         self._plans.append((state.time + state.age, planned))
         while len(self._plans) > 1 and self._plans[0][0] < state.time - _SAME_TIME:
@@ -316,7 +311,7 @@ class StateEstimator:
         noise = ENCODER_NOISE**2
         self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
         turning = self._observer.sole_velocity[:, 3:]
-        self._turning = np.sqrt((turning * turning).sum(axis=1))
+        self._turning = np.sqrt(np.add.reduce(turning * turning, 1))
 
     def _predict(self, gyro: np.ndarray, accelerometer: np.ndarray, dt: float) -> None:
         """Integrate readings without their biases over `dt` [s]."""

@@ -72,8 +72,10 @@ class MotorWatch:
         torque = constant - kp * q - kd * speed
         # A motor has no torque to drive a joint at its highest speed.
         possible = self._slope * (self._fastest - speed * np.sign(torque))
-        asked = np.minimum(np.minimum(np.abs(torque), possible).min(axis=0), _MOST)
-        missing = np.where(asked > ASKED, self._missing + elapsed * asked, math.exp(-elapsed / _FORGET) * self._missing)
-        self._missing = np.where(quiet, missing, 0.0)
-        if not self.dead and self._missing.max() > MISSING:
+        # Ufuncs themselves take a fifth of the time of `min` and `where`.
+        asked = np.minimum(np.minimum.reduce(np.minimum(np.abs(torque), possible)), _MOST)
+        missing = math.exp(-elapsed / _FORGET) * self._missing
+        np.add(self._missing, elapsed * asked, out=missing, where=asked > ASKED)
+        self._missing = missing * quiet
+        if not self.dead and np.maximum.reduce(self._missing) > MISSING:
             self.dead = self._robot.joint_names[self._robot.legs[int(np.argmax(self._missing))]]

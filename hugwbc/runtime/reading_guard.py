@@ -18,6 +18,8 @@ from hugwbc.state import RobotState
 IMU, ALL = "imu", "all readings"
 
 
+# [rad], [rad/s], [rad/s^2], [m/s^2], [N*m]; larger numbers come from broken sensors, and nothing starts from them.
+LARGEST_READING = 1e4
 # Valid readings.
 GYRO = 34.9  # [rad/s], largest angular velocity; the IMU's range is 2000 degrees per second
 ACCELEROMETER = 235.0  # [m/s^2], largest specific force; the IMU's range is 24 g, and averages of impacts lie within
@@ -86,6 +88,11 @@ class ReadingGuard:
         self._time, self._period, self._refused, self._lost = None if state is None else state.time, period, 0, ""
         self._attitude = None if state is None else (state.orientation, state.angular_velocity)
 
+    @property
+    def started(self) -> bool:
+        """Whether there has been a reading to judge others by."""
+        return self._last is not None
+
     def admit(self, state: RobotState) -> RobotState:
         """Return a reading in which what was refused is replaced, with `coasted` and `lost` set.
 
@@ -94,11 +101,9 @@ class ReadingGuard:
         if state.imu_gyro is None or state.imu_accelerometer is None or state.torque is None:
             return state
         raw = np.concatenate((state.imu_gyro, state.imu_accelerometer, state.q, state.dq, state.torque))
-        if raw.size != self._past.shape[1]:
-            return state
         time, timely = self._clock(state.time)
         if self._last is None:
-            if not np.isfinite(raw).all():
+            if not (np.abs(raw) <= LARGEST_READING).all():
                 return state
             self._last, self._raw = raw, raw
         if timely and self._is_sound(raw):
@@ -130,7 +135,7 @@ class ReadingGuard:
         change[self._q] -= self._period * last[self._dq]
         # A comparison with NaN is false.
         sound = (np.abs(change) <= self._room) & (raw <= self._highest) & (raw >= self._lowest) & (raw != before)
-        return bool(sound.all())
+        return np.count_nonzero(sound) == sound.size  # in a tenth of the time of `all`
 
     def _clock(self, time: float) -> tuple[float, bool]:
         """Return the time of a reading [s], and whether its stamp can be true."""
