@@ -70,14 +70,13 @@ class RobotState:
         """Heading of the pelvis [rad]."""
         return float(rotations.yaw_of(self.orientation))
 
-    @property
+    @functools.cached_property
     def is_finite(self) -> bool:
         """Whether all numbers in the fields that are present are finite."""
-        return math.isfinite(self.time + self.age + self._square)
+        return math.isfinite(self.time + self.age + self._square())
 
-    @functools.cached_property
     def _square(self) -> float:
-        """The sum of the squares of all numbers but the times, which do not cancel as numbers might."""
+        """Return the sum of the squares of all numbers but the times: it does not cancel as a sum might."""
         fields = vars(self)
         given = [value for name in _VECTORS if (value := fields[name]) is not None]
         together = np.concatenate([value if value.ndim == 1 else value.ravel() for value in given])
@@ -89,7 +88,7 @@ class RobotState:
 
         A broken IMU may send zeros.
         """
-        size = self._square + abs(self.time + self.age)  # a comparison with NaN is false
+        size = self._square() + abs(self.time + self.age)  # a comparison with NaN is false
         return size < _LARGEST_SQUARE and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
 
 
@@ -123,6 +122,7 @@ def pelvis_from_torso_imu(
     # The product with (c, 0, 0, s), a turn back about z.
     c, s = math.cos(0.5 * waist), -math.sin(0.5 * waist)
     w, x, y, z = orientation.tolist()
-    rate = rotations.rotation_z(waist).dot(gyro)
-    rate[2] -= waist_rate
-    return np.array([w * c - z * s, c * x + y * s, c * y - x * s, w * s + c * z]), rate
+    turn_x, turn_y, turn_z = gyro.tolist()
+    cosine, sine = math.cos(waist), math.sin(waist)
+    rate = cosine * turn_x - sine * turn_y, sine * turn_x + cosine * turn_y, turn_z - waist_rate
+    return np.array([w * c - z * s, c * x + y * s, c * y - x * s, w * s + c * z]), np.array(rate)

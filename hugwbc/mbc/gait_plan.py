@@ -17,6 +17,7 @@ class Mode(enum.Enum):
     LANDING = "landing"
 
 
+_STEPPING = (Mode.WALKING, Mode.LEAPING)
 _LONGEST_WAIT = 0.4  # longest wait for a foot that does not find the ground, as a share of the step's duration
 _LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
@@ -68,7 +69,7 @@ class GaitPlan:
     @property
     def stepping(self) -> bool:
         """Whether the robot walks or leaps; the clock then runs, except during a countermovement."""
-        return self.mode in (Mode.WALKING, Mode.LEAPING)
+        return self.mode in _STEPPING
 
     @property
     def step_time(self) -> float:
@@ -80,7 +81,7 @@ class GaitPlan:
         """Time to the end of the step, the stance or the flight [s]; zero when standing or shifting."""
         if self._overdue > 0.0:
             return 0.0
-        if self.stepping:
+        if self.mode in _STEPPING:
             return self._gather + (0.5 - self.phase % 0.5) / (self.frequency * self._pace)
         return max(self._gather - self.elapsed, 0.0) if self.mode is Mode.LANDING else 0.0
 

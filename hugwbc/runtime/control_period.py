@@ -1,6 +1,5 @@
 """One period of control, the same in simulation and on a robot: estimate, arms, controller behind the safety filter."""
 
-import dataclasses
 import math
 import time
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import PlanView
@@ -58,7 +58,7 @@ def joined(readings: Sequence[RobotState]) -> RobotState:
             return last
         parts.append((gyro, accelerometer, torque))
     gyro, accelerometer, torque = [sum(values[1:], values[0]) / count for values in zip(*parts, strict=True)]
-    return dataclasses.replace(last, imu_gyro=gyro, imu_accelerometer=accelerometer, torque=torque)
+    return changed(last, imu_gyro=gyro, imu_accelerometer=accelerometer, torque=torque)
 
 
 class ArmSource(Protocol):

@@ -98,14 +98,15 @@ class ControlLoop:
         return self.control.decide(t)
 
     def step(self, command: JointCommand, duration: float) -> None:
-        """Apply a joint command for a duration [s]; the estimator sees every physics step."""
+        """Apply a joint command for a duration [s]."""
+        for _ in range(max(1, round(duration / self.simulation.timestep))):
+            self.step_physics(command)
+
+    def step_physics(self, command: JointCommand) -> None:
+        """Apply a joint command for one physics step; the estimator sees each."""
         simulation = self.simulation
-        if self.control.estimator is None:
-            simulation.advance(command, duration)
-            return
-        timestep = simulation.timestep
-        for _ in range(max(1, round(duration / timestep))):
-            simulation.advance(command, timestep)
+        simulation.advance(command)
+        if self.control.estimator is not None:
             self.control.observe(simulation.sense(), simulation.time)
 
     def moment(self) -> Moment:

@@ -114,7 +114,7 @@ class Recorder:
         for substep in range(self.loop.substeps):
             if self.disturber is not None:
                 self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
-            self.loop.step(command, dt)
+            self.loop.step_physics(command)
             if self.on_step is not None:
                 self.on_step(simulation.state(), self.loop.control.estimate)
             self._watch.update(t + (substep + 1) * dt, simulation.foot_force, simulation.sole_velocity)

@@ -13,6 +13,7 @@ from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
 from hugwbc.extensions import described
 from hugwbc.kinematics import in_place
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.feasibility import feasible
@@ -339,7 +340,7 @@ class SafetyFilter:
         q = _clip(upper_body.q, *self._arm_limits)
         if ((q != upper_body.q) & upper_body.mask).any():
             self._count("upper_body_limited", "external arm targets outside the joint limits: clamped")
-            upper_body = dataclasses.replace(upper_body, q=q)
+            upper_body = changed(upper_body, q=q)
         self._last_upper = upper_body
         return upper_body
 
@@ -384,9 +385,9 @@ class SafetyFilter:
         """Return a finite joint command within all limits, and count what was changed."""
         before = np.array((output.q, output.dq, output.kp, output.kd, output.tau))
         after = _clip(before, self._low, self._high)
-        changed = before != after
-        if np.count_nonzero(changed):  # in a fifth of the time of `any`
-            for counter, joints, way in zip(_LIMITED, changed, np.abs(before - after), strict=True):
+        different = before != after
+        if np.count_nonzero(different):  # in a fifth of the time of `any`
+            for counter, joints, way in zip(_LIMITED, different, np.abs(before - after), strict=True):
                 if joints.any():
                     joint = self.robot.joint_names[int(np.argmax(way))]
                     self._count(counter, f"{counter.replace('_', ' ')}, first at {joint}")

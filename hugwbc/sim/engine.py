@@ -226,27 +226,28 @@ class Engine(abc.ABC):
         """Return whether the torso touches the ground."""
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
-        """Apply a joint command as `advance` does, and return the new true state."""
-        self.advance(command, duration)
+        """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state."""
+        self.advance(command, max(1, round(duration / self.timestep)))
         return self._sensors.truth(self._readings[-1])
 
-    def advance(self, command: JointCommand, duration: float) -> None:
-        """Apply a joint command for a duration [s], rounded to whole physics steps.
+    def advance(self, command: JointCommand, steps: int = 1) -> None:
+        """Apply a joint command for some physics steps.
 
         With a delay, the drives follow the command that many physics steps later; only the first command after a reset
         acts at once. A command that is not finite is counted, and the previous command is held instead.
         """
-        if not command.is_finite:
-            self.rejected_commands += 1
-        elif command is not self._command:
-            self._take(command)
+        if command is not self._command:
+            if command.is_finite:
+                self._take(command)
+            else:
+                self.rejected_commands += 1
         given = self._given
         if self._faults is not None:
             kp, kd, constant = given
             given = self._faults.drive(self.time, (kp.copy(), kd.copy(), constant.copy()))
         if not self._pending:
             self._pending.extend([given] * self._delay)
-        for _ in range(max(1, round(duration / self.timestep))):
+        for _ in range(steps):
             self._pending.append(given)
             if self._force_until:
                 self._expire_forces()

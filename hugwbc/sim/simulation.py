@@ -89,7 +89,7 @@ class Simulation(Engine):
         self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None
         self._footing = None if terrain is None else Footing(self.model, terrain)
         self.data = mujoco.MjData(self.model)
-        self._moved = np.zeros(mujoco.mj_stateSize(self.model, _MOVED))
+        self._computed, self._present = np.zeros((2, mujoco.mj_stateSize(self.model, _MOVED)))
         self._warnings = self.data.warning.number  # a view; to find it takes longer than to read it
         self.link_names = link_names(self.model)
         self.external_force = self.data.xfrc_applied
@@ -191,10 +191,11 @@ class Simulation(Engine):
             mujoco.mj_step2(self.model, data)
         else:
             mujoco.mj_step(self.model, data)
-        numbers = self._warnings.tolist()
-        failures = [warning for warning in DIVERGED if numbers[warning]]
+        failures = [warning for warning in DIVERGED if self._warnings[warning]]
         self.diverged |= failures != []
-        self._torque = self.torque  # during this step; `mj_forward` computes that of the next one
+        self._torque = data.actuator_force[
+            drives
+        ].copy()  # during this step; `mj_forward` then
         if self.gripper is not None:
             self.gripper.update()
         self._compute()
@@ -207,18 +208,15 @@ class Simulation(Engine):
     def _compute(self) -> None:
         """Compute what follows from the state: places, contacts, forces and the readings of the sensors."""
         mujoco.mj_forward(self.model, self.data)
-        self._computed = self._state()
+        mujoco.mj_getState(self.model, self.data, self._computed, _MOVED)
 
     def _is_computed(self) -> bool:
         """Return whether the places and contacts are those of the state, so that a step need not compute them again.
 
         They are not if someone has moved the robot or an object, or if a gripper has closed or opened.
         """
-        return self._computed == self._state()
-
-    def _state(self) -> bytes:
-        mujoco.mj_getState(self.model, self.data, self._moved, _MOVED)
-        return self._moved.tobytes()
+        mujoco.mj_getState(self.model, self.data, self._present, _MOVED)
+        return self._present.tobytes() == self._computed.tobytes()
 
     def _feel_acceleration(self) -> None:
         """Set the accelerometer to the change of the IMU's velocity over the step.
@@ -256,7 +254,8 @@ class Simulation(Engine):
     def _reading(self) -> Reading:
         data, layout, sensed = self.data, self._layout, self.data.sensordata.copy()
         # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
-        foot_force, hand_force = (-sensed[self._places_by_side[name]] for name in ("foot_force", "elbow_link_force"))
+        foot_force = -sensed[self._places_by_side["foot_force"]]
+        hand_force = -sensed[self._places_by_side["elbow_link_force"]]
         return Reading(
             time=data.time,
             qpos=data.qpos[layout.qpos].copy(),
