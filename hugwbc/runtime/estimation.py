@@ -8,6 +8,7 @@ import dataclasses
 
 import numpy as np
 import pinocchio as pin
+from eigenpy import LLT
 
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
@@ -359,7 +360,7 @@ class StateEstimator:
         innovation = self._R.dot(self._soles[foot]) + self._p - self._d[foot]
         spread = self._P[:, _POSITION] - self._P[:, rows]
         covariance = spread[_POSITION] - spread[rows] + self._soles_noise[foot]
-        gain = spread.dot(np.linalg.inv(covariance))
+        gain = LLT(covariance).solve(spread.T).T
         error = gain.dot(-innovation)
         turn = pin.exp3(error[_ORIENTATION])
         self._R = turn.dot(self._R)

@@ -193,9 +193,7 @@ class Simulation(Engine):
             mujoco.mj_step(self.model, data)
         failures = [warning for warning in DIVERGED if self._warnings[warning]]
         self.diverged |= failures != []
-        self._torque = data.actuator_force[
-            drives
-        ].copy()  # during this step; `mj_forward` then
+        self._torque = data.actuator_force[drives].copy()  # during this step; `mj_forward` then
         if self.gripper is not None:
             self.gripper.update()
         self._compute()
