@@ -100,12 +100,25 @@ class Kinematics:
     def place(self, state: RobotState) -> None:
         """Set configuration and velocity, and compute nothing."""
         self._state = state
-        self.q[:3] = 0.0 if state.position is None else state.position
-        self.q[3:6], self.q[6] = state.orientation[1:], state.orientation[0]
-        self.q[self._q_joints] = state.q
-        self.v[:3] = 0.0 if state.velocity is None else _into_body(state.orientation, state.velocity)
-        self.v[3:6] = state.angular_velocity
-        self.v[self._v_joints] = state.dq
+        self.place_joints(state.q, state.dq)
+        self.place_pelvis(state.orientation, state.angular_velocity, state.position, state.velocity)
+
+    def place_joints(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Set positions [rad] and velocities [rad/s] of the joints, shapes (19,)."""
+        self.q[self._q_joints], self.v[self._v_joints] = q, dq
+
+    def place_pelvis(
+        self,
+        orientation: np.ndarray,
+        angular_velocity: np.ndarray,
+        position: np.ndarray | None,
+        velocity: np.ndarray | None,
+    ) -> None:
+        """Set the motion of the pelvis as a `RobotState` has it; None counts as 0."""
+        self.q[:3] = 0.0 if position is None else position
+        self.q[3:6], self.q[6] = orientation[1:], orientation[0]
+        self.v[:3] = 0.0 if velocity is None else _into_body(orientation, velocity)
+        self.v[3:6] = angular_velocity
 
     def _compute(self) -> None:
         """Compute placements, velocities, and accelerations at zero generalised acceleration, of all frames."""

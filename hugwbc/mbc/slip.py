@@ -1,6 +1,7 @@
 """Slipping soles: how much friction the ground still has, and how fast a robot may walk on it."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -35,16 +36,21 @@ class SlipWatch:
     def reset(self) -> None:
         """Assume good ground."""
         self.friction, self.fastest = self._good, math.inf
-        self._filtered = np.zeros((2, 3))  # by foot: speed [m/s], horizontal and vertical force [N]
+        self._filtered = [(0.0, 0.0, 0.0)] * 2  # by foot: speed [m/s], horizontal and vertical force [N]
         self._since = _BETWEEN  # the last reduction [s]
 
-    def update(self, velocities: np.ndarray, forces: np.ndarray, dt: float) -> None:
-        """Take both soles' horizontal velocities [m/s], shape (2, 2), and the forces on them [N], shape (2, 3)."""
-        slips = 0.0
-        for foot, (velocity, (x, y, z)) in enumerate(zip(velocities.tolist(), forces.tolist(), strict=True)):
-            now = (math.hypot(*velocity), math.hypot(x, y), z) if z > _LOADED else (0.0, 0.0, 0.0)
-            self._filtered[foot] += min(dt / _FILTER, 1.0) * (now - self._filtered[foot])
-            speed, sideways, load = self._filtered[foot].tolist()
+    def update(self, velocities: Sequence[np.ndarray], forces: np.ndarray, dt: float) -> None:
+        """Take both soles' velocities [m/s], shape (2 or more,) each, and the forces on them [N], shape (2, 3)."""
+        slips, share = 0.0, min(dt / _FILTER, 1.0)
+        for foot, (x, y, z) in enumerate(forces.tolist()):  # of so few numbers, floats are faster than arrays
+            slow, aside, down = 0.0, 0.0, 0.0
+            if z > _LOADED:
+                slow, aside, down = math.hypot(*velocities[foot][:2].tolist()), math.hypot(x, y), z
+            speed, sideways, load = self._filtered[foot]
+            speed += share * (slow - speed)
+            sideways += share * (aside - sideways)
+            load += share * (down - load)
+            self._filtered[foot] = speed, sideways, load
             if sideways < _GRIP * load:
                 slips = max(slips, speed)
         self._since += dt

@@ -97,18 +97,17 @@ class ControlLoop:
             self.safe.ask("source_failures", "the source", lambda: following.follow(truth))
         return self.control.decide(t)
 
-    def step(self, command: JointCommand, duration: float) -> RobotState:
-        """Apply a joint command for a duration [s] and return the true state; the estimator sees every physics step."""
-        if self.control.estimator is None:
-            return self.simulation.step(command, duration)
-        timestep = self.simulation.timestep
-        return [self._observed_step(command, timestep) for _ in range(max(1, round(duration / timestep)))][-1]
+    def step(self, command: JointCommand, duration: float) -> None:
+        """Apply a joint command for a duration [s]."""
+        for _ in range(max(1, round(duration / self.simulation.timestep))):
+            self.step_physics(command)
 
-    def _observed_step(self, command: JointCommand, timestep: float) -> RobotState:
-        """Make one physics step, show the estimator its reading, and return the true state."""
-        state = self.simulation.step(command, timestep)
-        self.control.observe(self.simulation.sense(), self.simulation.time)
-        return state
+    def step_physics(self, command: JointCommand) -> None:
+        """Apply a joint command for one physics step; the estimator sees each."""
+        simulation = self.simulation
+        simulation.advance(command)
+        if self.control.estimator is not None:
+            self.control.observe(simulation.sense(), simulation.time)
 
     def moment(self) -> Moment:
         """Return what a picture shows now."""

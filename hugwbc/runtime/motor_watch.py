@@ -42,16 +42,16 @@ class MotorWatch:
         self.dead = ""
         self._missing = np.zeros(self._limit.size)
         # Times of commands [s], and what they ask of the legs: stiffness, damping, and torque at zero angle and speed.
-        self._commands: collections.deque[tuple[float, tuple[np.ndarray, ...]]] = collections.deque(maxlen=_KEPT)
+        self._commands: collections.deque[tuple[float, np.ndarray]] = collections.deque(maxlen=_KEPT)
         self._now = math.inf  # [s]
-        self._torque = np.empty(0)  # of the last reading [N*m]
+        self._torque = b""  # of the last reading
 
     def note(self, command: JointCommand) -> None:
         """Keep the joint command that follows on the last reading."""
         legs = self._legs
         kp, kd = command.kp[legs], command.kd[legs]
         constant = command.tau[legs] + kp * command.q[legs] + kd * command.dq[legs]
-        self._commands.append((self._now, (kp, kd, constant)))
+        self._commands.append((self._now, np.array((kp, kd, constant))))
 
     def see(self, reading: RobotState, now: float) -> None:
         """Compare the torques of a new reading, which arrives now [s], with what the commands of its time asked for."""
@@ -62,21 +62,20 @@ class MotorWatch:
         acting = [asks for issued, asks in self._commands if issued <= acted]
         if not acting or reading.torque is None:
             return
-        frozen, self._torque = np.array_equal(reading.torque, self._torque), reading.torque
-        if frozen:  # measured torques have noise
+        last, self._torque = self._torque, reading.torque.tobytes()
+        if self._torque == last:  # measured torques have noise
             return
         legs = self._legs
         q, speed = reading.q[legs], reading.dq[legs]
         quiet = np.abs(reading.torque[legs]) <= QUIET  # a comparison with NaN is false
-        asked = np.full(quiet.size, _MOST)
-        for kp, kd, constant in acting:
-            torque = constant - kp * q - kd * speed
-            # A motor has no torque to drive a joint at its highest speed.
-            possible = self._slope * (self._fastest - speed * np.sign(torque))
-            asked = np.minimum(asked, np.minimum(np.abs(torque), possible))
-            if not (quiet & (asked > ASKED)).any():
-                break
-        missing = np.where(asked > ASKED, self._missing + elapsed * asked, math.exp(-elapsed / _FORGET) * self._missing)
-        self._missing = np.where(quiet, missing, 0.0)
-        if not self.dead and self._missing.max() > MISSING:
+        kp, kd, constant = np.array(acting).transpose(1, 0, 2)
+        torque = constant - kp * q - kd * speed
+        # A motor has no torque to drive a joint at its highest speed.
+        possible = self._slope * (self._fastest - speed * np.sign(torque))
+        # Ufuncs themselves take a fifth of the time of `min` and `where`.
+        asked = np.minimum(np.minimum.reduce(np.minimum(np.abs(torque), possible)), _MOST)
+        missing = math.exp(-elapsed / _FORGET) * self._missing
+        np.add(self._missing, elapsed * asked, out=missing, where=asked > ASKED)
+        self._missing = missing * quiet
+        if not self.dead and np.maximum.reduce(self._missing) > MISSING:
             self.dead = self._robot.joint_names[self._robot.legs[int(np.argmax(self._missing))]]
