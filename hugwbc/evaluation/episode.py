@@ -77,7 +77,7 @@ class Run:
 
     @property
     def command(self) -> Command:
-        """The command at the start; without a schedule or tour, that of the whole episode."""
+        """The command at the start; without a schedule, that of the whole episode."""
         return self.plan.command
 
 

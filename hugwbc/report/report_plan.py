@@ -1,7 +1,7 @@
 """The runs of a report, and its statement of how it was made.
 
-The paper says how many rollouts its disturbance figure has (4096) and how long an episode is (1000 steps of 20 ms), but
-not how many episodes its tables average over; the full profile takes 256 for each gait.
+The paper says how long an episode is (1000 steps of 20 ms), but not how many its tables average over; the full profile
+takes 256 for each gait.
 """
 
 import dataclasses

@@ -1,7 +1,6 @@
-"""Pictures of evaluations: heat maps, polar plots, gait diagrams, clouds of hand positions and curves."""
+"""Pictures of evaluations: gait diagrams, clouds of hand positions and curves."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,60 +10,9 @@ from hugwbc.viz.plots import INK, Panel, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.projections.polar import PolarAxes
 
-_MAPS_HEIGHT, _POLAR_HEIGHT, _CLOUD_HEIGHT = 5.0, 5.0, 5.0  # [in]
-_GAP = 1  # number of empty cells between two heat maps
-_TOP = 3.0  # value of the brightest colour of a heat map
+_CLOUD_HEIGHT = 5.0  # [in]
 FEET = ("left", "right")
-
-
-def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], np.ndarray], label: str) -> Panel:
-    """Draw heat maps of all ordered pairs of quantities: a row for each first name, a column for each second.
-
-    A map is square, with its rows from bottom to top; NaN cells are crossed out. The label is that of the colour bar,
-    which goes from 0 to `_TOP`.
-    """
-
-    def draw(axes: "Axes") -> None:
-        points = len(next(iter(maps.values())))
-        pitch = points + _GAP
-        size = pitch * len(names) - _GAP
-        whole = np.full((size, size), np.nan)
-        crosses: list[tuple[float, float]] = []
-        for (first, second), values in maps.items():
-            # Names read from the top, whereas rows count from the bottom.
-            row, column = pitch * (len(names) - 1 - names.index(first)), pitch * names.index(second)
-            whole[row : row + points, column : column + points] = values
-            crosses += [(column + x, row + y) for y, x in np.argwhere(~np.isfinite(values))]
-        image = axes.imshow(whole, origin="lower", interpolation="none", cmap="viridis", vmin=0.0, vmax=_TOP)
-        if crosses:
-            axes.plot(*zip(*crosses, strict=True), "x", color=INK, markersize=3, markeredgewidth=0.8)
-        middles = pitch * np.arange(len(names)) + (points - 1) / 2
-        axes.set_xticks(middles, names)
-        axes.set_yticks(middles, list(reversed(names)))
-        axes.grid(visible=False)
-        axes.set_xlabel("against")
-        axes.set_ylabel("error of")
-        assert axes.figure is not None
-        axes.figure.colorbar(image, ax=axes, label=label, extend="max")
-
-    return Panel(title, picture(title, draw, height=_MAPS_HEIGHT), coloured=False)
-
-
-def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
-    """Draw one closed curve for each name over directions [rad]; 0 (ahead) points up, angles grow to the left."""
-
-    def draw(axes: "PolarAxes") -> None:
-        axes.set_theta_zero_location("N")
-        round_trip = [*angles, angles[0]]
-        for (name, values), colour in zip(series.items(), LABEL_COLOURS, strict=False):
-            numbers = [math.nan if value is None else value for value in values]
-            axes.plot(round_trip, [*numbers, numbers[0]], color=colour, marker="o", markersize=4, label=name)
-        axes.set_ylim(bottom=0.0)
-        axes.set_xticks(list(angles), [f"{math.degrees(angle):.0f}°" for angle in angles])
-
-    return Panel(f"{title} [{unit}]", picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
 
 
 def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
@@ -123,19 +71,16 @@ def curves(
     labels: tuple[str, str],
     *,
     dashed: tuple[np.ndarray, np.ndarray],
-    bottom: float | None = None,
 ) -> Panel:
     """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and a dashed reference line.
 
-    The labels are those of the two axes; `bottom` is the lower end of the vertical axis.
+    The labels are those of the two axes.
     """
 
     def draw(axes: "Axes") -> None:
         for (name, (x, y)), colour in zip(series.items(), LABEL_COLOURS, strict=False):
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
         axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
-        if bottom is not None:
-            axes.set_ylim(bottom=bottom)
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
 
