@@ -8,6 +8,7 @@ from hugwbc.errors import HugwbcError
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
+from hugwbc.evaluation.plans import Plan
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import save_policy
 from hugwbc.learned.policy.networks import Actor
@@ -25,7 +26,7 @@ def result(controller: str, training: str) -> Result:
         dataclasses.replace(figure, controller=controller) if figure.estimate is not None else figure
         for figure in figures(settings, frame_of(rows))
     ]
-    return Result("intervention", controller, settings, rows, found)
+    return Result("intervention", controller, settings, [Plan(0), Plan(1)], rows, found)
 
 
 def test_every_training_has_its_paper_column_before_its_policies():
