@@ -74,7 +74,7 @@ def _measure(words: Sequence[str]) -> int:
     """Run an experiment with each controller, and write a table with their differences."""
     experiment, words = _experiment(list(words))
     options = evaluate.parse_options(f"compare --experiment {experiment.name}", experiment, words, TableOptions)
-    chosen, place = options.first, options.execution
+    chosen, place = options.controller, options.execution
     check_count(len(chosen.controllers), "controllers")
     specs = _specs(chosen)
     entries = [

@@ -63,7 +63,7 @@ def parse_entry(words: Sequence[str]) -> tuple[Entry, ExecutionOptions]:
     name, words = _name(list(words))
     experiment = experiment_of(name)
     options = parse_options(f"evaluate {experiment.name}", experiment, words, ControllerOptions)
-    spec = ControllerSpec(options.first.controller, options.first.policy)
+    spec = ControllerSpec(options.controller.controller, options.controller.policy)
     return Entry(experiment, options.experiment, spec), options.execution
 
 
@@ -119,9 +119,9 @@ def _name(words: list[str]) -> tuple[str, list[str]]:
     return DEFAULT, words
 
 
-def parse_options(verb: str, experiment: Experiment[Any], words: Sequence[str], first: type[Any]) -> Any:  # noqa: ANN401
-    """Return options whose class is made here: `first`, then `experiment` with its conditions, and `execution`."""
-    parts = {"first": first, "experiment": experiment.settings, "execution": ExecutionOptions}
+def parse_options(verb: str, experiment: Experiment[Any], words: Sequence[str], controller: type[Any]) -> Any:  # noqa: ANN401
+    """Return options whose class is made here: `controller`, then `experiment` with its conditions, and `execution`."""
+    parts = {"controller": controller, "experiment": experiment.settings, "execution": ExecutionOptions}
     fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in parts.items()]
     options = tyro.conf.OmitArgPrefixes[dataclasses.make_dataclass("Options", fields)]  # type: ignore[valid-type]
     return parse(options, words, verb, f"{experiment.summary[:1].upper()}{experiment.summary[1:]}.")

@@ -182,13 +182,15 @@ def path_panel(traces: Sequence[Trace]) -> Panel:
     check_traces(traces)
 
     def draw(axes: "Axes") -> None:
-        for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
+        for number, (trace, colour) in enumerate(zip(traces, LABEL_COLOURS, strict=False)):
             way = trace.qpos[:, :2]
             axes.plot(way[:, 0], way[:, 1], color=colour)
             yaw = float(rotations.yaw_of(trace.qpos[-1, 3:7]))
             ahead: Any = (3, 0, np.degrees(yaw) - 90.0)  # a triangle, turned
             axes.plot(*way[-1], marker="X" if trace.fell else ahead, color=colour, markersize=11)
-            axes.annotate(trace.name, way[-1], (8, 8), textcoords="offset points", color=colour, fontsize=9)
+            # Each name is a line higher than the one before, so that robots that end side by side have readable names.
+            above = (8, 8 + 11 * number)
+            axes.annotate(trace.name, way[-1], above, textcoords="offset points", color=colour, fontsize=9)
         axes.plot(0.0, 0.0, "s", color=INK, markersize=4)
         points = np.concatenate([trace.qpos[:, :2] for trace in traces])
         low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
