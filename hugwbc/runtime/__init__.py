@@ -14,7 +14,7 @@ from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety import SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.runtime.trace_file import read_trace, write_trace
-from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim import Arena, Force, SensorProfile, Simulation
 from hugwbc.upper_ik import UpperBodySource
 
@@ -26,7 +26,6 @@ __all__ = [
     "Constant",
     "ControlLoop",
     "ControllerSpec",
-    "FollowingSource",
     "Force",
     "HoldController",
     "Moment",

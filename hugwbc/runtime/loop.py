@@ -12,7 +12,7 @@ from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
 from hugwbc.runtime.trace import CONTACT_FORCE
-from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -81,7 +81,6 @@ class ControlLoop:
         self.safe, self.simulation = self.control.safe, simulation
         self.period = self.safe.period
         self.substeps = substeps_of(self.period, simulation.timestep, controller.name)
-        self._following = source if isinstance(source, FollowingSource) else None
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
@@ -92,9 +91,6 @@ class ControlLoop:
         """Return the joint command for the next period, from what the sensors say at time t [s]."""
         if self.control.estimator is None:  # a push or a viewer may have changed the state since the last step
             self.control.observe(self.simulation.sense(), self.simulation.time)
-        if self._following is not None:
-            following, truth = self._following, self.simulation.state()
-            self.safe.ask("source_failures", "the source", lambda: following.follow(truth))
         return self.control.decide(t)
 
     def step(self, command: JointCommand, duration: float) -> None:
