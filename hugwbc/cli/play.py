@@ -140,7 +140,7 @@ def run(words: Sequence[str]) -> int:
         say(line)
     if behaviour is not None:
         say(f"{options.script}: {behaviour.ending}")
-    for bump in [] if watch is None else bumps(watch.touched, watch.lasted):
+    for bump in [] if watch is None else bumps(watch):
         say(f"scene: {bump}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")

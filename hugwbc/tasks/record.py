@@ -105,30 +105,23 @@ class TaskRecord:
         return any((link, body) in self.touched for link in links)
 
     @property
-    def bumps(self) -> tuple[str, ...]:
-        """What touched the scene beside the hands, such as "the left thigh touched 'box' at 7.2 s, for 1.3 s"."""
-        return bumps(self.touched, self.lasted)
-
-    @property
     def gripped(self) -> tuple[str, ...]:
         """Names of the bodies that the idealised grippers held at some time."""
         names = self.scene.body_names
         return tuple(names[index] for index in sorted(set(self.held.ravel().tolist()) - {-1}))
 
 
-def bumps(touched: Mapping[tuple[str, str], float], lasted: Mapping[tuple[str, str], float]) -> tuple[str, ...]:
-    """Return in words which parts of the robot other than its hands touched which bodies; see `TaskRecord`."""
-
-    def words(link: str) -> str:
-        side, _, part = link.removesuffix("_link").partition("_")
-        side, part = (f"{side} ", part) if side in SIDES else ("", link.removesuffix("_link"))
-        return f"the {side}{_WORDS.get(part, part.replace('_', ' '))}"
-
-    def time(contact: tuple[str, str]) -> str:
-        long = lasted.get(contact, 0.0)
-        return f"at {touched[contact]:.1f} s" + (f", for {long:.1f} s" if long >= _BRIEF else "")
-
-    return tuple(f"{words(one[0])} touched '{one[1]}' {time(one)}" for one in touched if one[0] not in _HANDS)
+def bumps(record: "TaskRecord | TaskWatch") -> tuple[str, ...]:
+    """Return what touched the scene beside the hands, such as "the left thigh touched 'box' at 7.2 s, for 1.3 s"."""
+    found = []
+    for (link, body), begin in record.touched.items():
+        part, long = link.removesuffix("_link"), record.lasted.get((link, body), 0.0)
+        for name, word in _WORDS.items():
+            part = part.replace(name, word)
+        if link not in _HANDS:
+            time = f"at {begin:.1f} s" + (f", for {long:.1f} s" if long >= _BRIEF else "")
+            found.append(f"the {part.replace('_', ' ')} touched '{body}' {time}")
+    return tuple(found)
 
 
 class TaskWatch:

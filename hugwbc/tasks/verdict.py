@@ -9,7 +9,7 @@ import numpy as np
 from hugwbc.behaviours.source import FARTHEST, RAN_AWAY, SETTLED
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
-from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.record import TaskRecord, bumps
 
 FELL = "the robot fell"
 FASTEST = 0.15  # [m/s], of the pelvis at the end
@@ -73,7 +73,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     score = reached / len(milestones)
 
     def failed(why: str, score: float, *said: str) -> Verdict:
-        return Verdict(False, why, "; ".join(filter(None, (*said, *record.bumps))), score)
+        return Verdict(False, why, "; ".join(filter(None, (*said, *bumps(record)))), score)
 
     if record.problems:
         problem, _, _ = record.problems[0].partition(" at ")  # without its time
@@ -86,7 +86,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     if drift > FARTHEST or speed > FASTEST:
         reason = RAN_AWAY if drift > FARTHEST else "the robot did not come to rest"
         return failed(reason, 0.99, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end")
-    return Verdict(True, "", "; ".join(record.bumps), 1.0)
+    return Verdict(True, "", "; ".join(bumps(record)), 1.0)
 
 
 def stillness(record: TaskRecord) -> tuple[float, float]:
