@@ -8,7 +8,7 @@ import numpy as np
 
 from hugwbc.errors import CommandError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.numeric import number
+from hugwbc.numeric import changed, number
 
 COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
@@ -174,7 +174,7 @@ class CommandChange:
 
 def changed_command(command: Command, changes: Sequence[CommandChange]) -> Command:
     """Return the command with the changes applied; the same object if there are none."""
-    return dataclasses.replace(command, **{change.name: change.used for change in changes}) if changes else command
+    return changed(command, **{change.name: change.used for change in changes}) if changes else command
 
 
 def default_command(gait: Gait) -> Command:

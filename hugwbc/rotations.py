@@ -26,7 +26,8 @@ def _rotate_one(w: float, x: float, y: float, z: float, a: float, b: float, c: f
 def cross(a: Array, b: Array) -> Array:
     """Return the cross product, shape (..., 3); of two vectors in a tenth of the time of `np.cross`."""
     if a.ndim == b.ndim == 1:
-        return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+        (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+        return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return namespace(a).stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), -1)

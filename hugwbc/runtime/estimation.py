@@ -5,6 +5,7 @@ The filter multiplies by `dot`: on matrices this small it takes half the time of
 
 import collections
 import dataclasses
+import math
 
 import numpy as np
 import pinocchio as pin
@@ -213,7 +214,7 @@ class StateEstimator:
         self._P = np.diag(np.repeat(spreads, 3) ** 2)
         self.contact = np.ones(_FEET, dtype=bool)
         self._time, self._gyro = state.time, np.zeros(3) if state.imu_gyro is None else state.imu_gyro
-        self._touch_down, self._turning = np.full(_FEET, -np.inf), np.zeros(_FEET)
+        self._touch_down, self._turning = [-math.inf] * _FEET, [0.0] * _FEET
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
         self._to_pelvis = rotations.rotation_z(float(self._joints.q[self._robot.waist]))
         self._observer.reset(self._estimate(state))
@@ -312,7 +313,7 @@ class StateEstimator:
         noise = ENCODER_NOISE**2
         self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
         turning = self._observer.sole_velocity[:, 3:]
-        self._turning = np.sqrt(np.add.reduce(turning * turning, 1))
+        self._turning = np.sqrt(np.add.reduce(turning * turning, 1)).tolist()
 
     def _predict(self, gyro: np.ndarray, accelerometer: np.ndarray, dt: float) -> None:
         """Integrate readings without their biases over `dt` [s]."""
@@ -335,15 +336,15 @@ class StateEstimator:
         self._P[:_MOTION, :_MOTION] += _GYRO_NOISE**2 * _READING * dt * lever.dot(lever.T)
         drive = self._drive * dt
         drive[_VELOCITY] = _ACCELEROMETER_NOISE**2 * _READING * dt
-        drive[9:_MOTION].reshape(_FEET, 3)[:] = (self._foot_velocities() ** 2 * _READING * dt)[:, None]
+        for foot in range(_FEET):
+            drive[9 + 3 * foot : 12 + 3 * foot] = self._foot_velocity(foot) ** 2 * _READING * dt
         self._P.ravel()[:: _SIZE + 1] += drive  # its diagonal
 
-    def _foot_velocities(self) -> np.ndarray:
-        """Return the standard deviations of the feet's velocities at present [m/s], shape (2,)."""
-        share = self._observer.force[:, 2] / (_FULL_LOAD * self._weight)
-        load = np.minimum(np.maximum(share, 0.0), 1.0)
-        landing = _LANDING_SLIP * np.exp(-(self._time - self._touch_down) / _LANDING_TIME)
-        return _FOOT_SLIP + landing + _LIFTING_SLIP * (1.0 - load) + _ROLLING * self._turning
+    def _foot_velocity(self, foot: int) -> float:
+        """Return the standard deviation of a foot's velocity at present [m/s]."""
+        load = min(max(float(self._observer.force[foot, 2]) / (_FULL_LOAD * self._weight), 0.0), 1.0)
+        landing = _LANDING_SLIP * math.exp((self._touch_down[foot] - self._time) / _LANDING_TIME)
+        return _FOOT_SLIP + landing + _LIFTING_SLIP * (1.0 - load) + _ROLLING * self._turning[foot]
 
     def _enter(self, foot: int) -> None:
         """Let a foot that comes down stand where the legs say."""
