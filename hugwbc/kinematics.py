@@ -49,7 +49,16 @@ def pinocchio_model(robot: Robot | None = None) -> pin.Model:
 def _pinocchio_model(robot: Robot) -> pin.Model:
     model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
     model.armature[joint_columns(model, robot)] = robot.armature
+    for name, inertia in robot.inertias.items():
+        model.inertias[model.getJointId(name)] = pin.Inertia(*inertia)
+    place_hands(model, robot)
     return model
+
+
+def place_hands(model: pin.Model, robot: Robot) -> None:
+    """Put the hands' frames of a model from the URDF where the robot has its hands."""
+    for side in SIDES:
+        model.frames[model.getFrameId(f"{side}_hand")].placement.translation = robot.hand
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
