@@ -141,8 +141,8 @@ class MujocoRobot:
             \text{for a position servo} \quad u = q + (\tau + D \dot q) / K.
 
         Until the next input the actuator's own gains act, and not those of the command. q is therefore taken in the
-        middle of this time. Damping beyond the actuator's own is reduced as an implicit integrator does it, by
-        :math:`1 + |k_d - D| h / I` with the joint's inertia I: applied late, it would shake the joint.
+        middle of this time. What the command has in damping beyond the actuator's own loses the share
+        :math:`|k_d - D| h / I`, with the joint's inertia I: applied late, it would shake the joint.
 
         Args:
             command: what the controller wants.
@@ -152,7 +152,7 @@ class MujocoRobot:
         q, dq = self._data.qpos[self._q], self._data.qvel[self._dq]
         q = q + 0.5 * hold * dq
         more = command.kd - self._own_damping
-        kd = self._own_damping + more / (1.0 + hold * self._mobility * np.abs(more))
+        kd = self._own_damping + more * np.maximum(1.0 - hold * self._mobility * np.abs(more), 0.0)
         wanted = (command.tau + command.kp * (command.q - q) + kd * (command.dq - dq)) / self._gear
         own = self._bias[0] + self._gear * (self._bias[1] * q + self._bias[2] * dq)
         given = np.clip((np.clip(wanted, *self._force_range) - own) / self._gain, *self._input_range)
