@@ -18,6 +18,7 @@ from hugwbc.runtime.mujoco_robot import MujocoRobot
 from hugwbc.scripts.view import Grip
 
 ROBOT = load_robot()
+pytestmark = pytest.mark.filterwarnings("ignore:Attach conflict")  # the scene keeps its own physics
 AFFINE, PLAIN = mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtBias.mjBIAS_NONE
 
 
