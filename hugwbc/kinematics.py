@@ -51,14 +51,19 @@ def _pinocchio_model(robot: Robot) -> pin.Model:
     model.armature[joint_columns(model, robot)] = robot.armature
     for name, inertia in robot.inertias.items():
         model.inertias[model.getJointId(name)] = pin.Inertia(*inertia)
-    place_hands(model, robot)
+    place_frames(model, robot)
     return model
 
 
-def place_hands(model: pin.Model, robot: Robot) -> None:
-    """Put the hands' frames of a model from the URDF where the robot has its hands."""
+def place_frames(model: pin.Model, robot: Robot) -> None:
+    """Put the frames of soles and hands of a model from the URDF where the robot has them."""
+    heel, toe = robot.sole_x
+    places = {"heel": heel, "sole": robot.sole_middle, "toe": toe}
     for side in SIDES:
         model.frames[model.getFrameId(f"{side}_hand")].placement.translation = robot.hand
+        for name, ahead in places.items():
+            sole = np.array([ahead, 0.0, -robot.sole_depth])
+            model.frames[model.getFrameId(f"{side}_{name}")].placement.translation = sole
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:

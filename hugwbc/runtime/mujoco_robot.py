@@ -7,6 +7,7 @@ Model and data belong to a gymnasium task, a benchmark or a scene of a laborator
 import dataclasses
 from collections import Counter
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -26,6 +27,7 @@ from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState
 
 _FARTHEST, _LEAST_ALIGNED = 0.01, 0.99  # [m] and cosine between a joint's axis in the model and in the description
+_FLAT = 0.005  # [m], height over the lowest point up to which a foot is its sole
 _POSE, _TWIST = 7, 6  # numbers of a free joint: position and quaternion; linear and angular velocity
 # What a body is: left or right foot (0, 1), left or right hand (2, 3), another link, or none of the robot's.
 _HANDS, _LINK, _OBJECT = 2, 4, 5
@@ -35,8 +37,8 @@ class MujocoRobot:
     """One robot in a MuJoCo model, and the objects around it: a `World` of `hugwbc.runtime.sight`.
 
     Attributes:
-        robot: what controllers are told: names, gains and dimensions of the description; masses, inertias, ranges,
-            torque limits, armature, damping, friction, delay and hands of the model.
+        robot: what controllers are told: names, gains and lengths of the description; masses, inertias, ranges, torque
+            limits, armature, damping, friction, delay, soles and hands of the model.
         prefix: what the model puts before the names of the joints.
         extra_joints: the robot's joints that the description does not have, such as fingers; they count as rigid.
         names: names of the bodies that are not the robot's.
@@ -246,6 +248,10 @@ class MujocoRobot:
         elbow = _last(described.arms)[0]
         if site >= 0 and mover[model.site_bodyid[site]] == elbow:
             hand = places[elbow + 1].actInv(pose.site_xpos[site])
+        foot = _last(described.legs)[0]
+        sole = _sole(
+            described, places[foot + 1].translation, _lowest_points(model, pose, np.flatnonzero(mover == foot))
+        )
         limited, ranges = model.jnt_limited[self._joints].astype(bool), model.jnt_range[self._joints]
         vectors = {
             "lower": np.where(limited, ranges[:, 0], described.lower),
@@ -260,7 +266,7 @@ class MujocoRobot:
         for vector in vectors.values():
             vector.setflags(write=False)
         mass, delay = sum(mass for mass, *_ in inertias.values()), float(model.actuator_delay[self._rows].max())
-        return dataclasses.replace(described, mass=mass, inertias=inertias, command_delay=delay, **vectors)
+        return dataclasses.replace(described, mass=mass, inertias=inertias, command_delay=delay, **sole, **vectors)
 
     def _contact_forces(self) -> np.ndarray:
         """Return the forces on feet and hands from outside the robot in the world [N], shape (4, 3)."""
@@ -319,6 +325,37 @@ def _find_joints(
 def _last(joints: np.ndarray) -> list[int]:
     """Return the outermost joint of the left and the right limb, from the joints of both."""
     return joints.reshape(len(SIDES), -1)[:, -1].tolist()
+
+
+def _lowest_points(model: mujoco.MjModel, pose: mujoco.MjData, bodies: np.ndarray) -> np.ndarray:
+    """Return the corners of what can touch the ground, or of the lower side of what is round [m], shape (n, 3)."""
+    corners, kind, points = np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3), mujoco.mjtGeom, [np.zeros((0, 3))]
+    for geom in np.flatnonzero(
+        np.isin(model.geom_bodyid, bodies) & ((model.geom_contype | model.geom_conaffinity) > 0)
+    ):
+        size, radius = model.geom_size[geom], 0.0
+        if model.geom_type[geom] == kind.mjGEOM_MESH:
+            first = int(model.mesh_vertadr[model.geom_dataid[geom]])
+            local = model.mesh_vert[first : first + int(model.mesh_vertnum[model.geom_dataid[geom]])]
+        elif model.geom_type[geom] in (int(kind.mjGEOM_SPHERE), int(kind.mjGEOM_CAPSULE)):
+            local, radius = corners * [0.0, 0.0, size[1]], size[0]
+        else:
+            local = model.geom_aabb[geom, :3] + corners * model.geom_aabb[geom, 3:]
+        points.append(pose.geom_xpos[geom] + local @ pose.geom_xmat[geom].reshape(3, 3).T - [0.0, 0.0, radius])
+    return np.concatenate(points)
+
+
+def _sole(described: Robot, ankle: np.ndarray, points: np.ndarray) -> dict[str, Any]:
+    """Return the described sole without what the model's foot lacks of it; it stands on its lowest points."""
+    if not len(points):
+        return {}
+    low, high = (end(points[points[:, 2] < points[:, 2].min() + _FLAT], axis=0) - ankle for end in (np.min, np.max))
+    x, y = described.sole_x, described.sole_y
+    return {
+        "sole_x": (max(x[0], float(low[0])), min(x[1], float(high[0]))),
+        "sole_y": (max(y[0], float(low[1])), min(y[1], float(high[1]))),
+        "sole_depth": -float(low[2]),
+    }
 
 
 def _ranges(ranges: np.ndarray, limited: np.ndarray, rows: np.ndarray | list[int]) -> np.ndarray:

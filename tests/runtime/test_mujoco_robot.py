@@ -152,6 +152,20 @@ def test_the_hand_is_where_the_model_has_it() -> None:
         np.testing.assert_allclose(kinematics.position(f"{side}_hand"), data.site(f"lab/{side}_hand").xpos, atol=1e-6)
 
 
+def test_short_feet_are_told() -> None:
+    def shorter(robot: mujoco.MjSpec) -> None:
+        for geom in robot.geoms:
+            if geom.parent.name.endswith("ankle_link") and geom.classname.name == "foot":
+                geom.pos = geom.pos * [0.5, 1.0, 1.0]
+
+    told, other = (MujocoRobot(*lab(change=change)).robot for change in (shorter, lambda robot: None))
+    assert other.sole_x == ROBOT.sole_x and other.sole_y == ROBOT.sole_y
+    np.testing.assert_allclose(told.sole_x, (-0.05, 0.10))
+    kinematics = Kinematics(told)
+    kinematics.update(MujocoRobot(*lab()).state())
+    assert np.linalg.norm(kinematics.position("left_toe") - kinematics.position("left_heel")) == pytest.approx(0.15)
+
+
 def _lacking(robot: mujoco.MjSpec) -> None:
     robot.delete(robot.joint("left_knee"))
 
