@@ -49,7 +49,21 @@ def pinocchio_model(robot: Robot | None = None) -> pin.Model:
 def _pinocchio_model(robot: Robot) -> pin.Model:
     model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
     model.armature[joint_columns(model, robot)] = robot.armature
+    for name, inertia in robot.inertias.items():
+        model.inertias[model.getJointId(name)] = pin.Inertia(*inertia)
+    place_frames(model, robot)
     return model
+
+
+def place_frames(model: pin.Model, robot: Robot) -> None:
+    """Put the frames of soles and hands of a model from the URDF where the robot has them."""
+    heel, toe = robot.sole_x
+    places = {"heel": heel, "sole": robot.sole_middle, "toe": toe}
+    for side in SIDES:
+        model.frames[model.getFrameId(f"{side}_hand")].placement.translation = robot.hand
+        for name, ahead in places.items():
+            sole = np.array([ahead, 0.0, -robot.sole_depth])
+            model.frames[model.getFrameId(f"{side}_{name}")].placement.translation = sole
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:

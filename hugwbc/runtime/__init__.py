@@ -10,6 +10,7 @@ from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
+from hugwbc.runtime.mujoco_robot import MujocoRobot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety import SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
@@ -29,6 +30,7 @@ __all__ = [
     "Force",
     "HoldController",
     "Moment",
+    "MujocoRobot",
     "SafetyFilter",
     "SafetyReport",
     "SensorProfile",
