@@ -93,6 +93,7 @@ def compare(
                 duration=_longest(script),
                 on_progress=advance,
                 until=(lambda behaviour=source: behaviour.done) if isinstance(source, BehaviourSource) else None,
+                strict=False,
             )
         )
         if on_end is not None and isinstance(source, BehaviourSource):
@@ -114,7 +115,7 @@ def compare_task(
     """
     arena = arena or Arena()
     return [
-        run_task(task, controller, arena.simulation(seed=seed, scene=task.scene), on_progress=advance)
+        run_task(task, controller, arena.simulation(seed=seed, scene=task.scene), on_progress=advance, strict=False)
         for controller, advance in _in_turn(controllers, on_progress)
     ]
 

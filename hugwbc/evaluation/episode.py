@@ -95,6 +95,7 @@ def simulate(controller: Controller, settings: Settings, plan: Plan, *, estimate
         estimator=estimator,
         forces=plan.forces,
         on_step=watch,
+        strict=False,
     )
     error = float("nan") if arms is None else arms.error(trace, settings.settle)
     return Run(plan, trace, error, None if watch is None else watch.record())

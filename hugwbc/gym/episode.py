@@ -33,6 +33,7 @@ class Episode:
         self._task, self._watch = task, TaskWatch(simulation)
         self._ticks, self.time = 0, 0.0
         self._decide()
+        task.check(self._watch.record(_ASKED))
 
     @property
     def view(self) -> View:

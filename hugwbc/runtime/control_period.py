@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import time
+import warnings
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import PlanView
@@ -109,7 +111,7 @@ class ControlPeriod:
         safe: the controller behind its safety filter.
         plan: what the controller plans.
         estimator: gives the controller the state from noisy sensors; None where the readings tell it.
-        upper_body: turns hand targets into arm targets; None ignores hand targets.
+        upper_body: turns hand targets into arm targets; None ignores hand targets, with a warning.
         estimate: what the controller knows of the robot: the last estimate, or the last reading without an estimator.
         hands: the last hand targets, None where the controller moves the arms.
         ik_s: time that the last call of the arms' source took [s].
@@ -151,6 +153,7 @@ class ControlPeriod:
         self._free_arms = UpperBody.none()
         self._asked: tuple[Command, HandTargets | None] = (Command(), None)  # what the source gave last
         self._unheard = 0.0  # [s] since then
+        self._started = self._warned = False
 
     def locate(self, reading: RobotState, now: float) -> None:
         """Start the estimate from the reading of a robot that stands at rest, which arrives now [s]."""
@@ -163,6 +166,7 @@ class ControlPeriod:
     def start(self, reading: RobotState, now: float) -> None:
         """Start a run from the reading of a robot that stands at rest, which arrives now [s]."""
         self.locate(reading, now)
+        self._started = True
         self.safe.reset(self.estimate)
         self.hands, self.ik_s, self._commanded_arms = None, 0.0, None
         self._asked, self._unheard = (Command(), None), 0.0
@@ -197,6 +201,8 @@ class ControlPeriod:
         Where the source raises or gives something else, its last command and hand targets count for `STALE_TIME`;
         then the robot stands, and the arms go back to the controller.
         """
+        if not self._started:
+            raise ConfigError("decide was called before the run has begun; call reset of the loop first")
         self._placed, arms = self.estimate, self._free_arms
         asked = self.safe.ask("source_failures", "the source", lambda: self._ask(t))
         self._unheard = 0.0 if asked is not None else self._unheard + self.safe.period
@@ -220,10 +226,15 @@ class ControlPeriod:
             self._seeing.see(view)
             self._sight.grip(self._seeing.grips)
         command = self._source.command_at(t)
-        hands = None if self.upper_body is None else self._source.hands_at(t)
+        hands = self._source.hands_at(t)
         if not isinstance(command, Command) or not isinstance(hands, HandTargets | None):
             given = f"a {type(command).__name__} and a {type(hands).__name__}"
             raise TypeError(f"it gave {given} instead of a Command, and HandTargets or None")
+        if hands is not None and self.upper_body is None:
+            if not self._warned:
+                self._warned = True
+                warnings.warn("hand targets are ignored: nothing moves the arms; give an UpperBodySource", stacklevel=2)
+            hands = None
         return command, hands
 
     def _move_arms(self, command: Command) -> tuple[UpperBody, Command]:
