@@ -18,6 +18,7 @@ from hugwbc.runtime.moment import PlanView
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource, SeeingSource
+from hugwbc.scripts.view import View
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
@@ -154,6 +155,7 @@ class ControlPeriod:
         self._asked: tuple[Command, HandTargets | None] = (Command(), None)  # what the source gave last
         self._unheard = 0.0  # [s] since then
         self._started = self._warned = False
+        self._view: View | None = None
 
     def locate(self, reading: RobotState, now: float) -> None:
         """Start the estimate from the reading of a robot that stands at rest, which arrives now [s]."""
@@ -175,6 +177,7 @@ class ControlPeriod:
         if self._seeing is not None:
             self._seeing.restart()
             self._sight.reset()
+            self._view = None
 
     def observe(self, reading: RobotState, now: float, *, driven: bool = True) -> None:
         """Take a reading. The estimator is updated once a period, or every `LONGEST_UPDATE`.
@@ -218,10 +221,16 @@ class ControlPeriod:
         self._commanded_arms = joints.q[self._arms]
         return joints
 
+    def look(self, t: float) -> View:
+        """Return what is seen at time t of the run [s]; each time has one view."""
+        if self._view is None or self._view.time != t:
+            self._view = self._sight.look(t, self.estimate)
+        return self._view
+
     def _ask(self, t: float) -> tuple[Command, HandTargets | None]:
         """Ask the source for command and hand targets."""
         if self._seeing is not None:
-            view = self._sight.look(t, self.estimate)
+            view = self.look(t)
             self._placed = view.state
             self._seeing.see(view)
             self._sight.grip(self._seeing.grips)
