@@ -13,7 +13,9 @@ import dataclasses
 import functools
 import inspect
 import math
-from collections.abc import Callable, Generator
+import warnings
+import weakref
+from collections.abc import Callable, Generator, Sequence
 from numbers import Real
 from typing import Annotated, Any, Concatenate, Literal, ParamSpec, TypeAlias
 
@@ -85,13 +87,24 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
         values = model(**{one.name: bound.arguments[one.name] for one in checked if one.name in bound.arguments})
         bound.arguments |= {one.name: getattr(values, one.name) for one in checked}
         start = functools.partial(function, *bound.args, **bound.kwargs)  # pyright: ignore[reportCallIssue]
-        return _watched(name, view, start, getattr(values, "timeout", math.inf))
+        begun: list[bool] = []
+        course = _watched(name, view, start, getattr(values, "timeout", math.inf), begun)
+        weakref.finalize(course, _miss, begun, function.__name__).atexit = False
+        return course
 
     begin.__signature__ = plain_signature(function)  # pyright: ignore[reportAttributeAccessIssue]
     return begin
 
 
-def _watched(name: str, view: View, start: Callable[[], Course], timeout: float) -> Course:
+def _miss(begun: Sequence[bool], name: str) -> None:
+    """Warn of a step that is gone and has never run."""
+    if not begun:
+        words = f"a step was made but never run; write `view = yield from {name}(view, ...)`"
+        warnings.warn(words, RuntimeWarning, stacklevel=3)
+
+
+def _watched(name: str, view: View, start: Callable[[], Course], timeout: float, begun: list[bool]) -> Course:
+    begun.append(True)
     begin, at, progress, course = view.time, "", "", None
     try:
         course = start()

@@ -32,7 +32,7 @@ from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, load_task, run_task
 from hugwbc.tasks.record import TaskWatch, bumps
 from hugwbc.upper_ik import UpperBodySource
-from hugwbc.viz.show import RealTime, at_real_time, open_view, run_live
+from hugwbc.viz.show import SETTLE, RealTime, at_real_time, mean_velocities, open_page, run_live
 
 UNWATCHED_DURATION = 10.0  # [s]
 WHOLE_BODY = ".bvh"  # ending of the motion files that command more than the arms
@@ -114,10 +114,11 @@ def run(words: Sequence[str]) -> int:
         return _do_task(options, viewer)
     scene = _scene(options)
     source, duration = _source(options, viewer)
+    page = None if viewer == "none" else open_page(say)
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
     simulation = options.arena.simulation(seed=options.seed, scene=scene)
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
-    draw = None if viewer == "none" else open_view(controller.name, scene=simulation.scene, tell=say)
+    draw = None if page is None else page(controller.name, simulation.scene)
     behaviour = source if isinstance(source, BehaviourSource) else None
     score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
     watch = TaskWatch(simulation) if simulation.scene is not None else None
@@ -134,8 +135,7 @@ def run(words: Sequence[str]) -> int:
         run_live(loop, duration, draw, until=ended, tell=say)
     finally:
         if isinstance(source, SocketSource):
-            say(str(source.tally))
-            source.close()
+            _stop_listening(source)
     for line in [] if score is None else score.lines():
         say(line)
     if behaviour is not None:
@@ -156,7 +156,8 @@ def _viewer(options: PlayOptions) -> str:
             say("driving needs the live page: run `pip install 'hugwbc[live]'`; until then you watch the robot stand")
             viewer = "meshcat"
     if viewer == "live":
-        _refuse_beside("--viewer live", "the live page is driven by its own sliders", commanding)
+        others = [name for name in commanding if name != "listen"]
+        _refuse_beside("--viewer live", "the live page is driven by its own sliders", others)
     elif options.page != PageOptions():
         given = [f"--{name}" for name, value in vars(options.page).items() if value != getattr(PageOptions(), name)]
         raise ConfigError(f"{', '.join(given)} is for the live page; add --viewer live, or leave it out")
@@ -168,14 +169,17 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     others = [name for name in ("scene", "duration") if getattr(options, name) is not None]
     _refuse_beside("--task", "the task has its own", [*(n for n in options.commanding if n != "task"), *others])
     task, arena = load_task(str(options.task)), options.arena
+    page = None if viewer == "none" else open_page(say)
     controller = ControllerSpec(options.controller, options.policy).told(arena).build()
     simulation = arena.simulation(seed=options.seed, scene=task.scene)
-    draw = None
-    if viewer != "none":
-        draw = at_real_time(open_view(controller.name, scene=simulation.scene, tell=say), simulation)
-    verdict = run_task(task, controller, simulation, on_moment=draw).verdict
+    draw = None if page is None else at_real_time(page(controller.name, simulation.scene), simulation)
+    run = run_task(task, controller, simulation, on_moment=draw)
+    verdict, settled = run.verdict, run.trace.time >= SETTLE
     say(f"{task.name} with {controller.name}, seed {options.seed}: {verdict.words} after {simulation.time:.1f} s")
     say(f"score: {verdict.score:.2f}")
+    if settled.any():
+        told, walked = (values[settled, :3].mean(axis=0) for values in (run.trace.command, run.trace.measured))
+        say(mean_velocities(told, walked))
     return int(not verdict.success)
 
 
@@ -193,15 +197,25 @@ def _scene(options: PlayOptions) -> Scene | None:
 def _drive(options: PlayOptions) -> int:
     """Serve the live page until the time is over or Ctrl-C."""
     serve = options.page
-    _check_address(serve.host, serve.port)
+    port = _free_port(serve.host, serve.port)
+    stream = None if options.listen is None else _listening(options.listen)
     with needing("live", "the live page"):
+        from hugwbc.viz.page_guard import page_address
+
+        say(f"the page will be at {page_address(serve.host, port)}")
         from hugwbc.viz.drive import drive
         from hugwbc.viz.live import LivePage
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
     arena = options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(
-        simulation, name=controller.name, host=serve.host, port=serve.port, expose=serve.expose, tasks=TASK_NAMES
+        simulation,
+        name=controller.name,
+        host=serve.host,
+        port=port,
+        expose=serve.expose,
+        tasks=() if stream else TASK_NAMES,
+        stream=stream,
     )
     loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot))
     say(f"drive at {page.address} with the keys W A S D Q E; Ctrl-C stops")
@@ -215,7 +229,8 @@ def _drive(options: PlayOptions) -> int:
         page.stage(its_own)
         clock = RealTime()
         draw = at_real_time(lambda _: page.show(its_own, name, clock.speed), its_own, clock)
-        run = run_task(task, controller, its_own, on_moment=draw, stop=lambda: bool(page.interruption) or stop())
+        over = lambda: bool(page.interruption) or stop()  # noqa: E731
+        run = run_task(task, controller, its_own, on_moment=draw, stop=over, strict=False)
         words = f"stopped ({page.interruption})" if page.interruption else run.verdict.words
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 
@@ -223,11 +238,24 @@ def _drive(options: PlayOptions) -> int:
         drive(loop, page, options.duration or np.inf, perform=perform, tell=say)
     finally:
         page.close()
+        if stream is not None:
+            _stop_listening(stream)
     return 0
 
 
-def _check_address(host: str, port: int) -> None:
-    """Refuse an address that cannot be had.
+def _listening(port: int) -> SocketSource:
+    source = SocketSource(port, tell=say)
+    say(f"listening on UDP port {source.port} of this machine")
+    return source
+
+
+def _stop_listening(source: SocketSource) -> None:
+    say(str(source.tally))
+    source.close()
+
+
+def _free_port(host: str, port: int) -> int:
+    """Return a free port, for 0 any; refuse an address that cannot be had.
 
     The page's server would fail in its own thread without a message, or take another port than the one asked for.
     """
@@ -237,7 +265,8 @@ def _check_address(host: str, port: int) -> None:
     except OSError as error:
         raise ConfigError(f"cannot serve on host '{host}': {error}; give an address of this machine") from error
     try:
-        socket.create_server((host, port), family=family).close()
+        with socket.create_server((host, port), family=family) as server:
+            return int(server.getsockname()[1])
     except OSError as error:
         raise ConfigError(
             f"cannot serve on port {port}: {error}; give another one, or 0 for any that is free"
@@ -250,9 +279,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     if options.listen is not None:
         others = [name for name in options.commanding if name != "listen"]
         _refuse_beside("--listen", "the other program gives the commands", others)
-        listening = SocketSource(options.listen, tell=say)
-        say(f"listening on UDP port {listening.port} of this machine")
-        return listening, options.duration or forever
+        return _listening(options.listen), options.duration or forever
     if options.script is not None:
         others = [name for name in options.commanding if name != "script"]
         _refuse_beside("--script", "give one or the other", others)

@@ -1,11 +1,13 @@
-"""`hugwbc tasks`: list the suite of tasks, or record demonstrations of them."""
+"""`hugwbc tasks`: list the suite of tasks, record demonstrations of them, or replay these."""
 
 import contextlib
 import dataclasses
+import json
 import pathlib
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 
+import numpy as np
 import tyro
 
 from hugwbc.cli.output import output_folder, parse_settings, progress, say, say_arena
@@ -20,6 +22,8 @@ from hugwbc.tasks import TASK_NAMES, load_task
 @settings
 class TasksOptions:
     """List the tasks of loco-manipulation; with `--record`, do them and write all episodes as demonstrations.
+
+    `--replay` plays the actions of such episodes again, and says whether the outcome is the same.
 
     `hugwbc play --task NAME` shows a task, `hugwbc evaluate tasks` gives success rates.
     """
@@ -37,15 +41,20 @@ class TasksOptions:
     seed: int = 0
     # With `--record`: films of 224 x 224 pixels that are recorded too: head, front
     cameras: tuple[str, ...] = ()
+    # Folder of such a data set, whose actions are played again; `--task FILE.py` for a task of your own
+    replay: pathlib.Path | None = None
+    episode: int | None = None  # With `--replay`: number of the episode; by default all
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
 
 
 def run(words: Sequence[str]) -> int:
-    """Parse, then list or record."""
+    """Parse, then list, record or replay; return 1 where a replay ends otherwise than the recording, else 0."""
     options = parse_settings(TasksOptions, words, "tasks", TasksOptions.__doc__)
     check_each_once("tasks", options.task)
+    _refuse_idle_options(options)
+    if options.replay is not None:
+        return _replay(options, options.replay)
     if options.record is None:
-        _refuse_options_of_recordings(options)
         _list(options.task)
         return 0
     say_arena(options.arena)
@@ -61,14 +70,19 @@ def _list(names: Sequence[str]) -> None:
         say(f"{task.name:<{width}}  {task.about}{idealised}")
 
 
-def _refuse_options_of_recordings(options: TasksOptions) -> None:
-    """Refuse options that would do nothing without `--record`."""
+def _refuse_idle_options(options: TasksOptions) -> None:
+    """Refuse options that would do nothing."""
     values, defaults = (
         {**vars(chosen), **dataclasses.asdict(chosen.arena), "arena": None} for chosen in (options, TasksOptions())
     )
-    given = [f"--{name}" for name in values if name not in ("task", "record") and values[name] != defaults[name]]
-    if given:
-        raise ConfigError(f"{', '.join(given)} is for recording; add --record FOLDER, or leave it out")
+    given = [name for name in values if name != "task" and values[name] != defaults[name]]
+    of_mode, hint = [], "add --record FOLDER, or for --episode --replay FOLDER"
+    if options.replay is not None:
+        of_mode, hint = ["replay", "episode"], "a replay has it from its data set"
+    elif options.record is not None:
+        of_mode = [name for name in given if name != "episode"]
+    if idle := [f"--{name}" for name in given if name not in of_mode]:
+        raise ConfigError(f"{', '.join(idle)} does nothing here: {hint}, or leave it out")
 
 
 @contextlib.contextmanager
@@ -92,7 +106,8 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     tasks, arena = [load_task(name) for name in options.task], options.arena
     total, done = options.episodes * len(tasks), 0
     spec = ControllerSpec(options.controller, options.policy).told(arena)
-    settings = {"controller": spec.identity(), "arena": dataclasses.asdict(arena)}
+    told = [options.controller, options.policy]
+    settings = {"controller": spec.identity(), "told": told, "arena": dataclasses.asdict(arena)}
     with (
         _said(lambda: f"wrote {done} of {total} episodes to {folder}" if folder.is_dir() else "nothing was written"),
         output_folder(folder.absolute().parent),
@@ -119,3 +134,36 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
                 writer.add(episode, images)
                 done += 1
                 say(f"{task.name}, seed {seed}: {episode.verdict.words}, {len(episode.state) / FPS:.1f} s")
+
+
+def _replay(options: TasksOptions, folder: pathlib.Path) -> int:
+    """Play recorded episodes again, and say which of them end as they were recorded."""
+    with needing("record", "--replay"):
+        from hugwbc.tasks.demonstration import ACTION, STATE, state_names
+        from hugwbc.tasks.lerobot_dataset import read_episodes, read_frames
+        from hugwbc.tasks.replay import replay
+    rows = read_episodes(folder)
+    if options.episode is not None:
+        if not 0 <= options.episode < len(rows):
+            raise ConfigError(f"episode is {options.episode}; {folder} has 0 to {len(rows) - 1}")
+        rows = [rows[options.episode]]
+    tasks, same = {task.name: task for task in map(load_task, options.task)}, 0
+    for row in rows:
+        name, seed, settings = row["suite_task"], row["seed"], json.loads(row["settings"])
+        task, arena = tasks.get(name) or load_task(name), Arena(**settings["arena"])
+        spec = ControllerSpec(*settings["told"]).told(arena)
+        if spec.identity() != settings["controller"]:
+            say(f"controller {spec.label} is not what it was in the recording")
+        simulation = arena.simulation(seed=seed, scene=task.scene)
+        episode = replay(task, spec.build(), simulation, read_frames(folder, row, ACTION), seed=seed)
+        place = [state_names(simulation.robot).index(f"base.{axis}") for axis in "xyz"]
+        recorded, count = read_frames(folder, row, STATE)[:, place], len(episode.state)
+        off = np.linalg.norm(episode.state[: len(recorded), place] - recorded[:count], axis=1).max()
+        was, verdict = "done" if row["success"] else f"not done: {row['reason']}", episode.verdict
+        equal = (verdict.success, verdict.reason) == (row["success"], row["reason"])
+        same += equal
+        words = "as recorded" if equal else f"recorded as {was}"
+        about = f"episode {row['episode_index']}: {name}, seed {seed}, {spec.label}"
+        say(f"{about}: {verdict.words}, {words}; the base at most {1e3 * off:.1f} mm off")
+    say(f"the same outcome in {same} of {len(rows)}")
+    return int(same < len(rows))

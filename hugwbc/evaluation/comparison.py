@@ -90,7 +90,8 @@ def compare(
                 on_progress((done + fraction) / len(controllers))
 
         if isinstance(played, Task):
-            run = run_task(played, controller, arena.simulation(seed=seed, scene=played.scene), on_progress=advance)
+            simulation = arena.simulation(seed=seed, scene=played.scene)
+            run = run_task(played, controller, simulation, on_progress=advance, strict=False)
             trace, further = run.trace, {"verdict": dataclasses.asdict(run.verdict), "gripped": run.record.gripped}
         else:
             source = played if isinstance(played, Script) else BehaviourSource(played)
@@ -103,6 +104,7 @@ def compare(
                 duration=_longest(played),
                 on_progress=advance,
                 until=None if behaviour is None else lambda behaviour=behaviour: behaviour.done,
+                strict=False,
             )
             further = {} if behaviour is None else {"ending": behaviour.ending}
         runs.append(Played(dataclasses.replace(trace, name=label), summarise(trace) | further))

@@ -105,6 +105,7 @@ def simulate(
         estimator=estimator or conditions.estimator(),
         forces=plan.forces,
         on_step=on_step,
+        strict=False,
     )
     error = float("nan") if arms is None else arms.error(trace, settings.settle)
     return Run(plan, trace, error)

@@ -1,22 +1,18 @@
-"""A behaviour that follows a learner's actions, with a speed limit for the hands."""
-
-from collections.abc import Callable
+"""Behaviours that follow a learner's actions: its own kind, with a speed limit for the hands, or recorded ones."""
 
 import numpy as np
 
 from hugwbc.behaviours.course import Course
 from hugwbc.behaviours.hands import points_in
 from hugwbc.gym.task_action import Wish
-from hugwbc.robot import SIDES
-from hugwbc.scripts.view import Action, Grip, View
+from hugwbc.scripts.view import Action, View
 from hugwbc.targets import HandTargets
+from hugwbc.tasks.demonstration import ACTION_NAMES
+from hugwbc.tasks.replay import Nearest, follow, grips
 
 PERIOD = 0.1  # [s] between two actions
 HAND_SPEED = 0.5  # [m/s], of a hand's target
 _APART = 0.05  # [m], hands that are nearer have no line between them along which to squeeze
-
-Nearest = Callable[[str], tuple[str, bool] | None]
-"""Returns the name of what the gripper of a side can take now, and whether that moves in a joint; None for nothing."""
 
 
 class FollowWish:
@@ -37,7 +33,8 @@ class FollowWish:
                 wish, left = self.wish, PERIOD
             self._move(view, view.time - time, left)
             left, time = left - (view.time - time), view.time
-            view = yield Action(self.wish.command, self._targets(), self._grips(view, took))
+            requests = grips(view, self.wish.grips, took, self._nearest)
+            view = yield Action(self.wish.command, self._targets(), requests)
 
     def _move(self, view: View, dt: float, left: float) -> None:
         """Move the targets towards the wish, to be there with the next action; a new target starts from its hand."""
@@ -60,20 +57,15 @@ class FollowWish:
         inwards = self.wish.squeeze / length * between
         return HandTargets(left, right, "heading", together=True, left_force=inwards, right_force=-inwards)
 
-    def _grips(self, view: View, took: list[bool]) -> tuple[Grip, ...]:
-        """Return the requests to the grippers. After a grip broke, the gripper must be opened first."""
-        requests = []
-        for hand, side in enumerate(SIDES):
-            held = view.held[hand]
-            if not self.wish.grips[hand]:
-                took[hand] = False
-                if held is not None:
-                    requests.append(Grip(side, None))
-            elif held is not None:
-                took[hand] = True
-            elif not took[hand] and (found := self._nearest(side)) is not None:
-                name, jointed = found
-                # A second hand on an object may turn, and so may one on a thing that moves in a joint: an arm has four
-                # joints, and its weld would fight the other one.
-                requests.append(Grip(side, name, hook=jointed or name in view.held))
-        return tuple(requests)
+
+class FollowRow:
+    """Does what `wish` says, a recorded action; it never ends."""
+
+    def __init__(self, nearest: Nearest) -> None:
+        """Start from a standing robot whose arms are its controller's; a gripper closes on what is `nearest`."""
+        self.wish = np.zeros(len(ACTION_NAMES))  # set another array for another request
+        self._nearest = nearest
+
+    def course(self, view: View) -> Course:
+        """Follow the wish."""
+        return follow(view, lambda time: self.wish, self._nearest)

@@ -10,6 +10,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, View
+from hugwbc.tasks.demonstration import ACTION_NAMES
 
 GRIP_KINDS = ("squeeze", "attach", None)
 
@@ -143,3 +144,16 @@ class ActionLayout:
             on |= {f"{side}_hand": wish.used[index], f"{side}_grip": wish.grips[index]}
         numbers = [(1.0 if on[name] else -1.0) if name in on else value[name] for name in self.names]
         return np.clip((np.array(numbers) - self._middle) / self._half, -1.0, 1.0).astype(np.float32)
+
+
+class RecordedLayout:
+    """The numbers of recorded actions, in order and in their units (docs/demonstrations.md).
+
+    Attributes:
+        names: their names.
+        rest: the action of a robot that stands with free arms.
+    """
+
+    names = ACTION_NAMES
+    rest = np.array([getattr(Command(), name, 0.0) for name in ACTION_NAMES], dtype=np.float32)
+    decode = staticmethod(np.copy)

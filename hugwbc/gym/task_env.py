@@ -2,30 +2,32 @@
 
 import math
 import pathlib
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gym.episode import Episode
-from hugwbc.gym.follow_wish import PERIOD
-from hugwbc.gym.task_action import ActionLayout
+from hugwbc.gym.follow_wish import PERIOD, FollowRow
+from hugwbc.gym.task_action import ActionLayout, RecordedLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
 from hugwbc.numeric import floats
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.view import View
 from hugwbc.sim import Arena, Scene, Simulation, load_scene
 from hugwbc.sim.scenes import Box
 from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of
+from hugwbc.tasks.demonstration import OBJECTS, STATE, objects_array, state_names, state_vector
 from hugwbc.upper_ik import UpperBodySource
 
 SUCCESS_TIME = 1.0  # [s], for which everything has to stay as it should be, since things may still tip over
 _FIRST_SEED, _LAST_SEED = 3000, 2**31 - 1  # of episodes without a seed of their own: neither for choice nor for reports
 
 
-class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class TaskEnv(gymnasium.Env[Any, np.ndarray]):
     """One episode after another of a task.
 
     The reward of a step is by how much the task's score has grown in it; it is negative where the score falls. The sum
@@ -45,6 +47,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         controller: str = "learned",
         *,
         policy: str | None = None,
+        actions: Literal["scaled", "recorded"] = "scaled",
         scene: Scene | str | pathlib.Path | None = None,
         limit: float | None = None,
         arena: Arena | None = None,
@@ -56,6 +59,8 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             task: one of the suite, the path of a Python file with a TASK, or a task.
             controller: name or path, as on the command line; it does what the actions ask for.
             policy: of the controller.
+            actions: "recorded" for steps of 0.02 s with the actions and observations of recordings
+                (docs/demonstrations.md); "scaled" for steps of 0.1 s with numbers from -1 to 1.
             scene: objects instead of the task's own, by the same names; a name or path of a scene is loaded.
             limit: duration after which an episode is truncated [s]; None for the task's.
             arena: robot, drives, sensors and ground; None for the default (docs/arena.md).
@@ -71,19 +76,26 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._arena = arena or Arena()
         self._scene = _scene_of(self.task, scene)
         self._controller = ControllerSpec(controller, policy).told(self._arena).build()
-        self._ticks = _ticks_in(PERIOD, self._controller.period, controller)
+        if actions not in ("scaled", "recorded"):
+            raise UnknownNameError("kind of actions", actions, ("scaled", "recorded"))
+        self._recorded = actions == "recorded"
+        self._ticks = _ticks_in(RECORD_PERIOD if self._recorded else PERIOD, self._controller.period, controller)
         self._arms = UpperBodySource(robot=self._arena.known_robot)
         self._simulation: Simulation | None = None
         self._episode: Episode | None = None
-        self.actions = ActionLayout(_grip_of(self.task, self._scene))
+        self.actions = RecordedLayout() if self._recorded else ActionLayout(_grip_of(self.task, self._scene))
         robot_told, scene_told = self._arena.known_robot, self._scene
         self.observations = ObservationLayout(robot_told, scene_told.body_names, shapes_of(scene_told))
-        self.action_space = spaces.Box(-1.0, 1.0, (len(self.actions.names),), np.float32)
+        largest = LARGEST if self._recorded else 1.0
+        self.action_space = spaces.Box(-largest, largest, (len(self.actions.names),), np.float32)
         self.observation_space = spaces.Box(-LARGEST, LARGEST, (self.observations.size,), np.float32)
+        if self._recorded:
+            sizes = {STATE: (len(state_names(robot_told)),), OBJECTS: (7 * len(scene_told.body_names),)}
+            self.observation_space = spaces.Dict(
+                {key: spaces.Box(-LARGEST, LARGEST, size, np.float32) for key, size in sizes.items()}
+            )
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode.
 
         Args:
@@ -102,17 +114,18 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         else:
             self._simulation.redraw(self._seed)
         self._action = self.actions.rest.astype(float)
-        self._episode = Episode(self.task, self._simulation, self._controller, self._arms)
+        self._episode = Episode(self.task, self._simulation, self._controller, self._arms, recorded=self._recorded)
         self._since = math.inf  # when everything came to be as it should be
         verdict = self._episode.judge()
         self._score = verdict.score
         return self._observation(self._episode), self._info(self._episode, verdict, "")
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Do what an action asks for, for 0.1 s.
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Do what an action asks for, for 0.1 s, or 0.02 s if it is a recorded one.
 
         Args:
-            action: `actions.names`, each from -1 to 1. NaN repeats the last value, and values beyond are clamped.
+            action: `actions.names`, each from -1 to 1 or in its unit. NaN repeats the last value, and values beyond are
+                clamped.
 
         Returns:
             Observation, reward, whether the task is done or has failed, whether the time is over, and `info`:
@@ -123,8 +136,10 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         given = floats(action, self._action.shape)
         if given is None:
             shape = getattr(action, "shape", "unknown")
-            raise ConfigError(f"the action has the shape {shape}; give {self._action.size} numbers from -1 to 1")
-        self._action = np.where(np.isnan(given), self._action, given).clip(-1.0, 1.0)
+            raise ConfigError(f"the action has the shape {shape}; give {self._action.size} numbers")
+        self._action = np.where(np.isnan(given), self._action, given).clip(
+            self.action_space.low, self.action_space.high
+        )
         episode.behaviour.wish = self.actions.decode(self._action)
         episode.advance(self._ticks)
         verdict = episode.judge()
@@ -161,7 +176,10 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         assert self._simulation is not None
         return self._simulation.objects.problems
 
-    def _observation(self, episode: Episode) -> np.ndarray:
+    def _observation(self, episode: Episode) -> Any:  # noqa: ANN401  of the observation space
+        if isinstance(episode.behaviour, FollowRow):
+            seen = {STATE: state_vector(episode.view), OBJECTS: objects_array(episode.view).ravel()}
+            return {key: value.astype(np.float32) for key, value in seen.items()}
         gone = episode.time / self._limit
         return self.observations.row(episode.view, episode.shapes, episode.behaviour.points, gone)
 

@@ -2,6 +2,7 @@
 
 import math
 import time
+import warnings
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
+from hugwbc.errors import ConfigError
 from hugwbc.numeric import changed
 from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
@@ -16,6 +18,7 @@ from hugwbc.runtime.moment import PlanView
 from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource, SeeingSource
+from hugwbc.scripts.view import View
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import IKSolution
@@ -104,7 +107,7 @@ class ControlPeriod:
         safe: the controller behind its safety filter.
         plan: what the controller plans.
         estimator: gives the controller the state from noisy sensors; None where the readings tell it.
-        upper_body: turns hand targets into arm targets; None ignores hand targets.
+        upper_body: turns hand targets into arm targets; None ignores hand targets, with a warning.
         estimate: what the controller knows of the robot: the last estimate, or the last reading without an estimator.
         hands: the last hand targets, None where the controller moves the arms.
         ik_s: time that the last call of the arms' source took [s].
@@ -146,6 +149,8 @@ class ControlPeriod:
         self._free_arms = UpperBody.none()
         self._asked: tuple[Command, HandTargets | None] = (Command(), None)  # what the source gave last
         self._unheard = 0.0  # [s] since then
+        self._started = self._warned = False
+        self._view: View | None = None
 
     def locate(self, reading: RobotState, now: float) -> None:
         """Start the estimate from the reading of a robot that stands at rest, which arrives now [s]."""
@@ -158,6 +163,7 @@ class ControlPeriod:
     def start(self, reading: RobotState, now: float) -> None:
         """Start a run from the reading of a robot that stands at rest, which arrives now [s]."""
         self.locate(reading, now)
+        self._started = True
         self.safe.reset(self.estimate)
         self.hands, self.ik_s, self._commanded_arms = None, 0.0, None
         self._asked, self._unheard = (Command(), None), 0.0
@@ -166,6 +172,7 @@ class ControlPeriod:
         if self._seeing is not None:
             self._seeing.restart()
             self._sight.reset()
+            self._view = None
 
     def observe(self, reading: RobotState, now: float, *, driven: bool = True) -> None:
         """Take a reading. The estimator is updated once a period, or every `LONGEST_UPDATE`.
@@ -192,6 +199,8 @@ class ControlPeriod:
         Where the source raises or gives something else, its last command and hand targets count for `STALE_TIME`;
         then the robot stands, and the arms go back to the controller.
         """
+        if not self._started:
+            raise ConfigError("decide was called before the run has begun; call reset of the loop first")
         self._placed, arms = self.estimate, self._free_arms
         asked = self.safe.ask("source_failures", "the source", lambda: self._ask(t))
         self._unheard = 0.0 if asked is not None else self._unheard + self.safe.period
@@ -207,18 +216,29 @@ class ControlPeriod:
         self._commanded_arms = joints.q[self._arms]
         return joints
 
+    def look(self, t: float) -> View:
+        """Return what is seen at time t of the run [s]; each time has one view."""
+        if self._view is None or self._view.time != t:
+            self._view = self._sight.look(t, self.estimate)
+        return self._view
+
     def _ask(self, t: float) -> tuple[Command, HandTargets | None]:
         """Ask the source for command and hand targets."""
         if self._seeing is not None:
-            view = self._sight.look(t, self.estimate)
+            view = self.look(t)
             self._placed = view.state
             self._seeing.see(view)
             self._sight.grip(self._seeing.grips)
         command = self._source.command_at(t)
-        hands = None if self.upper_body is None else self._source.hands_at(t)
+        hands = self._source.hands_at(t)
         if not isinstance(command, Command) or not isinstance(hands, HandTargets | None):
             given = f"a {type(command).__name__} and a {type(hands).__name__}"
             raise TypeError(f"it gave {given} instead of a Command, and HandTargets or None")
+        if hands is not None and self.upper_body is None:
+            if not self._warned:
+                self._warned = True
+                warnings.warn("hand targets are ignored: nothing moves the arms; give an UpperBodySource", stacklevel=2)
+            hands = None
         return command, hands
 
     def _move_arms(self, command: Command) -> tuple[UpperBody, Command]:

@@ -13,6 +13,7 @@ from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
 from hugwbc.runtime.trace import CONTACT_FORCE
 from hugwbc.scripts.command_source import CommandSource, Constant
+from hugwbc.scripts.view import View
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
@@ -87,9 +88,15 @@ class ControlLoop:
         self.simulation.reset()
         self.control.start(self.simulation.sense(), self.simulation.time)
 
+    def look(self, t: float) -> View:
+        """Return what a source that looks at robot and objects sees at time t [s], before `decide`."""
+        if self.control.estimator is None:  # a push or a viewer may have changed the state since the last step
+            self.control.observe(self.simulation.sense(), self.simulation.time)
+        return self.control.look(t)
+
     def decide(self, t: float) -> JointCommand:
         """Return the joint command for the next period, from what the sensors say at time t [s]."""
-        if self.control.estimator is None:  # a push or a viewer may have changed the state since the last step
+        if self.control.estimator is None:
             self.control.observe(self.simulation.sense(), self.simulation.time)
         return self.control.decide(t)
 

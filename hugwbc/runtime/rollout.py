@@ -34,6 +34,7 @@ def rollout(
     on_step: Callable[[RobotState, RobotState], None] | None = None,
     until: Callable[[], bool] | None = None,
     past_falls: bool = False,
+    strict: bool = True,
 ) -> Trace:
     """Run a controller behind the safety filter from a standing start until it falls or the time is over.
 
@@ -44,7 +45,8 @@ def rollout(
         controller: any object with the members of `Controller`, or what `load_controller` takes.
         source: gives commands and hand targets over time; or one command for all times.
         simulation: the robot; it is reset to the nominal stand at the origin.
-        upper_body: turns hand targets into arm targets (`UpperBodySource`); without it, hand targets are ignored.
+        upper_body: turns hand targets into arm targets (`UpperBodySource`); without it, a warning says that they are
+            ignored.
         duration: length of the run [s].
         estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none where
             the sensors tell the state.
@@ -55,6 +57,9 @@ def rollout(
         until: called after each control period; the run ends early where it returns True, such as when a behaviour has
             ended (`BehaviourSource.done`).
         past_falls: whether the run continues after a fall.
+        strict: whether a mistake in the code of the controller or of a source ends the run with a `ConfigError`: what
+            it raises, and what is no joint command, command or target. Otherwise it is counted in `Trace.safety`, as on
+            a robot.
 
     Returns:
         The record of the run.
@@ -62,6 +67,7 @@ def rollout(
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
+    loop.safe.strict = strict
     recorder = Recorder(loop, Disturber(simulation.link_names, forces) if forces else None, on_step)
     loop.reset()
     ticks = max(1, round(duration / loop.period))

@@ -11,6 +11,7 @@ from hugwbc.arm_servo import ArmServo
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command, CommandChange
 from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
+from hugwbc.errors import ConfigError
 from hugwbc.extensions import described
 from hugwbc.kinematics import in_place
 from hugwbc.numeric import changed
@@ -29,6 +30,7 @@ _GAINS = [_VECTORS.index(name) for name in ("kp", "kd")]
 _LIMITED = ("positions_limited", "speeds_limited", "gains_limited", "gains_limited", "torques_limited")
 # [rad], and as a part of a joint's highest speed: a drive that gives all its torque for less is a switch.
 _LEAST_ERROR, _LEAST_SPEED = 0.05, 0.1
+_MISTAKES = ("failures", "source_failures", "bad_outputs", "upper_body_rejected")  # of somebody else's code
 HOLD_TIME = 0.1  # [s] for which the last good joint command is repeated without a new one, before the joints are damped
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
 
@@ -175,7 +177,12 @@ class SafetyFilter:
       `gain_limits`, and feed-forward torques to the torque limits.
     - What is no `RobotState`, `Command` or `UpperBody` counts as one that cannot be used.
     - Every change is counted in `report()`.
+
+    Attributes:
+        strict: whether mistakes of controller and sources raise a `ConfigError` instead; for simulations only.
     """
+
+    strict = False
 
     def __init__(
         self,
@@ -301,6 +308,8 @@ class SafetyFilter:
             return None
 
     def _count(self, counter: str, message: str = "") -> None:
+        if self.strict and counter in _MISTAKES:
+            raise ConfigError(message)
         self._counts[counter] = self._counts.get(counter, 0) + 1
         if message:
             self._first.setdefault(counter, message)
@@ -350,26 +359,29 @@ class SafetyFilter:
             self._count("bad_states", "the state is not finite, or has no orientation: holding, then damping")
             return None
         begin = self._clock()
-        output = self.ask("failures", self.name, lambda: self._call(state, command, upper_body))
+        answer = self.ask("failures", self.name, lambda: (self._call(state, command, upper_body),))
         self.last_tick_s = self._clock() - begin
         if self.last_tick_s > self.period:
             self._count("overruns")
-        if output is not None and not output.is_finite:
+        if answer is None:
+            return None
+        (output,) = answer
+        if not isinstance(output, JointCommand):
+            self._count("failures", f"act of {self.name} returned a {type(output).__name__} instead of a JointCommand")
+            return None
+        if not output.is_finite:
+            wrong = ", ".join(name for name in _VECTORS if not np.isfinite(getattr(output, name)).all())
             self._count(
                 "bad_outputs",
-                f"{self.name} gave a joint command that is not {self.robot.kp.size} finite numbers each: holding, then "
-                "damping",
+                f"{self.name} gave a joint command in which {wrong} are not {self.robot.kp.size} finite numbers each",
             )
             return None
         return output
 
-    def _call(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+    def _call(self, state: RobotState, command: Command, upper_body: UpperBody) -> object:
         if not self._begun or self._missing_s > HOLD_TIME:
             self._begin(state)
-        output = self.controller.act(state, command, upper_body)
-        if not isinstance(output, JointCommand):
-            raise TypeError(f"act returned a {type(output).__name__} instead of a JointCommand")
-        return output
+        return self.controller.act(state, command, upper_body)
 
     def _fallback(self, state: RobotState) -> JointCommand:
         self._missing_s += self.period

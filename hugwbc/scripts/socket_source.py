@@ -32,6 +32,7 @@ class SocketSource:
 
     Attributes:
         port: that it listens on.
+        driven: whether a client gives the commands now.
         tally: what arrived. "overtaken" are messages that were not read because many newer ones waited.
     """
 
@@ -61,7 +62,7 @@ class SocketSource:
         self._clock, self._heard = clock, -math.inf
         self.tally = Tally(f"UDP port {self.port}", tell, clock)
         self._command, self._hands, self._sequence = Command(), None, -1
-        self._driven, self._followed = False, 0
+        self.driven, self._followed = False, 0
 
     def close(self) -> None:
         """Stop listening."""
@@ -70,8 +71,8 @@ class SocketSource:
     def command_at(self, t: float) -> Command:
         """Return the newest command; a stand once the client is silent."""
         self._receive()
-        if self._driven and self._clock() - self._heard > SILENCE:
-            self._driven, self._sequence = False, -1  # a client that is started again counts from the beginning
+        if self.driven and self._clock() - self._heard > SILENCE:
+            self.driven, self._sequence = False, -1  # a client that is started again counts from the beginning
             self._command, self._hands = Command(), None
             self.tally.note("silent", f"no good message for {SILENCE:g} s: the robot stands, with its own arms")
         return self._command
@@ -114,7 +115,7 @@ class SocketSource:
             if self._sequence >= 0:
                 self.tally.note("missing", number=max(sequence - self._sequence - (number - self._followed), 0))
             self._sequence, self._followed = sequence, number
-        self._heard, self._driven = self._clock(), True
+        self._heard, self.driven = self._clock(), True
 
 
 def _check_keys(kind: str, said: object, known: Sequence[str]) -> None:

@@ -17,11 +17,13 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Simulation
+from hugwbc.targets import HAND_FRAMES
 from hugwbc.tasks.run_task import run_task
 from hugwbc.tasks.task import Shapes, Task
 from hugwbc.tasks.verdict import Verdict
 
 FPS = round(1.0 / RECORD_PERIOD)  # frames per second: the rate of the learned controller and of every other record
+STATE, OBJECTS, ACTION = "observation.state", "observation.environment_state", "action"  # columns of recordings
 _AXES = ("x", "y", "z")
 _POSE = (*_AXES, "qw", "qx", "qy", "qz")
 _BASE = (*_POSE, *(f"v_{axis}" for axis in _AXES), *(f"omega_{axis}" for axis in _AXES))
@@ -41,8 +43,11 @@ ACTION_NAMES = (
     *_of_hands(*(f"force_{axis}" for axis in _AXES)),
     *_of_hands("grip"),
     *_BOTH,
+    "frame",
+    "stiffness",
 )
 """Numbers of an action, in order; `docs/demonstrations.md` says what each of them means."""
+ACTION_SIZES = (len(COMMAND_NAMES), 1, 6, 2, 6, 6, 2, len(_BOTH), 1, 1)  # of its parts
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
@@ -80,11 +85,16 @@ def state_vector(view: View) -> np.ndarray:
     )
 
 
+def objects_array(view: View) -> np.ndarray:
+    """Return the poses of the objects as they are seen: positions [m] and quaternions, shape (objects, 7)."""
+    return np.array([np.concatenate((thing.position, thing.orientation)) for thing in view.objects.values()])
+
+
 def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
     """Return the request as one vector, in the order of `ACTION_NAMES`.
 
-    Targets of hands are in the heading frame, level and at the pelvis, whatever frame the behaviour used. A hand
-    without a target has `given` 0 and the place where it is.
+    Targets of hands are in the heading frame, level and at the pelvis, whatever frame the behaviour used; `frame` is
+    the place of that one in `HAND_FRAMES`. A hand without a target has `given` 0 and the place where it is.
 
     Args:
         view: what was known then.
@@ -94,7 +104,9 @@ def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
     command, hands = action.command, action.hands
     points = points_in(view, view.hands, "heading")
     given, directions, forces, both = np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2)
+    frame, stiffness = HAND_FRAMES.index("heading"), 0.0
     if hands is not None:
+        frame, stiffness = HAND_FRAMES.index(hands.frame), hands.stiffness or 0.0
         hands = in_frame(view, hands, "heading")
         given = hands.given.astype(float)
         points = np.where(hands.given[:, None], hands.array(), points)
@@ -102,7 +114,7 @@ def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
         directions = np.stack([np.zeros(3) if value is None else value for value in pointing])
         forces = hands.forces()
         both = np.array([float(getattr(hands, name)) for name in _BOTH])
-    parts = (points, given, directions, forces, grip, both)
+    parts = (points, given, directions, forces, grip, both, [frame, stiffness])
     return np.concatenate((command.array(), [float(command.gait)], *(np.ravel(part) for part in parts)))
 
 
@@ -220,7 +232,6 @@ class _Watch:
             return
         self._open = view
         self.states.append(state_vector(view))
-        poses = [np.concatenate((thing.position, thing.orientation)) for thing in view.objects.values()]
-        self.objects.append(np.array(poses))
+        self.objects.append(objects_array(view))
         self.positions.append(self._simulation.data.qpos.copy())
         self.steps.append(doing)

@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.numeric import number
 from hugwbc.sim.scenes import Step, Table, Thing
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.record import TaskRecord
@@ -17,6 +19,19 @@ AT_REST = 0.03  # [m/s]
 LIFTED = 0.05  # [m]
 
 
+def about(body: str, missed: str, progress: Callable[[TaskRecord], float]) -> Milestone:
+    """Return a milestone about a body, which the scene must have."""
+    if not isinstance(body, str):
+        raise ConfigError(f"body is {body!r}; give the name of one in the scene, such as 'box', and what is missed")
+
+    def known(record: TaskRecord) -> float:
+        if body not in record.poses:
+            raise UnknownNameError("body of the scene", body, record.poses)
+        return progress(record)
+
+    return Milestone(missed, known)
+
+
 def touched(body: str, missed: str) -> Milestone:
     """Return the milestone that a hand touches or grips a body; its progress is the hand's approach."""
 
@@ -26,12 +41,14 @@ def touched(body: str, missed: str) -> Milestone:
         away = np.linalg.norm(record.hands - record.poses[body][:, None, :3], axis=2)
         return 0.9 * float(np.clip(1.0 - away.min() / max(away[0].min(), 1e-6), 0.0, 1.0))
 
-    return Milestone(missed, progress)
+    return about(body, missed, progress)
 
 
 def lifted(body: str, missed: str, height: float = LIFTED) -> Milestone:
     """Return the milestone that a body rises by a height [m] at some time."""
-    return Milestone(missed, lambda record: rise(record, body).max() / height)
+    if not (number(height) or 0.0) > 0.0:
+        raise ConfigError(f"height is {height!r}; give a number above 0 in metres, such as {LIFTED}")
+    return about(body, missed, lambda record: rise(record, body).max() / height)
 
 
 def rise(record: TaskRecord, body: str) -> np.ndarray:
@@ -41,12 +58,12 @@ def rise(record: TaskRecord, body: str) -> np.ndarray:
 
 def at_rest(body: str, missed: str) -> Milestone:
     """Return the milestone that a body stands still at the end."""
-    return Milestone(missed, lambda record: 1.0 if at_end(record.speed(body)) <= AT_REST else 0.5)
+    return about(body, missed, lambda record: 1.0 if at_end(record.speed(body)) <= AT_REST else 0.5)
 
 
 def upright(body: str, missed: str) -> Milestone:
     """Return the milestone that a body is upright at the end."""
-    return Milestone(missed, lambda record: 1.0 if at_end(record.tilt(body)) <= UPRIGHT else 0.0)
+    return about(body, missed, lambda record: 1.0 if at_end(record.tilt(body)) <= UPRIGHT else 0.0)
 
 
 def hands_off(missed: str) -> Milestone:
@@ -62,7 +79,7 @@ def hands_off(missed: str) -> Milestone:
 
 def trunk_clear(body: str, missed: str) -> Milestone:
     """Return the milestone that pelvis and torso never touch a body."""
-    return Milestone(missed, lambda record: 0.0 if record.touches(TRUNK, body) else 1.0)
+    return about(body, missed, lambda record: 0.0 if record.touches(TRUNK, body) else 1.0)
 
 
 def half_height(thing: Thing) -> float:

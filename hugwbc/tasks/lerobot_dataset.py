@@ -123,7 +123,8 @@ class DatasetWriter:
         self._videos = [key for key in self._features if key not in columns]
         self._schema = pa.schema([(key, _arrow_type(feature)) for key, feature in columns.items()])
         self._staging = self.folder.with_name(f".{self.folder.name}.partial")
-        self._key = json.dumps([self._features, self._tasks, dict(settings or {})])
+        self._settings = json.dumps(dict(settings or {}))
+        self._key = json.dumps([self._features, self._tasks, self._settings])
         self._only = contextlib.ExitStack()
         self._steps: dict[str, int] = {}
         self._seen: dict[str, list[Mapping[str, Any]]] = {}
@@ -219,6 +220,7 @@ class DatasetWriter:
                 "suite_task": episode.task.name,
                 "seed": episode.seed,
                 "controller": episode.controller,
+                "settings": self._settings,
                 "objects": list(episode.task.scene.body_names),
                 "success": verdict.success,
                 "score": verdict.score,
@@ -317,6 +319,24 @@ class DatasetWriter:
             "video_path": _VIDEO if self._videos else None,
             "features": self._features,
         }
+
+
+def read_episodes(folder: pathlib.Path) -> list[dict[str, Any]]:
+    """Return the rows of the episodes of a data set, as `DatasetWriter` writes them."""
+    path = folder / _EPISODES.format(**_place(0))
+    try:
+        rows = pq.read_table(path).to_pylist()
+    except (OSError, pa.ArrowInvalid) as error:
+        raise ConfigError(f"{folder} is no data set of `hugwbc tasks --record`: {error}; give its folder") from error
+    if any("settings" not in row for row in rows):
+        raise ConfigError(f"{folder} does not say with what settings it was recorded; record it again")
+    return rows
+
+
+def read_frames(folder: pathlib.Path, row: Mapping[str, Any], key: str) -> np.ndarray:
+    """Return a column of the frames of an episode by its row, shape (T, numbers)."""
+    path = folder / _DATA.format(**{name: row[f"data/{name}"] for name in _place(0)})
+    return np.array(pq.read_table(path, columns=[key])[key].to_pylist())
 
 
 def _place(number: int) -> dict[str, int]:

@@ -44,6 +44,7 @@ def run_task(
     on_progress: Callable[[float], None] | None = None,
     on_moment: Callable[[Moment], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
+    strict: bool = True,
 ) -> TaskRun:
     """Run one episode: until a second after the behaviour has ended, the robot falls, the time limit, or a stop.
 
@@ -55,6 +56,7 @@ def run_task(
         on_progress: called with the fraction of the time limit.
         on_moment: called at each sample, with the state that pictures show.
         stop: whether to end the episode now.
+        strict: whether what the controller raises ends the episode (`rollout`).
     """
     if simulation.scene is None:
         raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
@@ -63,6 +65,8 @@ def run_task(
 
     def sample(moment: Moment) -> None:
         watch.sample(simulation.time, moment.gait)
+        if simulation.time == 0.0:
+            task.check(watch.record(Ending(False)))
         if on_moment is not None:
             on_moment(moment)
 
@@ -83,6 +87,7 @@ def run_task(
         on_moment=sample,
         on_step=lambda state, estimate: watch.look(),
         until=over,
+        strict=strict,
     )
     record = watch.record(_ending(source, ended))
     return TaskRun(trace, record, task.judge(record))

@@ -58,6 +58,11 @@ class Task:
         shapes = shapes_of(scene)
         return BehaviourSource(lambda view: self.behaviour(view, shapes))
 
+    def check(self, first: TaskRecord) -> None:
+        """Refuse milestones that cannot be judged, by the first sample of an episode."""
+        for milestone in self.milestones:
+            milestone.share(first)
+
     def judge(self, record: TaskRecord) -> Verdict:
         """Return success, or the reason why not, from the true states of robot and objects."""
         return judged(record, self.milestones)

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hugwbc.behaviours.source import FARTHEST, RAN_AWAY, SETTLED
+from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.extensions import described
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.tasks.record import TaskRecord, bumps
@@ -22,11 +24,34 @@ class Milestone:
     Attributes:
         missed: what is said of an episode without it, such as "the box was not lifted". It holds no numbers, so that
             equal failures can be counted.
-        progress: how much of it there was, in [0, 1]; 1 once it is reached.
+        progress: how much of it there was, in [0, 1]; 1 once it is reached. It is asked of the first sample, too,
+            when nothing has happened yet.
     """
 
     missed: str
     progress: Callable[[TaskRecord], float]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.missed, str) or not self.missed:
+            raise ConfigError(
+                f"missed is {self.missed!r}; give what is said of an episode without the milestone, such as 'the box "
+                "was not lifted'"
+            )
+        if not callable(self.progress):
+            raise ConfigError(f"progress of '{self.missed}' is {self.progress!r}; give a function of a TaskRecord")
+
+    def share(self, record: TaskRecord) -> float:
+        """Return how much of it a record shows, in [0, 1]; NaN counts as 0."""
+        try:
+            value = float(self.progress(record))
+        except HugwbcError:
+            raise
+        except Exception as error:  # the code of somebody else may raise anything
+            raise ConfigError(
+                f"the milestone '{self.missed}' cannot be judged: {described(error)}; give a number from 0 to 1 for "
+                "every record, also for one in which nothing has happened yet"
+            ) from error
+        return min(max(value, 0.0), 1.0) if math.isfinite(value) else 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +90,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     """
     reached, reason = 0.0, ""
     for milestone in milestones:
-        part = _share(milestone.progress(record))
+        part = milestone.share(record)
         reached += part
         if part < 1.0:
             reason = milestone.missed
@@ -99,11 +124,6 @@ def stillness(record: TaskRecord) -> tuple[float, float]:
         farthest = max(farthest, math.dist(at, rest))
     last = place[-11:]  # 0.2 s
     return farthest, math.dist(last[0], last[-1]) / (max(len(last) - 1, 1) * RECORD_PERIOD)
-
-
-def _share(value: float) -> float:
-    """Return a progress clamped to [0, 1]; NaN counts as 0."""
-    return float(np.clip(value, 0.0, 1.0)) if np.isfinite(value) else 0.0
 
 
 def within(value: float, allowed: float) -> float:

@@ -18,6 +18,7 @@ from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.feasibility import feasible
+from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
@@ -47,6 +48,7 @@ FLOOR_COLOURS = {
     "cell_color": ((208, 213, 220), (80, 88, 100)),
     "section_color": ((168, 175, 186), (108, 117, 131)),
 }
+_STREAM = "another program drives: the sliders show its commands"
 WORLD = "/world"  # everything that stands still for the robot; it moves instead of the cameras
 
 
@@ -62,6 +64,7 @@ class LivePage:
         port: int = 0,
         expose: bool = False,
         tasks: Sequence[str] = (),
+        stream: SocketSource | None = None,
     ) -> None:
         """Build the page and listen.
 
@@ -72,6 +75,7 @@ class LivePage:
             port: port to listen on; 0 for any free port.
             expose: allow a host that other machines can reach, and requests that call this machine by any name.
             tasks: names of tasks to offer; whoever runs the robot asks `take_task` for the one that is wanted.
+            stream: another program's commands. While they come, the sliders follow them and cannot be moved.
         """
         check_host(host, expose=expose)
         commands = [(key, NAMES[key], COMMAND_UNITS[key]) for key in COMMAND_NAMES]
@@ -81,7 +85,8 @@ class LivePage:
         # viser prints the address; what is printed is for the caller to decide.
         with self.link.serving(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
-        self.source = LiveSource()  # what the person asks for, for the control loop
+        self.source = LiveSource(stream=stream)  # what the person asks for, for the control loop
+        self._following = False  # as the sliders show it
         self.push: np.ndarray | None = None  # force that waits, in the pelvis' heading frame [N], (3,)
         self._asked: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show the command
@@ -337,11 +342,24 @@ class LivePage:
             self._heading.position = state.position
             self._heading.wxyz = rotations.from_yaw_pitch_roll(state.yaw, 0.0, 0.0)
             self._follow(state.position, state.yaw, state.time)
+        self._show_who_drives()
         with _drawn_later():
             while self._moved:
                 name = self._moved.pop()
                 self._sliders[name].value = getattr(self.source.wanted, name)
         self._say(simulation, forces, task, speed)
+
+    def _show_who_drives(self) -> None:
+        """Let the sliders follow another program's commands while they come, and nobody move them."""
+        following, wanted = self.source.following, self.source.wanted
+        if following is not self._following:
+            self._following = following
+            self._hands_on.value = False
+            for control in (*self._sliders.values(), self._hands_on, self._body_on):
+                control.disabled = following
+            self.moved()
+        if following:
+            self._moved.update(name for name in COMMAND_NAMES if self._sliders[name].value != getattr(wanted, name))
 
     def _follow(self, position: np.ndarray, yaw: float, now: float) -> None:
         """Move the world so that cameras, which stay, keep the robot in view.
@@ -369,12 +387,13 @@ class LivePage:
         gait = command.gait.label
         coming = "" if wanted.gait is command.gait else f", slows down for {wanted.gait.label}"
         notice = self.source.notice if time.monotonic() < self.source.noticed else ""
+        whose = _STREAM if self.source.following else ""
         about = f"{speed:.2f} × real time, pelvis {state.position[2]:.2f} m{forces}"
         status: dict[str, Any] = {
             "gait": gait,
             "next": wanted.gait.label,
             "line": f"{gait.replace('_', ' ')} at {state.time:.1f} s{coming}, {about}",
-            "notes": [note for note in (notice, *(f"guard: {change}" for change in changes)) if note],
+            "notes": [note for note in (whose, notice, *(f"guard: {change}" for change in changes)) if note],
             "asked": {name: getattr(wanted, name) for name in COMMAND_NAMES},
             "commanded": {name: getattr(allowed, name) for name in COMMAND_NAMES},
             "changed": [change.name for change in changes],

@@ -8,6 +8,7 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.gait import Gait
+from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.targets import HandTargets
 
 # How fast commands follow the sliders, in the command's unit per second, in the order of COMMAND_NAMES.
@@ -21,10 +22,11 @@ class LiveSource:
 
     A stand is asked for at once, because every control loop brakes before it (`hugwbc.runtime.braking`).
 
-    Several threads may ask for values at any time.
+    Several threads may ask for values at any time. While another program's messages come, they count instead.
     """
 
-    def __init__(self, wanted: Command | None = None) -> None:
+    def __init__(self, wanted: Command | None = None, stream: SocketSource | None = None) -> None:
+        self._stream, self.following = stream, False  # whether another program gives the commands now
         self.wanted = wanted or Command()  # what the person asks for
         self.hands: HandTargets | None = None  # None leaves the arms to the controller
         self.notice, self.noticed = "", -np.inf  # what was done with the last request, for people; shown until then
@@ -52,6 +54,8 @@ class LiveSource:
 
         A velocity makes a standing robot walk, because standing admits none.
         """
+        if self.following:
+            return
         with self._asking:
             gait = self.wanted.gait
             if gait is Gait.STANDING and name in VELOCITY_NAMES and abs(value) > 0.0:
@@ -63,6 +67,8 @@ class LiveSource:
 
     def ask_gait(self, gait: Gait) -> None:
         """Ask for a gait; values outside its ranges are clamped."""
+        if self.following:
+            return
         with self._asking:
             self._walks_by_itself = False
             self.wanted, changes = dataclasses.replace(self.wanted, gait=gait).clamp()
@@ -82,6 +88,8 @@ class LiveSource:
 
     def halt(self, reason: str) -> None:
         """Request a stand, because nobody drives; the reason is for people."""
+        if self.following:
+            return
         with self._asking:
             self.wanted = dataclasses.replace(
                 self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
@@ -91,6 +99,9 @@ class LiveSource:
 
     def command_at(self, t: float) -> Command:
         """Return the command at time t [s], as far as the ramps have come; time that goes back starts from rest."""
+        if self._follow():
+            self._t = t
+            return self._command
         if t < self._t:
             self._t, self._command = 0.0, default_command(self.wanted.gait)
         dt, self._t = t - self._t, t
@@ -111,4 +122,17 @@ class LiveSource:
 
     def hands_at(self, t: float) -> HandTargets | None:
         """Return the present hand targets."""
-        return self.hands
+        return self._stream.hands_at(t) if self._stream is not None and self.following else self.hands
+
+    def _follow(self) -> bool:
+        """Take the command of the other program, and return whether its messages come."""
+        if self._stream is None:
+            return False
+        command = self._stream.command_at(0.0)
+        if self._stream.driven:
+            self.following, self.wanted, self._command = True, command, command
+        elif self.following:
+            self.following = False
+            self.stand()
+            self.tell("the other program is silent: the robot stands, and can be driven from here")
+        return self.following

@@ -45,13 +45,24 @@ class _QuietHandler(WebSocketHandler):
         self.bridge.websocket_pool.discard(self)
 
 
+class _NoIcon(tornado.web.RequestHandler):
+    """Answers browsers, which ask for an icon; tornado would print that there is none."""
+
+    def get(self) -> None:
+        self.set_status(204)
+
+
 class _LoopbackBridge(Bridge):
     def make_app(self) -> tornado.web.Application:
         application = _LoopbackApplication()
         pages = {"path": VIEWER_ROOT, "default_filename": VIEWER_HTML}
         application.add_handlers(
             _HOST_PATTERN,
-            [(r"/static/(.*)", StaticFileHandlerNoCache, pages), (r"/", _QuietHandler, {"bridge": self})],
+            [
+                (r"/static/(.*)", StaticFileHandlerNoCache, pages),
+                (r"/favicon.ico", _NoIcon),
+                (r"/", _QuietHandler, {"bridge": self}),
+            ],
         )
         return application
 

@@ -10,7 +10,10 @@ import time
 import webbrowser
 from collections.abc import Callable, Sequence
 
-from hugwbc.commands import Command
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, Command
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
@@ -21,8 +24,10 @@ from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Engine, Force, Scene, Simulation
+from hugwbc.state import RobotState
 
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
+SETTLE = 1.0  # [s] after a start that do not count in mean velocities
 FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
 PAGE_LOAD_TIME = 1.5  # [s] that a browser needs to show the scene
 DEARER, CHEAPER = 0.2, 0.02  # shares by which a picture's time changes what the next one may take
@@ -69,20 +74,29 @@ class RealTime:
 
 def open_view(name: str, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
     """Open a live meshcat page with one robot, which only this machine can reach; return what draws a moment."""
+    return open_page(tell)(name, scene)
+
+
+def open_page(tell: Tell) -> Callable[[str, Scene | None], Draw]:
+    """Open an empty page; return what puts a robot there, by its name and what is around it."""
     from hugwbc.viz import meshcat_scene
     from hugwbc.viz.server import open_visualizer
 
     visualizer, address = open_visualizer()
-    picture = meshcat_scene.Scene(visualizer, [name], around=[scene])
     tell(f"watch at {address}; Ctrl-C stops")
     if webbrowser.open(address):
         time.sleep(PAGE_LOAD_TIME)
 
-    def draw(moment: Moment) -> None:
-        picture.robots[0].show(moment)
-        picture.look_at(moment.qpos[:2])
+    def put(name: str, scene: Scene | None) -> Draw:
+        picture = meshcat_scene.Scene(visualizer, [name], around=[scene])
 
-    return draw
+        def draw(moment: Moment) -> None:
+            picture.robots[0].show(moment)
+            picture.look_at(moment.qpos[:2])
+
+        return draw
+
+    return put
 
 
 def watch(
@@ -170,32 +184,54 @@ def run_live(
     for each fall and, at the end, how the run went.
     """
     falls, simulated, next_frame = 0, 0.0, 0.0
+    velocities, ticks = np.zeros((2, 3)), 0
     messages: list[str] = []
     loop.reset()
     clock = clock or RealTime()
-    while simulated < duration - 1e-9:
-        loop.step(loop.decide(loop.simulation.time), loop.period)
-        simulated += loop.period
-        again = loop.simulation.fallen
-        if draw is not None and (again or simulated >= next_frame):
-            next_frame += FRAME_PERIOD
-            again = bool(draw(loop.moment())) or again
-            clock.keep(simulated)
-        if loop.simulation.fallen:
-            falls += 1
-            tell(f"fell after {loop.simulation.time:.1f} s; standing up again")
-            if draw is not None:
-                clock.pause(FALLEN_PAUSE)
-        if again:
-            messages += loop.safe.report().messages  # the reset clears them
-            loop.reset()
-        elif until():
-            break
-    tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
-    if (watch := getattr(loop.control.upper_body, "watch", None)) is not None and watch.tally.problem:
-        tell(str(watch.tally))
-    for message in dict.fromkeys([*messages, *loop.safe.report().messages]):
-        tell(f"safety: {message}")
+    try:
+        while simulated < duration - 1e-9:
+            state = loop.step(loop.decide(loop.simulation.time), loop.period)
+            simulated += loop.period
+            if loop.simulation.time > SETTLE:
+                velocities += loop.safe.command.array()[:3], walked(state)
+                ticks += 1
+            again = loop.simulation.fallen
+            if draw is not None and (again or simulated >= next_frame):
+                next_frame += FRAME_PERIOD
+                again = bool(draw(loop.moment())) or again
+                clock.keep(simulated)
+            if loop.simulation.fallen:
+                falls += 1
+                tell(f"fell after {loop.simulation.time:.1f} s; standing up again")
+                if draw is not None:
+                    clock.pause(FALLEN_PAUSE)
+            if again:
+                messages += loop.safe.report().messages  # the reset clears them
+                loop.reset()
+            elif until():
+                break
+    finally:  # also after Ctrl-C
+        tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
+        if ticks:
+            tell(mean_velocities(*velocities / ticks))
+        if (watch := getattr(loop.control.upper_body, "watch", None)) is not None and watch.tally.problem:
+            tell(str(watch.tally))
+        for message in dict.fromkeys([*messages, *loop.safe.report().messages]):
+            tell(f"safety: {message}")
+
+
+def walked(state: RobotState) -> np.ndarray:
+    """Return v_x, v_y [m/s] and omega [rad/s] of a robot from its true state, shape (3,)."""
+    assert state.velocity is not None
+    velocity = rotations.rotation_z(-state.yaw) @ state.velocity
+    return np.array([*velocity[:2], rotations.rotate(state.orientation, state.angular_velocity)[2]])
+
+
+def mean_velocities(told: np.ndarray, walked: np.ndarray) -> str:
+    """Return mean velocities as a line for people; both have the shape (3,)."""
+    pairs = zip(VELOCITY_NAMES, walked, told, strict=True)
+    words = (f"{name} {mean:.2f} of {asked:.2f} {COMMAND_UNITS[name]}" for name, mean, asked in pairs)
+    return f"mean velocities, walked of commanded: {', '.join(words)}"
 
 
 def run_script(main: Callable[..., object]) -> None:

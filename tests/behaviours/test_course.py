@@ -172,3 +172,14 @@ def test_a_robot_whose_hands_end_far_from_a_box_comes_nearer(short: float, neare
         action = source.act(view(0.02 * tick, objects=objects(box=(0.41, 0.0, 0.9)), hands=points))
         walked = walked or action.command.v_x > 0.0
     assert walked == nearer
+
+
+def test_a_step_that_was_made_but_never_run_is_told_where_it_was_made():
+    def forgets(view: View) -> Course:
+        count(view, 3)
+        return (yield from count(view, 2))
+
+    with pytest.warns(RuntimeWarning, match=r"write `view = yield from count\(view, ...\)`") as told:
+        actions, source = run(forgets)
+    assert len(told) == 1 and len(actions) == 3 and source.status is Status.SUCCESS
+    assert told[0].filename == __file__

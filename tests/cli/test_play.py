@@ -125,6 +125,26 @@ def test_a_whole_body_clip_is_danced_and_its_error_told(tmp_path, capsys, monkey
     assert "run `pip install 'hugwbc[motion]'`" in capsys.readouterr().err
 
 
+def test_a_stream_is_followed_in_the_live_page_and_both_addresses_come_first(capsys, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", lambda address: True)
+    assert main(["play", "--viewer", "live", "--listen", "0", "--controller", "hold", "--duration", "1.2"]) == 0
+    first, second, third, *_, last = capsys.readouterr().out.splitlines()
+    assert first.startswith("listening on UDP port")
+    assert second.removeprefix("the page will be at ") in third and third.startswith("drive at http://")
+    assert last.endswith("0 messages, longest gap 0 ms")
+    assert main(["play", "--viewer", "live", "--listen", "0", "--v-x", "0.3"]) == 2
+    assert "--viewer live and --v-x are both given" in capsys.readouterr().err
+
+
+def test_mean_velocities_are_said_after_a_play_and_a_task(capsys, standing_task):
+    assert main(["play", "--controller", "qp", "--viewer", "none", "--v-x", "0.3", "--duration", "3"]) == 0
+    said = re.search(r"walked of commanded: v_x (\d\.\d\d) of 0\.30 m/s, v_y", capsys.readouterr().out)
+    assert said is not None and float(said[1]) == pytest.approx(0.3, abs=0.08)
+    words = ["play", "--task", str(standing_task()), "--controller", "hold", "--viewer", "none"]
+    assert main(words) == 1
+    assert "omega 0.00 of 0.00 rad/s" in capsys.readouterr().out.replace("-0.00", "0.00")
+
+
 def test_a_port_in_use_is_refused(capsys):
     with socket.create_server(("127.0.0.1", 0)) as other:
         assert main(["play", "--viewer", "live", "--controller", "hold", "--port", str(other.getsockname()[1])]) == 2

@@ -1,3 +1,5 @@
+import dataclasses
+
 import gymnasium
 import numpy as np
 import pytest
@@ -5,15 +7,19 @@ from gymnasium.utils.env_checker import check_env
 
 import hugwbc.gym  # noqa: F401  registers the environments
 from hugwbc import Command, Gait
-from hugwbc.behaviours import BehaviourSource
+from hugwbc.behaviours import Action, BehaviourSource, stand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gym import TASK_ENVIRONMENTS
 from hugwbc.gym.task_action import Wish
 from hugwbc.gym.task_env import TaskEnv
 from hugwbc.robot import load_robot
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
+from hugwbc.targets import HandTargets
 from hugwbc.tasks import load_task, shapes_of
+from hugwbc.tasks.demonstration import demonstrate
+from hugwbc.tasks.replay import replay
 
 NEAR = Scene((Button(name="button", position=(0.62, Uniform(-0.25, -0.15)), height=1.1, force=15.0, travel=0.02),))
 
@@ -141,6 +147,7 @@ def test_a_scene_and_a_task_of_ones_own(tmp_path):
     ("options", "error", "message"),
     [
         ({"controller": "none"}, UnknownNameError, "unknown controller"),
+        ({"actions": "recorder"}, UnknownNameError, "Did you mean 'recorded'"),
         ({"limit": 0.0}, ConfigError, "limit is 0.0 s"),
         ({"limit": float("nan")}, ConfigError, "limit is nan s"),
         ({"scene": Scene((Wall(name="wall", position=(2.0, 0.0)),))}, ConfigError, "the scene has no button"),
@@ -170,3 +177,52 @@ def test_the_tasks_own_behaviour_presses_the_button_by_these_actions():
         _, reward, terminated, truncated, info = env.step(env.actions.encode(Wish.of(behaviour.act(view), view)))
         total, over = total + reward, terminated or truncated
     assert info["success"] and info["reason"] == "" and total == pytest.approx(1.0)
+
+
+def reach_out(view):
+    """Lean and walk on the spot, reach to a point of the world with a direction, and squeeze softly."""
+    view = yield from stand(view, 0.06)
+    for share in np.linspace(0.0, 1.0, 20):
+        hands = HandTargets.of(
+            (0.4 + 0.1 * share, 0.3, 1.1),
+            (0.4, -0.3, 1.1),
+            "world",
+            left_direction=(1.0, 0.0, 0.2),
+            left_force=(0.0, -5.0 * share, 0.0),
+            stiffness=400.0,
+        )
+        view = yield Action(Command(f=1.7, l=0.2, w=0.3, gait=Gait.WALKING), hands, doing="reach")
+    return view
+
+
+def test_recorded_actions_do_the_same_again():
+    """An episode of 1 s is recorded, replayed, and played step by step in the environment: the same states."""
+    given = load_task("press_button")
+    task = dataclasses.replace(given, behaviour=lambda view, shapes: reach_out(view), limit=0.5)
+    controller, arena = ControllerSpec("learned").build(), Arena()
+    simulation = arena.simulation(seed=5, scene=task.scene)
+    told = demonstrate(task, controller, simulation, seed=5)
+    rows = told.action.astype(np.float32)
+    again = replay(task, controller, arena.simulation(seed=5, scene=task.scene), rows, seed=5)
+    assert len(rows) >= 20 and again.verdict.reason == told.verdict.reason
+    assert again.verdict.score == pytest.approx(told.verdict.score, abs=1e-6)
+    np.testing.assert_allclose(again.state[: len(rows)], told.state, atol=1e-3)
+    env = TaskEnv(given, "learned", actions="recorded")
+    observation, _ = env.reset(seed=5)
+    for row, state, objects in zip(rows, told.state, told.objects, strict=True):
+        assert env.observation_space.contains(observation)
+        np.testing.assert_allclose(observation["observation.state"], state, atol=1e-3)
+        np.testing.assert_allclose(observation["observation.environment_state"], objects.ravel(), atol=1e-6)
+        observation, *_, info = env.step(row)
+    assert info["time"] == pytest.approx(0.02 * len(rows))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_recorded_action_stops_the_environment(seed):
+    env = press(actions="recorded")
+    env.reset(seed=3)
+    rng = np.random.default_rng(seed)
+    for scale in (1.0, 100.0, np.inf, np.nan):
+        observation, reward, *_, info = env.step(scale * rng.normal(size=env.action_space.shape))
+        assert np.isfinite(observation["observation.state"]).all() and np.isfinite(reward)
+        assert "raised" not in info["reason"]

@@ -228,3 +228,12 @@ def test_hands_that_become_soft_during_the_takeover_never_have_negative_stiffnes
     loop.reset()
     least = min(loop.decide(tick * loop.period).kp.min() for tick in range(40))
     assert 0.0 < least < 20.0 and loop.safe.report().gains_limited == 0
+
+
+@pytest.mark.parametrize("sensing", ["exact", "robot"])
+def test_a_decision_before_the_run_has_begun_is_refused(sensing):
+    loop = ControlLoop(HoldController(), Command(), Simulation(sensing=sensing))
+    with pytest.raises(ConfigError, match="call reset of the loop first"):
+        loop.decide(0.0)
+    loop.reset()
+    assert loop.decide(0.0).is_finite

@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import mujoco
 import numpy as np
@@ -204,3 +205,59 @@ def test_names_stand_for_controller_robot_ground_and_scene():
         Simulation(scene="parcl")
     with pytest.raises(UnknownNameError, match=r"unknown controller 'qpp'\. Did you mean 'qp'"):
         rollout("qpp", Command(), simulation, duration=0.1)
+
+
+class Few(HoldController):
+    """Returns 12 joints."""
+
+    def act(self, state, command, upper_body):
+        return JointCommand(*np.zeros((5, 12)))
+
+
+class Bare(HoldController):
+    """Returns an array."""
+
+    def act(self, state, command, upper_body):
+        return np.zeros(19)
+
+
+class Raising(HoldController):
+    """Raises."""
+
+    def act(self, state, command, upper_body):
+        raise ValueError("no such thing")
+
+
+class Mute:
+    """A source of nothing."""
+
+    def command_at(self, t):
+        return None
+
+    def hands_at(self, t):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("controller", "source", "words"),
+    [
+        (Few(), Command(), "hold gave a joint command in which q, dq, kp, kd, tau are not 19 finite numbers each"),
+        (Bare(), Command(), "act of hold returned a ndarray instead of a JointCommand"),
+        (Raising(), Command(), r"hold raised ValueError: no such thing \(test_rollout.py, line \d+\)"),
+        (HoldController(), Mute(), "it gave a NoneType and a NoneType instead of a Command"),
+    ],
+)
+def test_a_mistake_in_somebody_elses_code_ends_a_run_unless_it_must_go_on(simulation, controller, source, words):
+    with pytest.raises(ConfigError, match=words):
+        rollout(controller, source, simulation, duration=0.2)
+    assert simulation.time == 0.0
+    trace = rollout(controller, source, simulation, duration=0.2, strict=False)
+    safety = trace.safety
+    assert safety.failures + safety.bad_outputs + safety.source_failures == trace.steps == 10
+    assert re.search(words, safety.messages[0])
+
+
+def test_hand_targets_that_nothing_follows_are_told_once(simulation):
+    with pytest.warns(UserWarning, match="give an UpperBodySource") as told:
+        rollout(HoldController(), Reaching(), simulation, duration=0.4)
+    assert len(told) == 1

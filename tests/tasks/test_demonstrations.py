@@ -351,6 +351,13 @@ def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys, sta
     assert read_info(tmp_path / "d" / "demos")["total_episodes"] == 2
     assert main(words) == USAGE_ERROR
     assert "never overwritten" in capsys.readouterr().err
+    task = words[1:3]
+    assert main(["tasks", *task, "--replay", "d/demos", "--episode", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "episode 1: stand, seed 8, hold: not done: never" in out and "the base at most 0.0 mm off" in out
+    assert "the same outcome in 1 of 1" in out
+    assert main(["tasks", *task, "--replay", "d/demos", "--episode", "2"]) == USAGE_ERROR
+    assert "episode is 2; d/demos has 0 to 1" in capsys.readouterr().err
 
 
 def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch, standing_task):
@@ -374,6 +381,9 @@ def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch
     [
         (["--episodes", "3"], "--record"),
         (["--cameras", "head"], "--record"),
+        (["--episode", "3"], "--episode --replay FOLDER"),
+        (["--replay", "out", "--seed", "3"], "--seed does nothing here: a replay has it from its data set"),
+        (["--replay", "out"], "out is no data set of `hugwbc tasks --record`"),
         (["--record", "new", "--cameras", "heed"], "Did you mean 'head'"),
         (["--record", "new", "--episodes", "0"], "episodes is 0"),
         (["--task", "fetch_bx"], "fetch_box"),

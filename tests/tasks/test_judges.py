@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.tasks import TASK_NAMES, load_task
+from hugwbc.behaviours import stand
+from hugwbc.errors import HugwbcError
+from hugwbc.gym.task_env import TaskEnv
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.sim import Scene, Simulation
+from hugwbc.sim.scenes import Box, Table
+from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, run_task
+from hugwbc.tasks.judges import at_rest, happened, lifted, touched, trunk_clear
 from hugwbc.tasks.wipe_table import CORNERS, path_points
 
+BOX = Box(name="box", on="table", size=(0.2, 0.2, 0.2))
 LEFT, RIGHT, BOTH = (("left_elbow_link",), ("right_elbow_link",), ("left_elbow_link", "right_elbow_link"))
 
 
@@ -223,3 +231,44 @@ def test_weights_that_are_held(made_up):
     assert verdict_of("hold_payload", sagging).reason == "the hands were not within 3 cm for 10 s"
     one = dataclasses.replace(lifted, held=np.where(np.arange(2) == 0, held, -1))
     assert verdict_of("hold_payload", one).reason == "a weight was not taken"
+
+
+def refused(make, *words):
+    with pytest.raises(HugwbcError) as error:
+        make()
+    assert all(word in str(error.value) for word in words), str(error.value)
+
+
+def test_arguments_of_milestones_in_a_wrong_order_or_of_a_wrong_kind_are_refused_at_once():
+    refused(lambda: lifted("box", 0.05, "the box was not lifted"), "height is 'the box was not lifted'", "0.05")  # type: ignore[arg-type]
+    refused(lambda: at_rest("box", 0.05), "missed is 0.05", "'the box was not lifted'")  # type: ignore[arg-type]
+    refused(lambda: lifted("box", "low", -0.1), "height is -0.1", "metres")
+    refused(lambda: touched(BOX, "no touch"), "body is Box", "give the name")  # type: ignore[arg-type]
+    refused(lambda: happened("no", lambda record: True), "missed is <function")  # type: ignore[arg-type]
+    refused(lambda: Milestone("no", 1.0), "progress of 'no' is 1.0", "give a function of a TaskRecord")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("later", "words"),
+    [
+        (lifted("bok", "it was not lifted"), ("unknown body of the scene 'bok'. Did you mean 'box'?",)),
+        (trunk_clear("tabel", "the trunk touched it"), ("unknown body", "Did you mean 'table'")),
+        (Milestone("no", lambda record: record.travel["x"]), ("'no' cannot be judged: KeyError: 'x' (test_judges.py",)),
+        (Milestone("no", lambda record: None), ("'no' cannot be judged", "give a number from 0 to 1")),  # type: ignore[arg-type,return-value]
+    ],
+)
+def test_a_milestone_that_cannot_be_judged_is_said_in_the_first_sample(later, words):
+    """Although an earlier one is missed then."""
+    scene = Scene((Table(name="table", position=(0.7, 0.0)), BOX))
+    task = Task(
+        name="small",
+        about="Nothing.",
+        scene=scene,
+        behaviour=lambda view, shapes: stand(view, 50.0),
+        limit=60.0,
+        milestones=(Milestone("it is early", lambda record: record.time[-1] / 60.0), later),
+    )
+    simulation = Simulation(sensing="exact", scene=scene)
+    refused(lambda: run_task(task, HoldController(), simulation), *words)
+    assert simulation.time == 0.0
+    refused(lambda: TaskEnv(task, "hold").reset(seed=3), *words)

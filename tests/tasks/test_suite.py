@@ -89,7 +89,7 @@ def test_a_task_needs_milestones_and_a_limit():
         Task(**fields, limit=10.0, milestones=())
     for limit in (0.0, float("inf"), float("nan")):
         with pytest.raises(ConfigError, match="limit"):
-            Task(**fields, limit=limit, milestones=(Milestone("", lambda record: 1.0),))
+            Task(**fields, limit=limit, milestones=(Milestone("never", lambda record: 1.0),))
 
 
 def test_every_task_has_a_row_in_the_page():

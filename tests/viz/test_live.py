@@ -1,9 +1,11 @@
 """The live page: what a person does there reaches the robot, and what the robot does is shown."""
 
+import contextlib
 import json
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +19,7 @@ from hugwbc import Command, Gait, rotations
 from hugwbc.errors import SceneError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, UpperBodySource
+from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Scene, Table, Tray
 from hugwbc.viz.drive import drive
@@ -199,6 +202,32 @@ def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
     page.show(simulation)
     assert page.source.wanted == Command()
     page.close()
+
+
+def test_sliders_follow_another_program_and_cannot_be_moved_meanwhile():
+    simulation, now = Simulation(sensing="exact"), [10.0]
+    with contextlib.closing(SocketSource(clock=lambda: now[0])) as stream:
+        page = LivePage(simulation, name="test", stream=stream)
+        page.link._hear(1, "{}")
+        controls = (*page._sliders.values(), page._hands_on, page._body_on)
+        page.show(simulation)
+        assert not any(control.disabled for control in controls)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.sendto(b'{"command": {"v_x": 0.4, "w": -0.2}}', ("127.0.0.1", stream.port))
+        page.source.command_at(0.02)
+        page.show(simulation)
+        assert all(control.disabled for control in controls)
+        assert (page._sliders["v_x"].value, page._sliders["w"].value) == (0.4, -0.2)
+        assert "another program drives" in page.link._status["notes"][0]
+        page._sliders["v_x"].value = 1.0  # a page that does not know it yet
+        page.source.command_at(0.04)
+        page.show(simulation)
+        assert page.source.command.v_x == page._sliders["v_x"].value == 0.4
+        now[0] += 1.0
+        page.source.command_at(0.06)
+        page.show(simulation)
+        assert not any(control.disabled for control in controls) and page._sliders["v_x"].value == 0.0
+        page.close()
 
 
 def tray_on_a_table():

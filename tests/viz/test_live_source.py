@@ -1,4 +1,7 @@
+import contextlib
 import dataclasses
+import json
+import socket
 import sys
 import threading
 
@@ -6,6 +9,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
+from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.viz.live_source import RATES, LiveSource
 
 DT = 0.02
@@ -105,3 +109,28 @@ def test_a_halt_and_a_pause_ask_for_a_stand_at_once():
     source.halt("the page is gone")
     assert play(source, DT, start=5.2)[0] == Command()
     assert source.notice == "the page is gone"
+
+
+def test_another_programs_commands_count_while_they_come():
+    now = [10.0]
+    with contextlib.closing(SocketSource(clock=lambda: now[0])) as stream:
+        source = LiveSource(stream=stream)
+        source.ask("w", 0.5)
+        assert play(source, 1.0)[-1].w == pytest.approx(0.5), "nobody sends yet"
+        hands = {"left": [0.3, 0.2, 0.1], "right": [0.3, -0.2, 0.1]}
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.sendto(json.dumps({"command": {"v_x": 0.4}, "hands": hands}).encode(), ("127.0.0.1", stream.port))
+        (command,) = play(source, DT, start=1.0)
+        assert source.following and command == source.wanted == Command(v_x=0.4, gait=Gait.WALKING)
+        assert source.hands_at(1.0) is not None
+        source.ask("v_x", 0.1)
+        source.ask_gait(Gait.JUMPING)
+        source.halt("the page is gone")
+        source.pause(on=True)
+        assert play(source, DT, start=1.02) == [command] and source.notice == ""
+        source.pause(on=False)
+        now[0] += 0.4
+        assert play(source, 1.0, start=1.04)[-1].gait is Gait.STANDING
+        assert not source.following and source.hands_at(2.0) is None and "silent" in source.notice
+        source.ask("w", 0.2)
+        assert play(source, 2.0, start=2.04)[-1].w == pytest.approx(0.2), "the person may drive"

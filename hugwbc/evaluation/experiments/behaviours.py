@@ -60,6 +60,7 @@ def play(
         duration=settings.duration,
         estimator=conditions.estimator(),
         until=lambda: source.done,
+        strict=False,
     )
     success = source.status is Status.SUCCESS and not trace.fell
     seconds = simulation.time if success else None

@@ -143,6 +143,7 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
         estimator=plan.conditions.estimator(),
         on_step=watch,
         past_falls=True,
+        strict=False,
     )
     start, lowered = float(plan.tags["start"]), trace.safety.lowered > 0
     return {

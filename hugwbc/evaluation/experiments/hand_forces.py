@@ -128,6 +128,7 @@ def play(
         estimator=settings.conditions.estimator(),
         forces=forces,
         on_step=watch,
+        strict=False,
     )
     return trace, ending(trace)
 

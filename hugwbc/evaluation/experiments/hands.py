@@ -131,6 +131,7 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
         source,
         duration=settings.duration,
         estimator=settings.conditions.estimator(),
+        strict=False,
     )
     kept, arms = trace.time >= settings.settle, robot.arms
     wanted, commanded = (
