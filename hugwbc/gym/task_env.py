@@ -137,9 +137,8 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         if given is None:
             shape = getattr(action, "shape", "unknown")
             raise ConfigError(f"the action has the shape {shape}; give {self._action.size} numbers")
-        self._action = np.where(np.isnan(given), self._action, given).clip(
-            self.action_space.low, self.action_space.high
-        )
+        kept = np.where(np.isnan(given), self._action, given)
+        self._action = np.clip(kept, self.action_space.low, self.action_space.high)
         episode.behaviour.wish = self.actions.decode(self._action)
         episode.advance(self._ticks)
         verdict = episode.judge()

@@ -1,6 +1,7 @@
-"""Pictures of evaluations: gait diagrams, clouds of hand positions and curves."""
+"""Pictures of evaluations: polar plots, gait diagrams, clouds of hand positions and curves."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,27 @@ from hugwbc.viz.plots import INK, Panel, drawing, picture
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
 
-_CLOUD_HEIGHT = 5.0  # [in]
+_POLAR_HEIGHT, _CLOUD_HEIGHT = 5.0, 5.0  # [in]
 # Of the picture of intervals: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
 _LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
 FEET = ("left", "right")
+
+
+def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
+    """Draw one closed curve for each name over directions [rad]; 0 (ahead) points up, angles grow to the left."""
+
+    def draw(axes: "PolarAxes") -> None:
+        axes.set_theta_zero_location("N")
+        round_trip = [*angles, angles[0]]
+        for (name, values), colour in zip(series.items(), LABEL_COLOURS, strict=False):
+            numbers = [math.nan if value is None else value for value in values]
+            axes.plot(round_trip, [*numbers, numbers[0]], color=colour, marker="o", markersize=4, label=name)
+        axes.set_ylim(bottom=0.0)
+        axes.set_xticks(list(angles), [f"{math.degrees(angle):.0f}°" for angle in angles])
+
+    return Panel(f"{title} [{unit}]", picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
 
 
 def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:

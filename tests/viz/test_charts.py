@@ -5,7 +5,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from hugwbc.viz.charts import curves, gait_diagram, hand_cloud, spans
+from hugwbc.viz.charts import curves, gait_diagram, hand_cloud, polar, spans
+from hugwbc.viz.framing import LABEL_COLOURS
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -18,6 +19,14 @@ def _is_picture(svg: str) -> None:
     root = ET.fromstring(svg)
     assert root.get("viewBox") and root.get("width") is None
     assert "currentColor" in svg and "#010203" not in svg
+
+
+def test_polar_has_a_closed_curve_a_name_and_gaps() -> None:
+    angles = np.arange(4) * np.pi / 2
+    panel = polar("Forces", angles.tolist(), {"learned": [1.0, 2.0, 1.0, 2.0], "qp": [1.0, None, 1.0, 1.0]}, "N")
+    _is_picture(panel.svg)
+    assert {"0°", "90°", "180°", "270°"} <= set(_texts(panel.svg))
+    assert all(colour in panel.svg for colour in LABEL_COLOURS[:2])
 
 
 def test_gait_diagram_has_a_bar_for_every_stance_and_the_left_foot_above() -> None:

@@ -12,6 +12,7 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.experiment import frame_of
 from hugwbc.evaluation.experiments import (
     contacts,
+    disturbance,
     engines,
     estimation,
     faults,
@@ -104,6 +105,21 @@ def test_random_scripts_reach_every_change_of_gait_within_the_ranges():
     assert plans[7] == random_commands.plan(dataclasses.replace(settings, episodes=8))[7], "one can be run again"
     with pytest.raises(ConfigError, match="leave --gait out"):
         random_commands.RandomCommandsSettings(changing=True, gait="jumping")
+
+
+def test_a_search_of_forces_is_that_of_its_rows():
+    settings = disturbance.DisturbanceSettings(rollouts=1, first=100.0, limit=400.0, resolution=0.5)
+    rows, limits = [], {"constant": 120.0, "second": 1000.0}
+    plans = disturbance.following(settings, rows)
+    assert len(plans) == 16 and {plan.tags["force"] for plan in plans} == {100.0}
+    assert len({repr(plan.conditions) for plan in plans}) == 1, "every force meets the same robot"
+    while plans:
+        rows += [dict(plan.tags) | {"fell": plan.tags["force"] > limits[plan.tags["kind"]]} for plan in plans]
+        plans = disturbance.following(settings, rows)
+    found = {(f.table, f.quantity): f.estimate for f in disturbance.figures(settings, frame_of(rows))}
+    one = found["Tolerated force, constant", "90°"]
+    assert (one.value, one.low, one.high) == (100.0, 100.0, 150.0)
+    assert found["Tolerated force, for one second", "0°"].high is None, "the limit was survived"
 
 
 def test_a_ramp_goes_from_the_minimum_to_the_maximum():
