@@ -20,7 +20,6 @@ force gives way along it, and nowhere else (Raibert and Craig, "Hybrid position/
 of the spring's torque K (q_d - q), the part that acts on the hand along the force is taken away.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -28,6 +27,7 @@ import pinocchio as pin
 
 from hugwbc.controller import UpperBody
 from hugwbc.kinematics import joint_columns, pinocchio_model
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import GRAVITY, RobotState
 
@@ -124,7 +124,7 @@ class ArmServo:
         if not (np.isfinite(tau).all() and np.isfinite(q).all()):
             # Targets of an absurd size overflow: hold the gains and leave out the torque.
             q, tau, kp = upper_body.q, np.zeros(self._arms.size), self.kp
-        return dataclasses.replace(upper_body, q=q, tau=tau, kp=kp, kd=self.kd)
+        return changed(upper_body, q=q, tau=tau, kp=kp, kd=self.kd)
 
     def jacobians(self, q_arm: np.ndarray, state: RobotState) -> np.ndarray:
         """Return how both hands move with the joints of both arms, world axes [m/rad], shape (2, 3, 8).

@@ -8,7 +8,7 @@ import numpy as np
 
 from hugwbc.errors import CommandError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.numeric import number
+from hugwbc.numeric import changed, number
 
 COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
@@ -89,8 +89,9 @@ class Command:
     gait: Gait = Gait.STANDING
 
     def __post_init__(self) -> None:
+        fields = vars(self)
         for name in COMMAND_NAMES:
-            value = getattr(self, name)
+            value = fields[name]
             if type(value) is not float:
                 if (converted := number(value)) is None:
                     raise CommandError(f"command {name} is {value!r:.60}; give a number", at=(name,))
@@ -100,7 +101,7 @@ class Command:
 
     def array(self) -> np.ndarray:
         """Return the eight numbers in the order of `COMMAND_NAMES`, shape (8,)."""
-        return np.array([getattr(self, name) for name in COMMAND_NAMES], dtype=float)
+        return np.array([self.v_x, self.v_y, self.omega, self.f, self.l, self.h, self.p, self.w])
 
     @classmethod
     def from_array(cls, values: np.ndarray, gait: Gait) -> "Command":
@@ -140,12 +141,12 @@ class Command:
         Returns:
             The command, and one record for each value that was changed.
         """
-        changes = []
+        changes, fields = [], vars(self)
         for name, limits in command_ranges(self.gait).items():
-            value = getattr(self, name)
+            value = fields[name]
             low, high = limits.finishing
-            valid = limits.default if math.isnan(value) else min(max(value, low), high)
-            if valid != value:
+            if not low <= value <= high:  # nor is NaN
+                valid = limits.default if math.isnan(value) else min(max(value, low), high)
                 changes.append(CommandChange(name, value, valid, f"is outside {low:g} to {high:g}"))
         return changed_command(self, changes), tuple(changes)
 
@@ -173,7 +174,7 @@ class CommandChange:
 
 def changed_command(command: Command, changes: Sequence[CommandChange]) -> Command:
     """Return the command with the changes applied; the same object if there are none."""
-    return dataclasses.replace(command, **{change.name: change.used for change in changes}) if changes else command
+    return changed(command, **{change.name: change.used for change in changes}) if changes else command
 
 
 def default_command(gait: Gait) -> Command:

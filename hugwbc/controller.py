@@ -132,14 +132,15 @@ class UpperBody:
     @property
     def is_finite(self) -> bool:
         """Whether all numbers are finite, and the stiffness is above 0."""
-        given = [value for name in _ARM_NUMBERS if (value := getattr(self, name)) is not None]
-        finite = np.isfinite(np.concatenate([np.ravel(value) for value in given])).all()
-        return bool(finite) and (self.stiffness is None or self.stiffness > 0.0)
+        given = [self.q, self.dq, self.ddq, self.tau, self.hand_force.ravel()]
+        together = np.concatenate(given + [value for value in (self.kp, self.kd, self.payload) if value is not None])
+        stiff = self.stiffness is None or 0.0 < self.stiffness < math.inf
+        return stiff and math.isfinite(together.dot(together))  # squares do not cancel
 
-    @property
+    @functools.cached_property
     def indicator(self) -> bool:
         """The paper's I(t): whether any arm joint is under external control."""
-        return bool(np.count_nonzero(self.mask))  # faster than `any`
+        return bool(self.mask.any())
 
 
 _JOINT_VECTORS: dict[str, Shape] = {field.name: (19,) for field in dataclasses.fields(JointCommand)}

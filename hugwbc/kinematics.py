@@ -49,7 +49,21 @@ def pinocchio_model(robot: Robot | None = None) -> pin.Model:
 def _pinocchio_model(robot: Robot) -> pin.Model:
     model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
     model.armature[joint_columns(model, robot)] = robot.armature
+    for name, inertia in robot.inertias.items():
+        model.inertias[model.getJointId(name)] = pin.Inertia(*inertia)
+    place_frames(model, robot)
     return model
+
+
+def place_frames(model: pin.Model, robot: Robot) -> None:
+    """Put the frames of soles and hands of a model from the URDF where the robot has them."""
+    heel, toe = robot.sole_x
+    places = {"heel": heel, "sole": robot.sole_middle, "toe": toe}
+    for side in SIDES:
+        model.frames[model.getFrameId(f"{side}_hand")].placement.translation = robot.hand
+        for name, ahead in places.items():
+            sole = np.array([ahead, 0.0, -robot.sole_depth])
+            model.frames[model.getFrameId(f"{side}_{name}")].placement.translation = sole
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
@@ -100,12 +114,25 @@ class Kinematics:
     def place(self, state: RobotState) -> None:
         """Set configuration and velocity, and compute nothing."""
         self._state = state
-        self.q[:3] = 0.0 if state.position is None else state.position
-        self.q[3:6], self.q[6] = state.orientation[1:], state.orientation[0]
-        self.q[self._q_joints] = state.q
-        self.v[:3] = 0.0 if state.velocity is None else _into_body(state.orientation, state.velocity)
-        self.v[3:6] = state.angular_velocity
-        self.v[self._v_joints] = state.dq
+        self.place_joints(state.q, state.dq)
+        self.place_pelvis(state.orientation, state.angular_velocity, state.position, state.velocity)
+
+    def place_joints(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Set positions [rad] and velocities [rad/s] of the joints, shapes (19,)."""
+        self.q[self._q_joints], self.v[self._v_joints] = q, dq
+
+    def place_pelvis(
+        self,
+        orientation: np.ndarray,
+        angular_velocity: np.ndarray,
+        position: np.ndarray | None,
+        velocity: np.ndarray | None,
+    ) -> None:
+        """Set the motion of the pelvis as a `RobotState` has it; None counts as 0."""
+        self.q[:3] = 0.0 if position is None else position
+        self.q[3:6], self.q[6] = orientation[1:], orientation[0]
+        self.v[:3] = 0.0 if velocity is None else _into_body(orientation, velocity)
+        self.v[3:6] = angular_velocity
 
     def _compute(self) -> None:
         """Compute placements, velocities, and accelerations at zero generalised acceleration, of all frames."""

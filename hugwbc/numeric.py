@@ -2,10 +2,14 @@
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Record = TypeVar("Record", bound="DataclassInstance")
 Shape = tuple[int, ...]
 _FLOAT = np.dtype(float)
 
@@ -48,14 +52,20 @@ def number(value: Any) -> float | None:  # noqa: ANN401  whatever arrives
     return None if array is None else float(array)
 
 
+def changed(record: Record, **fields: Any) -> Record:  # noqa: ANN401  whatever the fields are
+    """Return a copy of a dataclass's instance with other fields: `dataclasses.replace` in a quarter of its time."""
+    now = record.__dict__  # may hold more, such as cached properties
+    return type(record)(**{name: fields[name] if name in fields else now[name] for name in record.__dataclass_fields__})
+
+
 def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collection[str] = ()) -> None:
     """Convert the fields of a frozen dataclass to floats of their shapes; what is none becomes NaN, to be noticed.
 
     None stays where it is optional.
     """
-    fields = vars(record)
-    for name, shape in shapes.items():
-        value = fields[name]
+    fields = record.__dict__
+    for name in shapes:
+        value, shape = fields[name], shapes[name]
         if value is None and name in optional:
             continue
         if not shape:

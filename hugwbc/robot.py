@@ -87,6 +87,8 @@ class Robot:
         collision_pairs: pairs of links that can touch each other.
         capsules: shapes that the arms avoid besides the links' collision shapes, by link.
         contact_links: links whose contacts the privileged observation flags.
+        inertias: mass [kg], centre [m] and inertia about it [kg*m^2] of what a joint moves rigidly, in the frame of its
+            link, where they are others than in the URDF, by joint; "root_joint" for the base.
     """
 
     name: str
@@ -123,6 +125,7 @@ class Robot:
     collision_pairs: frozenset[frozenset[str]]
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
+    inertias: Mapping[str, tuple[float, np.ndarray, np.ndarray]] = dataclasses.field(default_factory=dict)
 
     def friction_torque(self, velocity: np.ndarray) -> np.ndarray:
         """Return the torque that the real drives lose to friction at joint speeds [N*m].

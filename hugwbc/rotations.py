@@ -10,20 +10,24 @@ from hugwbc.arrays import Array, namespace
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Rotate a vector from the body frame to the world frame; shapes (..., 4) and (..., 3)."""
-    if quaternion.ndim == vector.ndim == 1:  # for so few numbers, floats are ten times faster than arrays
-        w, x, y, z = quaternion.tolist()
-        a, b, c = vector.tolist()
-        d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-        return np.array([a + w * d + (y * f - z * e), b + w * e + (z * d - x * f), c + w * f + (x * e - y * d)])
+    if quaternion.ndim == vector.ndim == 1:
+        return _rotate_one(*quaternion.tolist(), *vector.tolist())
     w, u = quaternion[..., :1], quaternion[..., 1:]
     t = 2.0 * cross(u, vector)
     return vector + w * t + cross(u, t)
 
 
+def _rotate_one(w: float, x: float, y: float, z: float, a: float, b: float, c: float) -> np.ndarray:
+    """Rotate one vector (a, b, c): for so few numbers, floats are ten times faster than arrays."""
+    d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.array([a + w * d + (y * f - z * e), b + w * e + (z * d - x * f), c + w * f + (x * e - y * d)])
+
+
 def cross(a: Array, b: Array) -> Array:
     """Return the cross product, shape (..., 3); of two vectors in a tenth of the time of `np.cross`."""
     if a.ndim == b.ndim == 1:
-        return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+        (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+        return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return namespace(a).stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), -1)
@@ -31,6 +35,9 @@ def cross(a: Array, b: Array) -> Array:
 
 def rotate_inverse(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Rotate a vector from the world frame to the body frame; shapes (..., 4) and (..., 3)."""
+    if quaternion.ndim == vector.ndim == 1:
+        w, x, y, z = quaternion.tolist()
+        return _rotate_one(w, -x, -y, -z, *vector.tolist())
     return rotate(conjugate(quaternion), vector)
 
 

@@ -10,6 +10,7 @@ from hugwbc import rotations
 from hugwbc.numeric import Shape, keep_floats
 
 GRAVITY = 9.81  # [m/s^2]
+_LARGEST_SQUARE = 1e12  # sum of the squares of a usable state's numbers: beyond it, products overflow
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,15 +73,23 @@ class RobotState:
     @functools.cached_property
     def is_finite(self) -> bool:
         """Whether all numbers in the fields that are present are finite."""
-        fields = [getattr(self, name) for name in _VECTORS]
-        vectors = [value if value.ndim == 1 else value.ravel() for value in fields if value is not None]
-        together = np.concatenate(vectors)
-        return math.isfinite(self.time + self.age + together.dot(together))  # squares do not cancel
+        return math.isfinite(self.time + self.age + self._square())
+
+    def _square(self) -> float:
+        """Return the sum of the squares of all numbers but the times: it does not cancel as a sum might."""
+        fields = vars(self)
+        given = [value for name in _VECTORS if (value := fields[name]) is not None]
+        together = np.concatenate([value if value.ndim == 1 else value.ravel() for value in given])
+        return float(together.dot(together))
 
     @functools.cached_property
     def is_usable(self) -> bool:
-        """Whether the state is finite and its orientation a unit quaternion to 5 %; a broken IMU may send zeros."""
-        return self.is_finite and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
+        """Whether the state is finite, of a size that can be squared, and its orientation a unit quaternion to 5 %.
+
+        A broken IMU may send zeros.
+        """
+        size = self._square() + abs(self.time + self.age)  # a comparison with NaN is false
+        return size < _LARGEST_SQUARE and abs(float(self.orientation.dot(self.orientation)) - 1.0) < 0.1
 
 
 _NUMBERS: dict[str, Shape] = {
@@ -110,7 +119,10 @@ def pelvis_from_torso_imu(
     """
     if not math.isfinite(waist):
         return np.full(4, np.nan), np.full(3, np.nan)
-    back = np.array([math.cos(0.5 * waist), 0.0, 0.0, -math.sin(0.5 * waist)])
-    rate = rotations.rotation_z(waist).dot(gyro)
-    rate[2] -= waist_rate
-    return rotations.multiply(orientation, back), rate
+    # The product with (c, 0, 0, s), a turn back about z.
+    c, s = math.cos(0.5 * waist), -math.sin(0.5 * waist)
+    w, x, y, z = orientation.tolist()
+    turn_x, turn_y, turn_z = gyro.tolist()
+    cosine, sine = math.cos(waist), math.sin(waist)
+    rate = cosine * turn_x - sine * turn_y, sine * turn_x + cosine * turn_y, turn_z - waist_rate
+    return np.array([w * c - z * s, c * x + y * s, c * y - x * s, w * s + c * z]), np.array(rate)

@@ -131,7 +131,8 @@ class HandTargets:
     @property
     def is_usable(self) -> bool:
         """Whether the frame is known, and all numbers that are given are finite."""
-        given = [value for name in _SHAPES if (value := getattr(self, name)) is not None]
+        fields = vars(self)
+        given = [value for name in _SHAPES if (value := fields[name]) is not None]
         finite = all(np.isfinite(value).all() for value in given)
         return finite and isinstance(self.frame, str) and self.frame in HAND_FRAMES
 

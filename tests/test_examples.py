@@ -134,6 +134,14 @@ def test_write_a_controller(run, h, w, push):
     assert "stayed up for 5.0 s" in out
 
 
+def test_in_your_own_simulator(tmp_path):
+    result = _run("13_in_your_own_simulator.py", "--duration", "12", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "found h1 under 'lab/': 59.3 kg, beside lamp" in result.stdout
+    assert number(r"The left hand is ([\d.]+) cm from the lamp", result.stdout) < 3
+    assert "The behaviour is done" in result.stdout
+
+
 @pytest.mark.slow
 def test_the_notebook_shows_a_trace_plots_and_replays(tmp_path):
     notebook = nbformat.read(EXAMPLES / "tour.ipynb", as_version=4)
@@ -186,6 +194,7 @@ BAD_VALUES = {
     "10_write_a_controller.py": ("--push", "inf"),
     "11_onnx_only.py": ("--policy", "none.onnx"),
     "12_a_task_of_your_own.py": ("--controller", "foo"),
+    "13_in_your_own_simulator.py": ("--controller", "foo"),
 }
 
 

@@ -15,15 +15,13 @@ import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-from hugwbc.cli.evaluate import parse_experiment
+from hugwbc.cli.evaluate import parse_entry
 from hugwbc.cli.output import progress
 from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.experiment import Experiment, run_experiment
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.store import Store
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.evaluation.study import Entry, run_study
 from hugwbc.seeds import REPORT_SEED
 from hugwbc.source import source_commit
 
@@ -180,9 +178,7 @@ class Run:
 
     label: str
     words: str
-    experiment: Experiment[Any]
-    spec: ControllerSpec
-    settings: Any
+    entry: Entry
 
     @classmethod
     def of(cls, label: str, words: str, options: argparse.Namespace) -> "Run":
@@ -192,13 +188,7 @@ class Run:
             words = re.sub(r" --(episodes|duration) \S+", "", words)
             words += f" {QUICK.get(words.split()[0], '--episodes 1')}"
         words += f" --seed {options.seed}"
-        experiment, spec, parsed = parse_experiment(shlex.split(words))
-        return cls(label, words, experiment, spec, parsed.experiment)
-
-    @property
-    def work(self) -> float:
-        """Return the planned simulated seconds."""
-        return len(self.experiment.plan(self.settings)) * self.settings.duration
+        return cls(label, words, parse_entry(shlex.split(words))[0])
 
 
 def cell(figure: Figure | None) -> str:
@@ -274,8 +264,9 @@ def markdown(cells: Sequence[Sequence[str]], runs: Sequence[Run]) -> str:
     lines = [cells[0], ["---"] * len(cells[0]), *cells[1:]]
     controllers: dict[str, list[str]] = {}
     for run in runs:
-        others = run.words.replace(f"--controller {run.spec.name}", "--controller CONTROLLER")
-        controllers.setdefault(others, []).append(run.spec.name)
+        name = run.entry.spec.name
+        others = run.words.replace(f"--controller {name}", "--controller CONTROLLER")
+        controllers.setdefault(others, []).append(name)
     commands = ", ".join(
         f"`hugwbc evaluate {words.replace('CONTROLLER', '|'.join(each))}`" for words, each in controllers.items()
     )
@@ -330,14 +321,14 @@ def main() -> int:
         name: [Run.of(label, part, options) for label, words in table.runs.items() for part in words.split("; ")]
         for name, table in tables.items()
     }
-    total, done, begin = sum(run.work for part in runs.values() for run in part), 0.0, time.monotonic()
+    total, done, begin = sum(run.entry.work for part in runs.values() for run in part), 0.0, time.monotonic()
     with Execution(options.workers, cluster=options.cluster) as execution, progress("results") as advance:
         for name, table in tables.items():
             found: dict[str, list[Figure]] = {}
             for run in runs[name]:
-                result = run_experiment(run.experiment, run.settings, run.spec, execution=execution, store=Store())
+                (result,) = run_study([run.entry], execution=execution, store=Store())
                 found.setdefault(run.label, []).extend(result.figures)
-                done += run.work
+                done += run.entry.work
                 advance(done / total)
             body = markdown(lay_out(table, found), runs[name])
             for document in table.documents:

@@ -25,6 +25,7 @@ from pydantic import Field
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
+from hugwbc.reference import plain_signature
 from hugwbc.scripts.view import Action, SeenObject, View
 from hugwbc.settings import settings
 from hugwbc.targets import FARTHEST, HandTargets
@@ -91,6 +92,7 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
         weakref.finalize(course, _miss, begun, function.__name__).atexit = False
         return course
 
+    begin.__signature__ = plain_signature(function)  # pyright: ignore[reportAttributeAccessIssue]
     return begin
 
 

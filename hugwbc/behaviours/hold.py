@@ -45,6 +45,7 @@ TOUCH = 3.0  # [N], a smaller force on a hand may be noise
 # rear edges, and it tips over forwards as soon as it is lifted.
 TOE_IN = 0.3
 _LAG = 0.012  # [m], distance of a hand from its target at which it has met something
+_BESIDE = 0.04  # [m], distance of a hand from its place beside an object that it reaches
 _SHORT = 0.02  # [m], by which the arms, stretched to both sides of an object, stay behind their targets
 _ROOM = 0.06  # [m], between hands and object before they close
 _SHIFTED = 0.08  # [m], by which an object has moved that does not stand where it was put
@@ -90,16 +91,25 @@ def squeeze(
     away = min(float((now(view) - middle).mean(axis=0) @ ahead), -0.15)
     spread = aim(view, half=open_half, away=away)
     view = yield from move(view, lambda _: spread, tolerance=0.1, level=True)
-    view = yield from move(view, lambda v: aim(v, half=open_half), tolerance=0.04, level=True)
+    view = yield from move(view, lambda v: aim(v, half=open_half), tolerance=_BESIDE, level=True)
     half, met, time = np.full(2, open_half), np.zeros(2, dtype=bool), view.time
+    before: np.ndarray | None = None  # how far the hands were outside their targets before they closed [m]
     while not met.all():
         half = np.where(met, half, half - speed * (view.time - time))
         time = view.time
         hands = aim(view, half=half)
         _, _, aside = place(view)
-        lag = (view.hands - hands.array()) @ aside * [1.0, -1.0]
+        away = view.hands - hands.array()
+        lag = away @ aside * [1.0, -1.0]
+        before = np.where(lag > _LAG, lag, 0.0) if before is None else before
         felt = np.zeros(2) if view.hand_force is None else view.hand_force @ aside * [1.0, -1.0]
-        met = met | (lag > _LAG) | (felt > TOUCH)
+        late, short = lag - before > _LAG, np.linalg.norm(away - np.outer(away @ aside, aside), axis=1)
+        if (late & ~met & (short > 1.5 * _BESIDE)).any():
+            worst = int(np.argmax(short))
+            raise Failure(
+                f"'{object}' is out of reach: the {SIDES[worst]} hand is {100 * short[worst]:.0f} cm short of it"
+            )
+        met = met | late | (felt > TOUCH)
         if half.min() < 0.0:
             raise Failure(f"the {SIDES[int(np.argmin(half))]} hand met nothing at '{object}'")
         progress = f"the hands are {100 * half.sum():.0f} cm apart and have met {met.sum()} of 2 sides"

@@ -1,6 +1,5 @@
 """A behaviour as the source of commands of a control loop."""
 
-import dataclasses
 import enum
 import math
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
 from hugwbc.commands import Command
 from hugwbc.extensions import described
 from hugwbc.gait import Gait
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
@@ -96,7 +96,7 @@ class BehaviourSource:
         dt = 0.0 if self.view is None else max(view.time - self.view.time, 0.0)
         if self.view is not None:
             self._note_grips(self.view.held, view.held)
-        self.view = dataclasses.replace(view, last=self.action)
+        self.view = changed(view, last=self.action)
         self._stood = self._stood + dt if self.action.command.gait is Gait.STANDING else 0.0
         place = view.position[:2].tolist()
         self._rest = place if self._stood <= SETTLED else self._rest
@@ -104,8 +104,8 @@ class BehaviourSource:
         action = self.act(self.view)
         hands = action.hands
         if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
-            hands = dataclasses.replace(hands, stamp=view.state.time, sequence=None)
-        self.action = dataclasses.replace(action, command=self._manners(action.command, dt), hands=hands)
+            hands = changed(hands, stamp=view.state.time, sequence=None)
+        self.action = changed(action, command=self._manners(action.command, dt), hands=hands)
 
     def _note_grips(self, before: Sequence[str | None], now: Sequence[str | None]) -> None:
         """Note which grips a force has broken: those that end although they were asked for."""

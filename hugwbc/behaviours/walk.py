@@ -71,21 +71,27 @@ def walk_to(
     aside: Metres = 0.0,
     turn: Angle = 0.0,
     speed: WalkSpeed = 0.4,
+    keep_yaw: bool = False,
     stand: bool = True,
     tolerance: Tolerance = POSITION_TOLERANCE,
     timeout: Seconds = 45.0,
 ) -> Course:
     """Walk to a place in the world, or in front of an object: give `position` or `before`.
 
+    A robot that is more than 0.6 m from its goal turns to face it and walks ahead; a nearer one, or any with
+    `keep_yaw`, goes ahead, back or sideways as it stands. It walks on a straight line and avoids nothing.
+
     Args:
         view: now.
         position: x and y in the world [m].
-        yaw: heading there [rad]; None for the direction from the start to the position.
+        yaw: heading there [rad]; None for the direction from the start to the position, or the present heading where
+            that is nearer than 0.1 m or `keep_yaw` is set.
         before: object whose x axis points away from the robot that stands before it. The goal follows the object.
         distance: from the object's origin, against its x axis [m].
         aside: along the object's y axis [m].
         turn: heading there, relative to the object's [rad].
         speed: highest speed [m/s].
+        keep_yaw: whether it does not turn to face its way, such as with a box between tables.
         stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
         tolerance: distance from the goal at which it has arrived [m].
         timeout: after which it fails [s].
@@ -102,14 +108,15 @@ def walk_to(
             heading = yaw
             if heading is None:
                 way = np.array([x, y]) - view.position[:2]
-                heading = math.atan2(way[1], way[0]) if np.hypot(*way) > 0.1 else view.state.yaw
+                turns = not keep_yaw and np.hypot(*way) > 0.1
+                heading = math.atan2(way[1], way[0]) if turns else view.state.yaw
             return Goal(x, y, heading)
         thing = seen(now, before)
         offset = rotations.rotation_z(thing.yaw) @ np.array([-distance, aside, 0.0])
         x, y, _ = (thing.position + offset).tolist()
         return Goal(x, y, thing.yaw + turn)
 
-    return _Walk(goal, speed, stand, tolerance).course(view)
+    return _Walk(goal, speed, stand, tolerance, keep_yaw).course(view)
 
 
 @step
@@ -217,6 +224,7 @@ class _Walk:
         speed: highest speed [m/s].
         stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
         tolerance: distance from the goal at which it has arrived [m].
+        keep_yaw: whether it does not turn to face a goal that is far.
         progress: how far it is.
     """
 
@@ -224,6 +232,7 @@ class _Walk:
     speed: float
     stand: bool
     tolerance: float
+    keep_yaw: bool = False
     progress: str = ""
 
     def course(self, view: View) -> Course:
@@ -305,7 +314,7 @@ class _Walk:
         distance = math.hypot(error[0], error[1])
         speed = min(self.speed, _GAIN * distance, math.sqrt(2.0 * _SLOW_DOWN * distance))
         turn = error[2]
-        if distance > _FAR:  # walk ahead to it: sideways is slow
+        if distance > _FAR and not self.keep_yaw:  # walk ahead to it: sideways is slow
             turn = math.atan2(error[1], error[0])
             speed *= max(math.cos(turn), 0.0)
             way = np.array([speed, 0.0])

@@ -1,4 +1,4 @@
-"""`hugwbc compare`: play one script with each controller; write the figures, a report, a replay and a video."""
+"""`hugwbc compare`: one run with each controller, with report, replay and video; or many, with a table for a paper."""
 
 import dataclasses
 import pathlib
@@ -8,14 +8,17 @@ from typing import Any, Literal
 import tyro
 
 from hugwbc.behaviours import Behaviour, load_plan
-from hugwbc.cli import output
+from hugwbc.cli import evaluate, output
 from hugwbc.cli.output import progress, say
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation import comparison
+from hugwbc.evaluation import comparison, study
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.segment_figures import segment_spans
 from hugwbc.evaluation.tables import format_table
 from hugwbc.report.comparison_page import link_video, write_comparison
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.report.paper_table import PAIRED_NOTE, paired_tables, write_paper
+from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script, while_walking
 from hugwbc.seeds import REPORT_SEED
@@ -27,7 +30,12 @@ from hugwbc.viz.video import write_video
 
 @dataclasses.dataclass(frozen=True)
 class CompareOptions:
-    """Play one command script with each controller, hand targets solved by IK, and compare the results."""
+    """Play one command script, or one task, with each controller, and compare the results.
+
+    With `--experiment NAME`, or with `--task` and `--episodes`, an experiment of `hugwbc evaluate` runs with each
+    instead: figures with intervals and paired differences, as table.tex, figures.csv and figure.svg.
+    `hugwbc compare --experiment NAME --help` lists its options.
+    """
 
     script: str = "loco_manipulation"  # Shipped script or behaviour, file (.yaml), or FILE.py:NAME
     scene: str | None = None  # Objects around the robot: name of a shipped scene, or a file (.yaml)
@@ -46,36 +54,75 @@ class CompareOptions:
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
 
 
+@dataclasses.dataclass(frozen=True)
+class TableOptions:
+    """Which controllers are compared, and where the table goes."""
+
+    # controllers as of `hugwbc compare`; differences are from the first one
+    controllers: tuple[str, ...] = CompareOptions.controllers
+    policy: str | None = None  # name of a shipped policy, or path of a policy file, for the learned controller
+    out: pathlib.Path = CompareOptions.out  # folder for table.tex, figures.csv and figure.svg
+
+
 def run(words: Sequence[str]) -> int:
-    """Parse, play, print, write."""
+    """Parse, play or measure, print, write."""
+    names = {word.partition("=")[0] for word in words}
+    return _measure(words) if names & {"--experiment", "--episodes"} else _play(words)
+
+
+def _measure(words: Sequence[str]) -> int:
+    """Run an experiment with each controller, and write a table with their differences."""
+    experiment, words = _experiment(list(words))
+    options = evaluate.parse_options(f"compare --experiment {experiment.name}", experiment, words, TableOptions)
+    chosen, place = options.controller, options.execution
+    check_count(len(chosen.controllers), "controllers")
+    specs = _specs(chosen)
+    entries = [
+        study.Entry(experiment, options.experiment, spec, label)
+        for spec, label in zip(specs, labels(specs), strict=True)
+    ]
+    output.check_writable(place.json)
+    with output.output_folder(chosen.out):
+        results = evaluate.measured(entries, place)
+        tables = paired_tables(results)
+        notes = [PAIRED_NOTE.format(results[0].controller), *evaluate.notes(entries, results)]
+        say("\n\n".join(format_table(table.columns, table.rows) for table in tables), place.json)
+        say("\n".join(["", *notes]), place.json)
+        output.write_json(place.json, [evaluate.to_json(result) for result in results])
+        written = write_paper(chosen.out, results, tables, notes)
+    say("\nwrote " + ", ".join(map(str, written)), place.json)
+    return 0
+
+
+def _experiment(words: list[str]) -> tuple[Experiment[Any], list[str]]:
+    """Return the experiment that the words name, tasks where they name a task, and the other words."""
+    for number, word in enumerate(words):
+        option, _, name = word.partition("=")
+        if option == "--experiment":
+            given = [name] if name else words[number + 1 : number + 2]
+            if not given:
+                raise ConfigError(f"--experiment needs a name; experiments are {', '.join(EXPERIMENTS)}")
+            return experiment_of(given[0]), words[:number] + words[number + (1 if name else 2) :]
+    if not any(word.partition("=")[0] == "--task" for word in words):
+        raise ConfigError("--episodes is for a task or an experiment; add --task or --experiment, or leave it out")
+    return EXPERIMENTS["tasks"], words
+
+
+def _play(words: Sequence[str]) -> int:
     options = output.parse_settings(CompareOptions, words, "compare", CompareOptions.__doc__)
     check_count(len(options.controllers), "controllers")
     played = _task(options) if options.task is not None else _script(options)
     scene = None if options.scene is None else load_scene(options.scene)
     script = played if isinstance(played, Script) else None
-    controllers = [spec.told(options.arena).build() for spec in _specs(options)]
-    comparison.check_names(controllers)
+    specs = _specs(options)
+    controllers = {label: spec.told(options.arena).build() for label, spec in zip(labels(specs), specs, strict=True)}
     output.check_writable(options.json)
     output.say_arena(options.arena, options.json)
     with output.output_folder(options.out):
-        with progress(f"{options.task or options.script} with {', '.join(options.controllers)}") as advance:
-            settings: dict[str, Any] = {"seed": options.seed, "arena": options.arena}
-            if isinstance(played, Task):
-                runs = comparison.compare_task(controllers, played, **settings, on_progress=advance)
-                traces = [run.trace for run in runs]
-                outcomes = {run.trace.name: comparison.summarise_task(run) for run in runs}
-            else:
-                outcomes: dict[str, dict[str, Any]] = {controller.name: {} for controller in controllers}
-                traces = comparison.compare(
-                    controllers,
-                    played,
-                    **settings,
-                    scene=scene,
-                    on_progress=advance,
-                    on_end=lambda name, ending: outcomes[name].update(ending=ending),
-                )
-                for trace in traces:
-                    outcomes[trace.name] |= comparison.summarise(trace)
+        settings: dict[str, Any] = {"seed": options.seed, "arena": options.arena}
+        with progress(f"{options.task or options.script} with {', '.join(controllers)}") as advance:
+            runs = comparison.compare(controllers, played, **settings, scene=scene, on_progress=advance)
+        traces, outcomes = [run.trace for run in runs], {run.trace.name: run.outcome for run in runs}
         figures = comparison.figure_table(outcomes)
         summary = comparison.comparison_summary(played, outcomes, **settings)
         say(format_table(figures.columns, figures.rows), options.json)
@@ -105,7 +152,7 @@ def _task(options: CompareOptions) -> Task:
     return load_task(str(options.task))
 
 
-def _specs(options: CompareOptions) -> list[ControllerSpec]:
+def _specs(options: CompareOptions | TableOptions) -> list[ControllerSpec]:
     """Return the controllers, the learned one with `--policy`."""
     specs = [ControllerSpec.parse(words) for words in options.controllers]
     if options.policy is None:

@@ -1,6 +1,7 @@
 """`hugwbc docs`: list the documents and scripts that come with the package, or print one."""
 
 import dataclasses
+import difflib
 import inspect
 import pathlib
 import sys
@@ -10,13 +11,15 @@ import tyro
 
 from hugwbc.cli.output import parse, say
 from hugwbc.documents import document, document_names, document_title
+from hugwbc.reference import PACKAGES, about, exported, reference
 
 
 @dataclasses.dataclass(frozen=True)
 class DocsOptions:
-    """List the documents, how-tos and scripts that come with the package, or print one of them."""
+    """List the documents, how-tos, scripts and packages, or print one of them, or a name that a package exports."""
 
-    # Document or script to print, such as tasks, add-a-task or walk; without one, all are listed
+    # Document or script to print, such as tasks, add-a-task or walk; package or name of the reference, such as
+    # hugwbc.behaviours or walk_to. Without one, all but the names are listed
     name: tyro.conf.Positional[str | None] = None
 
 
@@ -31,18 +34,23 @@ def run(words: Sequence[str]) -> int:
     scripts |= {each: pathlib.Path(str(module.__file__)) for each, module in behaviours.items() if module is not None}
     if name in scripts:
         say(scripts[name].read_text(encoding="utf-8").rstrip())
+    elif name is not None and name not in document_names() and (entry := reference(name)) is not None:
+        say(entry)
     elif name is not None:
-        _print(document(name, besides=tuple(scripts)))
+        names = {each for package in PACKAGES for each in exported(package)}
+        _print(document(name, besides=(*scripts, *PACKAGES, *difflib.get_close_matches(name, names))))
     else:
         listed = {each: document_title(each) for each in document_names()}
         listed |= {
             each: f"script, {load_script(each).duration:.1f} s: {load_script(each).about}" for each in SCRIPT_NAMES
         }
         listed |= {each: f"behaviour: {module.__doc__}" for each, module in behaviours.items() if module is not None}
+        listed |= {each: f"reference: {about(each)}" for each in PACKAGES}
         width = max(map(len, listed))
-        for each, about in listed.items():
-            say(f"{each:<{width}}  {about}")
-        say("\n`hugwbc docs NAME` prints one, `hugwbc play --script NAME` plays a script.")
+        for each, words in listed.items():
+            say(f"{each:<{width}}  {words}")
+        say("\n`hugwbc docs NAME` prints one, `hugwbc docs walk_to` a name that a package exports;")
+        say("`hugwbc play --script NAME` plays a script.")
     return 0
 
 

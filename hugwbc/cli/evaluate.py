@@ -11,9 +11,10 @@ import tyro
 from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.experiment import Experiment, Result, run_experiment
+from hugwbc.evaluation.experiment import Experiment, Result
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
+from hugwbc.evaluation.study import Entry, remarks, run_study
 from hugwbc.evaluation.tables import figures_text
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.seeds import seed_class
@@ -49,38 +50,44 @@ class ExecutionOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse, run the experiment, print and write its figures."""
-    experiment, spec, options = parse_experiment(words)
-    place: ExecutionOptions = options.execution
-    if EXPERIMENTS.get(experiment.name) is not experiment and (place.workers > 1 or place.cluster is not None):
-        raise ConfigError("an experiment of a file runs in one process; leave out --workers and --cluster")
-    store = Store(place.results, fresh=place.fresh)
-    results = contextlib.nullcontext() if place.results is None else output_folder(place.results)
+    entry, place = parse_entry(words)
     check_writable(place.json)
-    execution = Execution(place.workers, cluster=place.cluster)
-    with results, progress(f"{spec.label}, {experiment.name}") as advance, execution:
-        result = run_experiment(
-            experiment, options.experiment, spec, execution=execution, store=store, on_progress=advance
-        )
-    say(describe(experiment, result), place.json)
+    (result,) = measured([entry], place)
+    say("\n".join([figures_text(result.figures, result.controller), *notes([entry], [result])]), place.json)
     write_json(place.json, to_json(result))
     return 0
 
 
-def parse_experiment(words: Sequence[str]) -> tuple[Experiment[Any], ControllerSpec, Any]:
-    """Return experiment, controller and options (`experiment`, `execution`) of the words of `hugwbc evaluate`."""
+def parse_entry(words: Sequence[str]) -> tuple[Entry, ExecutionOptions]:
+    """Return what the words of `hugwbc evaluate` run, and where."""
     name, words = _name(list(words))
     experiment = experiment_of(name)
-    options = _parse(experiment, words)
-    return experiment, ControllerSpec(options.controller.controller, options.controller.policy), options
+    options = parse_options(f"evaluate {experiment.name}", experiment, words, ControllerOptions)
+    spec = ControllerSpec(options.controller.controller, options.controller.policy)
+    return Entry(experiment, options.experiment, spec), options.execution
 
 
-def describe(experiment: Experiment[Any], result: Result) -> str:
-    """Return the figures as tables, with the experiment's note and the controller's exceptions."""
-    failures = sum(row.get("failures") or 0 for row in result.rows)
-    lines = [figures_text(result.figures, result.controller)]
+def measured(entries: Sequence[Entry], place: ExecutionOptions) -> list[Result]:
+    """Run entries of one experiment where the options say."""
+    experiment = entries[0].experiment
+    if EXPERIMENTS.get(experiment.name) is not experiment and (place.workers > 1 or place.cluster is not None):
+        raise ConfigError("an experiment of a file runs in one process; leave out --workers and --cluster")
+    store, execution = Store(place.results, fresh=place.fresh), Execution(place.workers, cluster=place.cluster)
+    results = contextlib.nullcontext() if place.results is None else output_folder(place.results)
+    what = f"{', '.join(entry.label or entry.spec.label for entry in entries)}, {experiment.name}"
+    with results, progress(what) as advance, execution:
+        return run_study(entries, execution=execution, store=store, on_progress=advance)
+
+
+def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:
+    """Return what belongs below the figures: the experiment's note, exceptions, too few episodes, their number."""
+    experiment, lines = entries[0].experiment, []
     lines += [experiment.note] if experiment.note else []
-    lines += [f"The controller raised {failures} exceptions, which the safety filter caught."] if failures else []
-    return "\n".join([*lines, f"{len(result.rows)} episodes, seed {result.settings.seed}"])
+    for result in results:
+        if failures := sum(row.get("failures") or 0 for row in result.rows):
+            lines.append(f"{result.controller} raised {failures} exceptions, which the safety filter caught.")
+    numbers = dict.fromkeys(f"{len(result.rows)} episodes" for result in results)
+    return [*lines, *remarks(results), f"{' or '.join(numbers)}, seed {results[0].settings.seed}"]
 
 
 def to_json(result: Result) -> dict[str, Any]:
@@ -112,10 +119,9 @@ def _name(words: list[str]) -> tuple[str, list[str]]:
     return DEFAULT, words
 
 
-def _parse(experiment: Experiment[Any], words: Sequence[str]) -> Any:  # noqa: ANN401  its class is made here
-    """Return the options: groups of the controller, of the experiment, of its conditions, and of the execution."""
-    parts = {"controller": ControllerOptions, "experiment": experiment.settings, "execution": ExecutionOptions}
+def parse_options(verb: str, experiment: Experiment[Any], words: Sequence[str], controller: type[Any]) -> Any:  # noqa: ANN401
+    """Return options whose class is made here: `controller`, then `experiment` with its conditions, and `execution`."""
+    parts = {"controller": controller, "experiment": experiment.settings, "execution": ExecutionOptions}
     fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in parts.items()]
     options = tyro.conf.OmitArgPrefixes[dataclasses.make_dataclass("Options", fields)]  # type: ignore[valid-type]
-    summary = experiment.summary
-    return parse(options, words, f"evaluate {experiment.name}", f"{summary[:1].upper()}{summary[1:]}.")
+    return parse(options, words, verb, f"{experiment.summary[:1].upper()}{experiment.summary[1:]}.")

@@ -238,7 +238,7 @@ def _lines(label: str) -> Iterator[Advance]:
         teller.join()
     elapsed = time.monotonic() - start
     if elapsed >= _QUIET:
-        print(f"{label}: done in {elapsed:.1f} s", file=sys.stderr, flush=True)
+        print(f"{label}: took {elapsed:.1f} s", file=sys.stderr, flush=True)
 
 
 def _duration(seconds: float) -> str:

@@ -30,6 +30,7 @@ from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Scene, load_scene
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import TASK_NAMES, load_task, run_task
+from hugwbc.tasks.record import TaskWatch, bumps
 from hugwbc.upper_ik import UpperBodySource
 from hugwbc.viz.show import SETTLE, RealTime, at_real_time, mean_velocities, open_page, run_live
 
@@ -120,8 +121,11 @@ def run(words: Sequence[str]) -> int:
     draw = None if page is None else page(controller.name, simulation.scene)
     behaviour = source if isinstance(source, BehaviourSource) else None
     score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
+    watch = TaskWatch(simulation) if simulation.scene is not None else None
 
     def ended() -> bool:
+        if watch is not None:
+            watch.look()
         if score is not None:
             hands = np.stack([simulation.hand_position(side) for side in SIDES])
             score.watch(simulation.time, simulation.state(), hands)
@@ -136,6 +140,8 @@ def run(words: Sequence[str]) -> int:
         say(line)
     if behaviour is not None:
         say(f"{options.script}: {behaviour.ending}")
+    for bump in [] if watch is None else bumps(watch):
+        say(f"scene: {bump}")
     for problem in simulation.objects.problems:
         say(f"scene: {problem}")
     return int(behaviour is not None and behaviour.status is not Status.SUCCESS)

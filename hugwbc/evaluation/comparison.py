@@ -1,7 +1,7 @@
 """Compare controllers on one script: play it with each, hand targets solved by the hand IK, and sum up every run."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from hugwbc.behaviours import Behaviour, BehaviourSource
@@ -12,11 +12,9 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Table
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
-from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import Script
-from hugwbc.settings import check_each_once
 from hugwbc.sim import Arena, Scene
-from hugwbc.tasks import Task, TaskRun, run_task
+from hugwbc.tasks import Task, run_task
 from hugwbc.upper_ik import UpperBodySource
 
 Progress = Callable[[float], object]
@@ -56,82 +54,61 @@ def summarise(trace: Trace) -> dict[str, Any]:
     }
 
 
-def summarise_task(run: TaskRun) -> dict[str, Any]:
-    """Return the figures of an episode of a task: those of its run, the verdict, and what was gripped."""
-    return summarise(run.trace) | {"verdict": dataclasses.asdict(run.verdict), "gripped": run.record.gripped}
+@dataclasses.dataclass(frozen=True, eq=False)
+class Played:
+    """One run of a comparison."""
 
-
-def check_names(controllers: Sequence[Controller]) -> None:
-    """Check that the controllers can be told apart by their names."""
-    check_each_once("controllers", [controller.name for controller in controllers])
+    trace: Trace  # its record, under the label of the controller
+    # the figures of `summarise`; of a task also its verdict and what was gripped, of a behaviour how it ended
+    outcome: dict[str, Any]
 
 
 def compare(
-    controllers: Sequence[Controller],
-    script: Script | Behaviour,
+    controllers: Mapping[str, Controller],
+    played: Script | Behaviour | Task,
     *,
     seed: int = 0,
     arena: Arena | None = None,
     scene: Scene | None = None,
     on_progress: Progress | None = None,
-    on_end: Callable[[str, str], object] | None = None,
-) -> list[Trace]:
-    """Play a script or a behaviour with each controller in turn, in the same simulation, and return the records.
+) -> list[Played]:
+    """Play a script, a behaviour or a task with each controller in turn, in the same simulation.
 
-    The seed is that of the sensor noise, and of what varies in the scene. `on_end` is called with a controller's name
-    and how the behaviour ended with it.
+    Args:
+        controllers: controllers by their labels.
+        played: what to play.
+        seed: of the sensor noise, and of what varies in the scene.
+        arena: robot, drives, sensors and ground; None for the default.
+        scene: objects around the robot; a task has its own.
+        on_progress: called with the fraction of the work that is done.
     """
-    arena, traces = arena or Arena(), []
-    for controller, advance in _in_turn(controllers, on_progress):
-        source: CommandSource = script if isinstance(script, Script) else BehaviourSource(script)
-        traces.append(
-            rollout(
-                controller,
-                source,
-                arena.simulation(seed=seed, scene=scene),
-                UpperBodySource(robot=arena.known_robot),
-                duration=_longest(script),
-                on_progress=advance,
-                until=(lambda behaviour=source: behaviour.done) if isinstance(source, BehaviourSource) else None,
-                strict=False,
-            )
-        )
-        if on_end is not None and isinstance(source, BehaviourSource):
-            on_end(controller.name, source.ending)
-    return traces
-
-
-def compare_task(
-    controllers: Sequence[Controller],
-    task: Task,
-    *,
-    seed: int = 0,
-    arena: Arena | None = None,
-    on_progress: Progress | None = None,
-) -> list[TaskRun]:
-    """Do one episode of a task with each controller in turn, and return the episodes.
-
-    The seed is that of the scene and of the sensor noise.
-    """
-    arena = arena or Arena()
-    return [
-        run_task(task, controller, arena.simulation(seed=seed, scene=task.scene), on_progress=advance, strict=False)
-        for controller, advance in _in_turn(controllers, on_progress)
-    ]
-
-
-def _in_turn(
-    controllers: Sequence[Controller], on_progress: Progress | None
-) -> Iterator[tuple[Controller, Callable[[float], None]]]:
-    """Yield each controller, with what to call with the fraction done of its run."""
-    check_names(controllers)
-    for index, controller in enumerate(controllers):
+    arena, runs = arena or Arena(), []
+    for index, (label, controller) in enumerate(controllers.items()):
 
         def advance(fraction: float, done: int = index) -> None:
             if on_progress is not None:
                 on_progress((done + fraction) / len(controllers))
 
-        yield controller, advance
+        if isinstance(played, Task):
+            simulation = arena.simulation(seed=seed, scene=played.scene)
+            run = run_task(played, controller, simulation, on_progress=advance, strict=False)
+            trace, further = run.trace, {"verdict": dataclasses.asdict(run.verdict), "gripped": run.record.gripped}
+        else:
+            source = played if isinstance(played, Script) else BehaviourSource(played)
+            behaviour = source if isinstance(source, BehaviourSource) else None
+            trace = rollout(
+                controller,
+                source,
+                arena.simulation(seed=seed, scene=scene),
+                UpperBodySource(robot=arena.known_robot),
+                duration=_longest(played),
+                on_progress=advance,
+                until=None if behaviour is None else lambda behaviour=behaviour: behaviour.done,
+                strict=False,
+            )
+            further = {} if behaviour is None else {"ending": behaviour.ending}
+        runs.append(Played(dataclasses.replace(trace, name=label), summarise(trace) | further))
+    return runs
 
 
 def _longest(script: Script | Behaviour) -> float:
@@ -146,7 +123,7 @@ def comparison_summary(
     seed: int = 0,
     arena: Arena | None = None,
 ) -> dict[str, Any]:
-    """Return a comparison as JSON: what was played, and the figures by the controller's name."""
+    """Return a comparison as JSON: what was played, and the figures by the controller's label."""
     if isinstance(played, Task):
         about = {"task": played.name, "limit": played.limit}
     else:

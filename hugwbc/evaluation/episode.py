@@ -1,6 +1,7 @@
 """One episode: the settings that every experiment has, and the simulation of a plan."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 
 from hugwbc.commands import Command
@@ -10,11 +11,12 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.metrics import SETTLE_S
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.runtime.estimate_watch import EstimateRecord, EstimateWatch
+from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.seeds import REPORT_SEED
 from hugwbc.settings import Count, NotNegative, Positive, Seed, one_of, settings
+from hugwbc.state import RobotState
 
 Row = dict[str, Any]
 """What is kept of an episode: plain numbers and texts by column; None where there is nothing to measure."""
@@ -73,32 +75,40 @@ class Run:
     plan: Plan
     trace: Trace
     arm_error: float  # mean distance of the arms to their external targets after the settling time [rad]; NaN if free
-    estimates: EstimateRecord | None = None  # errors of the state estimator, if the arena has one
 
     @property
     def command(self) -> Command:
-        """The command at the start; without a schedule or tour, that of the whole episode."""
+        """The command at the start; without a schedule, that of the whole episode."""
         return self.plan.command
 
 
-def simulate(controller: Controller, settings: Settings, plan: Plan, *, estimates: bool = False) -> Run:
-    """Run one episode in a simulation of its own; its seed is that of the settings and the plan's draw."""
+def simulate(
+    controller: Controller,
+    settings: Settings,
+    plan: Plan,
+    *,
+    estimator: StateEstimator | None = None,
+    on_step: Callable[[RobotState, RobotState], None] | None = None,
+) -> Run:
+    """Run one episode in a simulation of its own; its seed is that of the settings and the plan's draw.
+
+    Without an estimator the conditions make one, if the sensors need it; `on_step` is that of `rollout`.
+    """
     conditions, seed = plan.conditions or settings.conditions, (settings.seed, plan.draw)
-    arms, estimator = conditions.arms(seed), conditions.estimator()
-    watch = EstimateWatch(estimator) if estimates and estimator is not None else None
+    arms = conditions.arms(seed)
     trace = rollout(
         controller,
         plan.source,
         conditions.simulation(settings.duration, seed),
         arms,
         duration=settings.duration,
-        estimator=estimator,
+        estimator=estimator or conditions.estimator(),
         forces=plan.forces,
-        on_step=watch,
+        on_step=on_step,
         strict=False,
     )
     error = float("nan") if arms is None else arms.error(trace, settings.settle)
-    return Run(plan, trace, error, None if watch is None else watch.record())
+    return Run(plan, trace, error)
 
 
 def ending(trace: Trace) -> Row:

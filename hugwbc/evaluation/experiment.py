@@ -87,6 +87,7 @@ class Result:
     experiment: str  # name of the experiment
     controller: str  # label of the controller
     settings: Settings  # settings of the experiment
+    plans: list[Plan]  # of the episodes
     rows: list[Row]  # one for each episode, in the order of the plans
     figures: list[Figure]  # figures of all rows
 
@@ -96,19 +97,21 @@ def run_experiment(
     settings: S,
     spec: ControllerSpec,
     *,
+    label: str = "",
     execution: Execution | None = None,
     store: Store | None = None,
     on_progress: Callable[[float], object] = lambda done: None,
 ) -> Result:
     """Run the episodes of an experiment that are not stored, and return all rows and figures.
 
-    Without an execution they run in this process; without a store the rows are kept in memory only. `on_progress` is
-    called with the part of the planned episodes that is done.
+    Without a label the controller's own is shown, without an execution the episodes run in this process, and without a
+    store the rows are kept in memory only. `on_progress` is called with the part of the planned episodes that is done.
     """
     settings = experiment.adapt(settings, spec)
     told, store = spec.told(settings.conditions.told_arena), store or Store(None)
     table = store.table(experiment.name, experiment.episode, settings, told)
     rows: list[Row] = []
+    done: list[Plan] = []
     measured = 0  # of the rows; the others were stored
     plans = list(experiment.plan(settings))
     while plans:
@@ -119,6 +122,7 @@ def run_experiment(
             measured += 1
             on_progress((len(rows) + len(found)) / (len(rows) + len(plans)))
         rows += [found[index] for index in range(len(plans))]
+        done += plans
         plans = list(experiment.following(settings, rows))
     try:
         summary = experiment.figures(settings, frame_of(rows), *_beside(experiment, settings, told, store))
@@ -130,10 +134,10 @@ def run_experiment(
             "episodes run again"
         ) from error
     figures = [
-        dataclasses.replace(figure, controller=spec.label) if figure.estimate is not None else figure
+        dataclasses.replace(figure, controller=label or spec.label) if figure.estimate is not None else figure
         for figure in summary
     ]
-    return Result(experiment.name, spec.label, settings, rows, figures)
+    return Result(experiment.name, label or spec.label, settings, done, rows, figures)
 
 
 def _beside(experiment: Experiment[S], settings: S, spec: ControllerSpec, store: Store) -> list[pl.DataFrame | None]:

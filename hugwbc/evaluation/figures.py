@@ -4,7 +4,7 @@ import dataclasses
 import enum
 from collections.abc import Iterable
 
-from hugwbc.evaluation.intervals import Estimate, wilson_percentage
+from hugwbc.evaluation.intervals import CONFIDENCE, FEW, Estimate, wilson_percentage
 
 FALLS = "falls"
 
@@ -17,6 +17,23 @@ class Comparison(enum.Enum):
     UNCLEAR_WORSE = "worse, within the interval"
     WORSE = "worse"
     NONE = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """By how much a figure exceeds that of another controller, over the episodes that have it of both."""
+
+    against: str  # label of the other controller
+    estimate: Estimate  # of the difference; its interval is a paired bootstrap
+    p: float | None = None  # of a percentage, which has no interval: that of the exact test
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is unlikely to be chance: p is below 0.05, or the interval of enough episodes leaves out 0."""
+        low, high, pairs = self.estimate.low, self.estimate.high, self.estimate.samples
+        if low is None or high is None:
+            return self.p is not None and self.p < 1.0 - CONFIDENCE
+        return pairs >= FEW and not low <= 0.0 <= high
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +50,7 @@ class Figure:
         published: value that others published for this controller, which was not run here.
         higher_is_better: whether higher values are better; otherwise lower ones are.
         reference: which of the paper's policies `paper` belongs to, where the paper prints several.
+        difference: from another controller's figure; None where there is none to compare with.
     """
 
     table: str
@@ -45,6 +63,12 @@ class Figure:
     published: float | None = None
     higher_is_better: bool = False
     reference: str = ""
+    difference: Difference | None = None
+
+    @property
+    def label(self) -> str:
+        """The quantity with its unit."""
+        return f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
 
     @property
     def value(self) -> float | None:
@@ -71,16 +95,6 @@ class Figure:
 def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figure:
     """Return the percentage of episodes in which the robot fell."""
     return Figure(table, FALLS, "% of episodes", wilson_percentage(list(fell)), reference=reference)
-
-
-def against(figure: Figure, other: Figure) -> Comparison:
-    """Compare two controllers' measured figures, which differ clearly only if their intervals do not overlap."""
-    mine, theirs = figure.estimate, other.estimate
-    if mine is None or theirs is None or mine.value is None or theirs.value is None:
-        return Comparison.NONE
-    low = None if mine.low is None or theirs.high is None else mine.low - theirs.high
-    high = None if mine.high is None or theirs.low is None else mine.high - theirs.low
-    return _compared(mine.value - theirs.value, low, high, figure)
 
 
 def _compared(excess: float, low: float | None, high: float | None, figure: Figure) -> Comparison:

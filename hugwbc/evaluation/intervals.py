@@ -9,6 +9,7 @@ import numpy as np
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
+FEW = 8  # samples, below which a bootstrap interval is much too narrow
 _SEED = 0  # of the resampling, fixed so that the same results give the same page
 
 
@@ -99,3 +100,34 @@ def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float |
     if not (math.isfinite(low) and math.isfinite(high)):  # resamples of the divisor that are 0
         return Estimate(ratio, None, None, int(own.size))
     return Estimate(ratio, low, high, int(own.size))
+
+
+def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int = 1) -> Estimate:
+    """Return the difference of two means over the same episodes, with its percentile bootstrap interval.
+
+    Episodes are resampled for both at once: what makes one harder than another does not count. A power of 2 takes root
+    mean squares instead of means.
+    """
+    both = np.array([mine, theirs], dtype=float) ** power
+    difference = _difference(both.mean(axis=1), power)
+    if both.shape[1] < 2:
+        return Estimate(float(difference), None, None, both.shape[1])
+    picked = np.random.default_rng(_SEED).integers(both.shape[1], size=(RESAMPLES, both.shape[1]))
+    drawn = _difference(both[:, picked].mean(axis=2), power)
+    low, high = np.quantile(drawn, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
+    return Estimate(float(difference), low, high, both.shape[1])
+
+
+def _difference(means: np.ndarray, power: int) -> np.ndarray:
+    mine, theirs = means ** (1.0 / power)
+    return mine - theirs
+
+
+def exact_test(one: int, other: int) -> float:
+    """Return the two-sided p of McNemar's exact test (1947): of the episodes that differ, `one` went this way.
+
+    If nothing distinguishes the controllers, an episode that differs goes either way with equal probability.
+    """
+    count = one + other
+    tail = sum(math.comb(count, times) for times in range(min(one, other) + 1)) / 2.0**count
+    return min(1.0, 2.0 * tail)

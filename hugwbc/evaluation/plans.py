@@ -5,20 +5,13 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
-from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.gait import Gait
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim.forces import Force
-from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 
-NAVIGATION_GAIN = 1.0  # [1/s], commanded velocity per distance to the waypoint
-NAVIGATION_LIMITS = {"v_x": (-0.4, 0.8), "v_y": (-0.3, 0.3), "omega": (-0.8, 0.8)}  # [m/s], [rad/s]
 _STAND = Command()
 
 
@@ -62,75 +55,20 @@ class Schedule:
 
 
 @dataclasses.dataclass(frozen=True)
-class Waypoint:
-    """A pose of the pelvis in the world: x and y [m], yaw [rad]."""
-
-    x: float
-    y: float
-    yaw: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Tour:
-    """Waypoints that are approached one after the other, each for the same time."""
-
-    waypoints: tuple[Waypoint, ...]  # at least one waypoint
-    leg: float  # time for each waypoint [s]; after the last leg the last waypoint stays the goal
-    gait: Gait = Gait.WALKING  # gait of the walk
-
-    def waypoint_at(self, t: float) -> Waypoint:
-        """Return the waypoint that is the goal at time t [s]."""
-        return self.waypoints[min(max(int(t / self.leg + 1e-9), 0), len(self.waypoints) - 1)]
-
-
-class Navigator:
-    """The command source of a tour: velocity commands from the robot's true pose, as an operator would give them.
-
-    The velocity is proportional to the distance in the heading frame, the yaw rate to the yaw error. Both are clipped
-    to `NAVIGATION_LIMITS`. The loop calls `follow` with the true state before it asks for a command.
-    """
-
-    def __init__(self, tour: Tour) -> None:
-        """Start at the origin."""
-        self._tour = tour
-        self._xy, self._yaw = np.zeros(2), 0.0
-
-    def follow(self, state: RobotState) -> None:
-        """Take the robot's pose; a state that is not finite leaves the last one."""
-        assert state.position is not None
-        if state.is_finite:
-            self._xy, self._yaw = state.position[:2].copy(), state.yaw
-
-    def command_at(self, t: float) -> Command:
-        """Return the command towards the waypoint of time t [s] from the last pose."""
-        goal = self._tour.waypoint_at(t)
-        away = rotations.rotation_z(-self._yaw)[:2, :2] @ (np.array([goal.x, goal.y]) - self._xy)
-        wanted = {"v_x": away[0], "v_y": away[1], "omega": rotations.wrap_angle(goal.yaw - self._yaw)}
-        velocities = {
-            name: float(np.clip(NAVIGATION_GAIN * value, *NAVIGATION_LIMITS[name])) for name, value in wanted.items()
-        }
-        return Command(**velocities, gait=self._tour.gait)
-
-    def hands_at(self, t: float) -> HandTargets | None:
-        """Return None: the arms belong to the controller or to the intervention of the conditions."""
-        return None
-
-
-@dataclasses.dataclass(frozen=True)
 class Plan:
     """The plan of one episode.
 
     Attributes:
         draw: number that, together with the settings' seed, determines ground, sensor noise and arm motion. Plans with
             the same draw meet the same randomness.
-        commands: one command for the whole episode, a schedule, or a tour, whose commands depend on the robot's pose.
+        commands: one command for the whole episode, or a schedule.
         tags: what the episode is for; columns of its row.
         forces: external forces on the robot.
         conditions: conditions of this episode; None for those of the settings.
     """
 
     draw: int
-    commands: Command | Schedule | Tour = _STAND
+    commands: Command | Schedule = _STAND
     tags: Mapping[str, str | float] = dataclasses.field(default_factory=dict)
     forces: tuple[Force, ...] = ()
     conditions: Conditions | None = None
@@ -138,11 +76,9 @@ class Plan:
     @property
     def source(self) -> CommandSource:
         """A new command source for one rollout."""
-        if isinstance(self.commands, Tour):
-            return Navigator(self.commands)
         return Constant(self.commands) if isinstance(self.commands, Command) else self.commands
 
     @property
     def command(self) -> Command:
-        """The command at the start; without a schedule or tour, that of the whole episode."""
+        """The command at the start; without a schedule, that of the whole episode."""
         return self.source.command_at(0.0)

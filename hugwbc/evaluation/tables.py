@@ -91,9 +91,8 @@ def figures_text(figures: Sequence[Figure], controller: str) -> str:
             assert estimate is not None
             bounds = None if estimate.low is None or estimate.high is None else (estimate.low, estimate.high)
             interval = None if bounds is None else f"{_figure_text(bounds[0])} to {_figure_text(bounds[1])}"
-            name = f"{figure.quantity} [{figure.unit}]" if figure.unit else figure.quantity
             beside = (_figure_text(figure.paper), None if ratio is None else ratio[0]) if paper else ()
-            rows.append((name, _figure_text(estimate.value), interval, *beside))
+            rows.append((figure.label, _figure_text(estimate.value), interval, *beside))
         texts.append(format_table(header, rows))
     return "\n\n".join([*texts, INTERVAL_NOTE])
 

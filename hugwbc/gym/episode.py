@@ -66,7 +66,7 @@ class Episode:
         for _ in range(ticks):
             self._decide()
             for _ in range(self._loop.substeps):
-                self._loop.step(self._command, self.simulation.timestep)
+                self._loop.step_physics(self._command)
                 self._watch.look()
             self._ticks += 1
             self.time = round(self._ticks * self._loop.period, 9)  # rounding errors would show in `info`

@@ -156,8 +156,9 @@ class Dynamics(Kinematics):
 
         The drift is the classical acceleration, since the spatial one lacks angular velocity x velocity.
         """
-        motion = self._frames.get(name)
-        if motion is None:
+        try:
+            return self._frames[name]
+        except KeyError:
             index = self.frame_id(name)
             world = pin.LOCAL_WORLD_ALIGNED
             placement = self.data.oMf[index].homogeneous

@@ -17,6 +17,7 @@ class Mode(enum.Enum):
     LANDING = "landing"
 
 
+_STEPPING = (Mode.WALKING, Mode.LEAPING)
 _LONGEST_WAIT = 0.4  # longest wait for a foot that does not find the ground, as a share of the step's duration
 _LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
@@ -33,6 +34,7 @@ class GaitPlan:
         phase: common phase of `hugwbc.gait`, in [0, 1); steps end at 0 and 0.5.
         frequency: stride frequency [Hz].
         swing: foot in the air of a walk, 0 for left, 1 for right, or None.
+        legs: feet that leap or land; none in other modes. The last flight of a series ends on both.
         elapsed: time since the last change of mode or step [s].
         delay: by how much the current step of a walk ends later than its frequency asks for [s]; negative for sooner.
     """
@@ -53,6 +55,7 @@ class GaitPlan:
         self.phase = 0.0
         self.frequency = 2.0
         self.swing: int | None = None
+        self.legs: tuple[int, ...] = ()
         self.elapsed = 0.0
         self._gather = 0.0
         self._last = False
@@ -66,7 +69,7 @@ class GaitPlan:
     @property
     def stepping(self) -> bool:
         """Whether the robot walks or leaps; the clock then runs, except during a countermovement."""
-        return self.mode in (Mode.WALKING, Mode.LEAPING)
+        return self.mode in _STEPPING
 
     @property
     def step_time(self) -> float:
@@ -78,7 +81,7 @@ class GaitPlan:
         """Time to the end of the step, the stance or the flight [s]; zero when standing or shifting."""
         if self._overdue > 0.0:
             return 0.0
-        if self.stepping:
+        if self.mode in _STEPPING:
             return self._gather + (0.5 - self.phase % 0.5) / (self.frequency * self._pace)
         return max(self._gather - self.elapsed, 0.0) if self.mode is Mode.LANDING else 0.0
 
@@ -110,13 +113,6 @@ class GaitPlan:
     def airborne(self) -> bool:
         """Whether the robot is in flight by the clock."""
         return self.mode is Mode.LEAPING and self.phase >= 0.5
-
-    @property
-    def legs(self) -> tuple[int, ...]:
-        """Feet that leap or land; none in other modes. The last flight of a series ends on both."""
-        if self.mode is Mode.LEAPING:
-            return (0, 1) if self._last else _LEGS[self.gait]
-        return (0, 1) if self.mode is Mode.LANDING else ()
 
     def advance(
         self,
@@ -197,10 +193,11 @@ class GaitPlan:
         if self.mode is Mode.WALKING:
             if stops:
                 self._enter(Mode.STANDING, Gait.STANDING)
-            self._set_swing()
+            self._set_feet()
             return not stops
         if self.airborne:
             self._last = stops  # a series of leaps stops by a flight that lands on both feet
+            self._set_feet()
             return True
         if self._last:
             self._enter(Mode.LANDING, self.gait)
@@ -216,9 +213,12 @@ class GaitPlan:
         self._last = False
         self._overdue = 0.0
         self._keep_time()
-        self._set_swing()
+        self._set_feet()
 
-    def _set_swing(self) -> None:
+    def _set_feet(self) -> None:
+        self.legs = (0, 1) if self.mode is Mode.LANDING else ()
+        if self.mode is Mode.LEAPING:
+            self.legs = (0, 1) if self._last else _LEGS[self.gait]
         if self.mode is Mode.WALKING:
             self.swing = int(np.argmax(foot_phases(self.phase, Gait.WALKING)))
         else:

@@ -56,9 +56,9 @@ class HandLoad:
             dt: time since the last call [s].
             stepping: whether the robot walks, or steps to catch itself.
         """
-        told = -hand_loads(upper_body.hand_force, upper_body.payload)
+        told = -hand_loads(upper_body.hand_force, upper_body.payload) if upper_body.indicator else _NONE
         seen = state.hand_force
-        if not math.isfinite(told.sum() + (0.0 if seen is None else seen.sum())):
+        if not math.isfinite(np.add.reduce(told if seen is None else told + seen, None)):
             return
         told = _bounded(told)
         self.force = _without_small(told, self._least)
@@ -67,7 +67,7 @@ class HandLoad:
         self._felt = self._felt + (1.0 - math.exp(-self._rate * dt)) * (_bounded(seen) - told - self._felt)
         self._mean = self._mean + (1.0 - math.exp(-_LASTING * dt)) * (self._felt - self._mean)
         felt = _length(self._felt)
-        if (felt <= self._least).all():  # and what lasts of it is no more
+        if not np.count_nonzero(felt > self._least):  # and what lasts of it is no more
             self._stepped = 0.0
             return
         lasting = np.minimum(_length(self._mean) / np.maximum(felt, self._least), 1.0)
@@ -88,7 +88,7 @@ def _bounded(force: np.ndarray) -> np.ndarray:
 
 
 def _length(force: np.ndarray) -> np.ndarray:
-    return np.sqrt((force * force).sum(axis=1, keepdims=True))
+    return np.sqrt(np.add.reduce(force * force, 1, keepdims=True))
 
 
 def _without_small(force: np.ndarray, least: float) -> np.ndarray:

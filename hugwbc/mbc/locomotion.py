@@ -176,9 +176,8 @@ class Locomotion:
         """Contact forces of the force plan [N], shape (4, 3); None without one."""
         return self._leap.forces
 
-    @property
-    def state(self) -> GaitState:
-        """The state of the legs, for the command filter."""
+    def state(self, fastest: float) -> GaitState:
+        """Return the state of the legs for the command filter, on ground that allows a largest speed [m/s]."""
         walks = self.plan.mode is Mode.WALKING
         return GaitState(
             stepping=not self._standing.settled,
@@ -188,6 +187,7 @@ class Locomotion:
             waiting=self.plan.mode is Mode.SHIFTING and self.plan.gait.hops,
             # Ordinary steps and starts change the speed as well, but by less.
             stray=self._excess if abs(self._excess) > _STRAY_SPEED and walks else 0.0,
+            fastest=fastest,
         )
 
     def contact_points(self, dynamics: Dynamics) -> np.ndarray:

@@ -1,10 +1,12 @@
 """Slipping soles: how much friction the ground still has, and how fast a robot may walk on it."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 _FILTER = 0.02  # [s], time constant of the soles' speeds: a sole that touches down slides for less than that
+_SHARE = 0.5  # most of it that one reading makes: with a period as long as that slide, no single one is a slip
 _SLIPS = 0.45  # [m/s], filtered speed of a sole under load that does not occur on good ground
 _SLIDES = 0.5  # [m/s], filtered speed that it does not reach once enough less friction is assumed
 _LOADED = 100.0  # [N], least force on a foot that tells of the ground
@@ -14,6 +16,8 @@ _AT_ONCE = 0.05  # [s], the same for a sole that slides
 _REDUCTION = 0.3  # factor on the friction that is assumed, for each slip
 _LEAST = 0.1  # friction that is always assumed
 _RECOVERY = 0.01  # [1/s], rise of the friction that is assumed while nothing slips
+_PATIENCE, _TRUST = 5.0, 10.0  # [s] without a slip, after which it rises as many times as fast: it may be good ground
+_BELOW = 0.8  # share of the friction with which a sole slipped again, up to which it does
 _SPEED = 2.5  # [m/s] allowed for each unit of friction on slippery ground
 
 
@@ -35,21 +39,30 @@ class SlipWatch:
     def reset(self) -> None:
         """Assume good ground."""
         self.friction, self.fastest = self._good, math.inf
-        self._filtered = np.zeros((2, 3))  # by foot: speed [m/s], horizontal and vertical force [N]
+        self._filtered = [(0.0, 0.0, 0.0)] * 2  # by foot: speed [m/s], horizontal and vertical force [N]
         self._since = _BETWEEN  # the last reduction [s]
+        self._trusted = self._good  # friction up to which it rises fast
 
-    def update(self, velocities: np.ndarray, forces: np.ndarray, dt: float) -> None:
-        """Take both soles' horizontal velocities [m/s], shape (2, 2), and the forces on them [N], shape (2, 3)."""
-        slips = 0.0
-        for foot, (velocity, (x, y, z)) in enumerate(zip(velocities.tolist(), forces.tolist(), strict=True)):
-            now = (math.hypot(*velocity), math.hypot(x, y), z) if z > _LOADED else (0.0, 0.0, 0.0)
-            self._filtered[foot] += min(dt / _FILTER, 1.0) * (now - self._filtered[foot])
-            speed, sideways, load = self._filtered[foot].tolist()
+    def update(self, velocities: Sequence[np.ndarray], forces: np.ndarray, dt: float) -> None:
+        """Take both soles' velocities [m/s], shape (2 or more,) each, and the forces on them [N], shape (2, 3)."""
+        slips, share = 0.0, min(dt / _FILTER, _SHARE)
+        for foot, (x, y, z) in enumerate(forces.tolist()):  # of so few numbers, floats are faster than arrays
+            slow, aside, down = 0.0, 0.0, 0.0
+            if z > _LOADED:
+                slow, aside, down = math.hypot(*velocities[foot][:2].tolist()), math.hypot(x, y), z
+            speed, sideways, load = self._filtered[foot]
+            speed += share * (slow - speed)
+            sideways += share * (aside - sideways)
+            load += share * (down - load)
+            self._filtered[foot] = speed, sideways, load
             if sideways < _GRIP * load:
                 slips = max(slips, speed)
         self._since += dt
         if slips > _SLIPS and self._since > (_AT_ONCE if slips > _SLIDES else _BETWEEN):
+            if self.friction < self._good:
+                self._trusted = _BELOW * self.friction
             self.friction, self._since = max(_REDUCTION * self.friction, _LEAST), 0.0
         elif slips <= _SLIPS:
-            self.friction = min(self.friction + _RECOVERY * dt, self._good)
+            fast = self._since > _PATIENCE and self.friction < self._trusted
+            self.friction = min(self.friction + (_TRUST if fast else 1.0) * _RECOVERY * dt, self._good)
         self.fastest = math.inf if self.friction == self._good else _SPEED * self.friction

@@ -92,7 +92,7 @@ class Predictor:
         self._accelerations.append(acceleration)
 
     def predict(self, state: RobotState, delay: float = 0.0) -> RobotState:
-        """Return the state `state.age` and a delay later; one that is not old is returned as it is.
+        """Return the state `state.age` and a delay later, without raw readings; one that is not old stays as it is.
 
         Args:
             state: complete reading, with position and velocity.
@@ -121,13 +121,15 @@ class Predictor:
             duration = self._period
         q = pin.integrate(self._model, q, way)
         orientation = q[[6, 3, 4, 5]]
-        return dataclasses.replace(
-            state,
+        return RobotState(
             q=q[self._q_joints],
             dq=v[self._v_joints],
             orientation=orientation,
             angular_velocity=v[3:6],
             position=q[:3],
             velocity=rotations.rotate(orientation, v[:3]),
+            foot_force=state.foot_force,
+            hand_force=state.hand_force,
+            time=state.time,
             age=age - carried,
         )

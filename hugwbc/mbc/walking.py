@@ -71,24 +71,25 @@ class Walking:
         step = self._plan_step(request)
         self.out_of_reach += any(step.missed)
         # The foot lands along the heading that the robot will have then.
-        landing_yaw = references.yaw + command.omega * plan.remaining
+        duration, remaining = plan.duration, plan.remaining
+        landing_yaw = references.yaw + command.omega * remaining
         foothold = feet.sole_about(step.foothold, landing_yaw, references.balance, dynamics.robot)
-        elapsed = plan.duration - plan.remaining
+        elapsed = duration - remaining
         # Half-way through the step the stance foot alone carries the weight, so that it lies on the ground.
-        if not self._noted and 2.0 * elapsed > plan.duration:
+        if not self._noted and 2.0 * elapsed > duration:
             ground.note(dynamics, stance)
             self._noted = True
         standing = dynamics.frame(feet.SOLES[stance]).position
         height = float(standing[2])
         # The crouch is measured from the height without it, or it would undo itself.
         upright = references.height.target + references.crouch.depth - height
-        references.crouch.prepare(dynamics, request, step, plan.remaining, upright)
+        references.crouch.prepare(dynamics, request, step, remaining, upright)
         self.trajectory.advance(
             foothold,
             self._apex(dynamics, command, foothold - standing[:2]),
             height,
             elapsed - self._late,
-            plan.remaining,
+            remaining,
             dt,
             landing=height + ground.rise(standing, foothold),
             overdue=plan.overdue,
@@ -162,8 +163,10 @@ class Walking:
         swing, stance = plan.swing, plan.stance
         assert swing is not None and stance is not None
         # Early in the step the foot is still near the ground that it left: touching it then is not a landing.
-        early = plan.duration - plan.remaining <= params.early_contact_phase * plan.duration
-        if early or (self.landed and self.loaded):
+        if self.landed and self.loaded:
+            return
+        duration = plan.duration
+        if duration - plan.remaining <= params.early_contact_phase * duration:
             return
         standing, sole = (dynamics.frame(feet.SOLES[foot]).position for foot in (stance, swing))
         expected = float(standing[2]) + self._ground.rise(standing, sole)

@@ -13,6 +13,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
 from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.feet import SOLES
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.hand_load import HandLoad
 from hugwbc.mbc.locomotion import Locomotion
@@ -24,7 +25,6 @@ from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
 
-_LARGEST_SQUARE = 1e12  # largest squared norm of a usable state: beyond it, products overflow
 _STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
 _ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
@@ -36,7 +36,6 @@ _LARGEST_RATE = 15.0  # [rad/s], of the pelvis
 _LARGEST_SPEED = 6.0  # [m/s], of the pelvis
 _FASTEST_JOINT = 3.0  # multiple of the robot's table; ankles reach 1.8 times theirs where a foot lands hard
 _BEYOND_RANGE = 0.5  # [rad] outside a joint's range; stops of rubber give way, and encoders have offsets
-_LARGEST_EXCESS = 0.1  # largest deviation of an orientation's squared norm from 1; a dead IMU may give zeros
 
 
 class Output(enum.Enum):
@@ -207,7 +206,7 @@ class WholeBodyController:
         self._qp.reset()
         self._slip.reset()
         self._locomotion.plan.reset()
-        if _usable(state):
+        if state.is_usable:
             self._start(state)
 
     def _start(self, state: RobotState) -> None:
@@ -234,7 +233,7 @@ class WholeBodyController:
             command: command to follow.
             upper_body: targets of the arm joints under external control.
         """
-        if not _usable(state):
+        if not state.is_usable:
             return self._fall_back(None, ("the state is not finite, or has no orientation",))
         implausible = self._implausible(state)
         if implausible:
@@ -251,8 +250,7 @@ class WholeBodyController:
         self.dynamics.hand_force = self._hand_load.force
         self.dynamics.update(state)
         self._watch_slips(state)
-        legs = self._locomotion.state._replace(fastest=self._slip.fastest)
-        smooth, report = self._filter.update(command, self.period, legs)
+        smooth, report = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
@@ -274,7 +272,7 @@ class WholeBodyController:
     def _watch_slips(self, state: RobotState) -> None:
         """Let the contact forces use as much friction as the standing soles have."""
         if state.foot_force is not None:
-            velocities = np.array([self.dynamics.frame(f"{side}_sole").velocity[:2] for side in SIDES])
+            velocities = [self.dynamics.frame(sole).velocity for sole in SOLES]
             self._slip.update(velocities, state.foot_force * self._locomotion.contact[:, None], self.period)
         if self._slip.friction != self._qp.friction:  # also after a reset
             self._qp.friction = self._slip.friction
@@ -424,15 +422,3 @@ class _Outcome(NamedTuple):
     report: tuple[str, ...]
     tasks: list[Task]
     terms: list[TaskTerms]
-
-
-def _usable(state: RobotState) -> bool:
-    """Return whether a state is finite and of reasonable size, and its orientation a unit quaternion."""
-    values = [state.q, state.dq, state.orientation, state.angular_velocity]
-    values += [value for value in (state.position, state.velocity) if value is not None]
-    if state.foot_force is not None:
-        values.append(state.foot_force.ravel())
-    together = np.concatenate(values)
-    turned = abs(state.orientation.dot(state.orientation) - 1.0) < _LARGEST_EXCESS
-    # One dot product checks all: with any NaN or infinity in it, the comparison is false.
-    return bool(together.dot(together) < _LARGEST_SQUARE and turned) and math.isfinite(state.age)

@@ -4,12 +4,13 @@ import csv
 import io
 from collections.abc import Sequence
 
-from hugwbc.evaluation.figures import Comparison, Figure, against
+from hugwbc.evaluation.figures import Comparison, Figure
 from hugwbc.evaluation.tables import Cell, Marked, Table
 
 CSV_COLUMNS = (
     *("table", "quantity", "unit", "controller", "source", "value", "low", "high", "samples"),
     *("paper", "reference", "ratio", "ratio_low", "ratio_high", "against_paper"),
+    *("against", "difference", "difference_low", "difference_high", "pairs", "p"),
 )
 
 
@@ -79,13 +80,18 @@ def comparison_sentence(figures: Sequence[Figure], first: str, second: str) -> s
         good = sum(verdict in (Comparison.BETTER, Comparison.UNCLEAR_BETTER) for verdict in verdicts)
         if verdicts:
             parts.append(f"{name} is as good as the paper or better in {good} of {len(verdicts)} figures")
-    others = {(f.table, f.quantity): f for f in figures if f.controller == second}
-    mine = [f for f in figures if f.controller == first and (f.table, f.quantity) in others]
-    duel = [against(figure, others[figure.table, figure.quantity]) for figure in mine]
-    count = sum(verdict is not Comparison.NONE for verdict in duel)
-    if first != second and count:
-        better, worse = (sum(verdict is kind for verdict in duel) for kind in (Comparison.BETTER, Comparison.WORSE))
-        parts.append(f"{first} is clearly better than {second} in {better} of {count} figures, and worse in {worse}")
+    theirs = [
+        (found, figure.higher_is_better)
+        for figure in figures
+        if figure.controller == second and (found := figure.difference) and found.against == first
+    ]
+    if theirs:
+        clear = [(found.estimate.value or 0.0) * (-1 if higher else 1) for found, higher in theirs if found.is_clear]
+        better, worse = (sum(sign * excess > 0.0 for excess in clear) for sign in (1, -1))
+        parts.append(
+            f"{first} is clearly better than {second} in {better} of {len(theirs)} figures of the same episodes, and "
+            f"worse in {worse}"
+        )
     return "; ".join(parts) + "." if parts else "There is nothing to compare with."
 
 
@@ -99,6 +105,11 @@ def figures_csv(figures: Sequence[Figure]) -> str:
         measured = (None, None, None) if estimate is None else (estimate.low, estimate.high, estimate.samples)
         source = "measured" if estimate else "published" if figure.controller else "paper alone"
         head = (figure.table, figure.quantity, figure.unit, figure.controller, source, figure.value, *measured)
-        row = (*head, figure.paper, figure.reference, *(figure.ratio or (None, None, None)), figure.against_paper.value)
+        paper = figure.paper, figure.reference, *(figure.ratio or (None, None, None)), figure.against_paper.value
+        found, paired = figure.difference, (None,) * 6
+        if found is not None:
+            gap = found.estimate
+            paired = found.against, gap.value, gap.low, gap.high, gap.samples, found.p
+        row = (*head, *paper, *paired)
         writer.writerow(["" if cell is None else f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row])
     return file.getvalue()

@@ -6,17 +6,26 @@ import pathlib
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+import torch
+
+from hugwbc.evaluation.conditions import NOISE_INTERVAL
 from hugwbc.evaluation.experiment import Experiment, Result, Section, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.tables import Table, markdown_table
 from hugwbc.files import write_whole
+from hugwbc.kinematics import Kinematics
+from hugwbc.learned.env.arm_intervention import NoiseTargets
 from hugwbc.report import page
-from hugwbc.report.clouds import LEVELS, hand_clouds
 from hugwbc.report.figure_tables import comparison_sentence, comparison_table, figures_csv
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.state import RobotState
 from hugwbc.viz import charts
 from hugwbc.viz.framing import LABEL_COLOURS
 
+LEVELS = (0.25, 0.5, 0.75, 1.0)  # of the curriculum's alpha
+SAMPLES = 400
 TITLE = "Whole-body control of the Unitree H1"
 LEGEND = (
     "A cell has the mean over episodes, its 95 % bootstrap interval, and the ratio to the paper's figure. 'worse' "
@@ -123,3 +132,24 @@ def _clouds() -> str:
     )
     drawn = [charts.hand_cloud(f"level {level:g}", *hand_clouds(level)) for level in LEVELS]
     return f"{text}\n{page.legend(charts.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
+
+
+def hand_clouds(level: float, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions of both hands in the pelvis frame under the noise of a curriculum level [m], (samples, 3).
+
+    The arms follow alpha * noise + (1 - alpha) * policy, the paper's blend; the nominal posture stands for the policy.
+    """
+    source = NoiseTargets(samples, NOISE_INTERVAL, torch.Generator().manual_seed(0))
+    # The robots change targets at different times. After two intervals, none of them is at its nominal start any more.
+    for _ in range(2 * NOISE_INTERVAL):
+        source.step()
+    robot, kinematics = load_robot(), Kinematics()
+    nominal = robot.nominal[robot.arms]
+    postures = level * source.targets().double().numpy() + (1.0 - level) * nominal
+    hands = np.empty((len(SIDES), samples, 3))
+    for index, posture in enumerate(postures):
+        q = robot.nominal.copy()
+        q[robot.arms] = posture
+        kinematics.update(RobotState(q, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)))
+        hands[:, index] = [kinematics.position(f"{side}_hand") for side in SIDES]
+    return hands[0], hands[1]

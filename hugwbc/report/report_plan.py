@@ -1,43 +1,28 @@
 """The runs of a report, and its statement of how it was made.
 
-The paper says how many rollouts its disturbance figure has (4096) and how long an episode is (1000 steps of 20 ms), but
-not how many episodes its tables average over; the full profile takes 256 for each gait.
+The paper says how long an episode is (1000 steps of 20 ms), but not how many its tables average over; the full profile
+takes 256 for each gait.
 """
 
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.experiment import Experiment, Result, run_experiment
+from hugwbc.evaluation.experiment import Result
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED
 from hugwbc.evaluation.store import Store
+from hugwbc.evaluation.study import Entry, run_study
 from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.records import versions
 from hugwbc.report.report_page import Report
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.seeds import REPORT_SEED
-from hugwbc.settings import check_each_once
 from hugwbc.source import source_commit
 from hugwbc.viz.framing import check_count
-
-
-@dataclasses.dataclass(frozen=True)
-class Entry:
-    """One experiment with one controller."""
-
-    experiment: Experiment[Any]
-    spec: ControllerSpec
-    settings: Settings
-
-    @property
-    def work(self) -> float:
-        """The simulated seconds that are planned; a search takes more."""
-        return len(self.experiment.plan(self.settings)) * self.settings.duration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +39,7 @@ class ReportPlan:
 
     def __post_init__(self) -> None:
         check_count(len(self.controllers), "controllers")
-        check_each_once("controllers", [spec.label for spec in (*self.specs, *self.further)])
+        _ = self.labels
         known = {name: experiment.section for name, experiment in EXPERIMENTS.items() if experiment.section}
         for name in self.experiments:
             if name not in known:
@@ -66,6 +51,12 @@ class ReportPlan:
     def specs(self) -> list[ControllerSpec]:
         """The controllers."""
         return [ControllerSpec.parse(words) for words in self.controllers]
+
+    @functools.cached_property
+    def labels(self) -> dict[ControllerSpec, str]:
+        """What each controller and each policy of the ablation is called."""
+        specs = [*self.specs, *self.further]
+        return dict(zip(specs, labels(specs), strict=True))
 
     @functools.cached_property
     def further(self) -> list[ControllerSpec]:
@@ -80,7 +71,7 @@ class ReportPlan:
     def entries(self) -> list[Entry]:
         """What to run, all controllers side by side, so that an early stop leaves pairs."""
         return [
-            Entry(experiment, spec, dataclasses.replace(settings, seed=self.seed))
+            Entry(experiment, dataclasses.replace(settings, seed=self.seed), spec, self.labels[spec])
             for name, experiment in EXPERIMENTS.items()
             if (section := experiment.section) and (not self.experiments or name in self.experiments)
             if not section.unavailable()
@@ -90,21 +81,8 @@ class ReportPlan:
 
     def run(self, execution: Execution, store: Store, on_progress: Callable[[float], object]) -> Report:
         """Run what is not stored yet, and build the report."""
-        total, done = sum(entry.work for entry in self.entries), 0.0
-        results: list[Result] = []
-        for entry in self.entries:
-
-            def advance(part: float, before: float = done, work: float = entry.work) -> None:
-                on_progress((before + part * work) / total)
-
-            results.append(
-                run_experiment(
-                    entry.experiment, entry.settings, entry.spec, execution=execution, store=store, on_progress=advance
-                )
-            )
-            done += entry.work
-            on_progress(done / total)
-        return Report(results, [spec.label for spec in self.specs], self._notes(results))
+        results = run_study(self.entries, execution=execution, store=store, on_progress=on_progress)
+        return Report(results, [self.labels[spec] for spec in self.specs], self._notes(results))
 
     def _notes(self, results: list[Result]) -> list[str]:
         """Say how the report was made, and what it lacks."""

@@ -10,11 +10,12 @@ from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
+from hugwbc.runtime.mujoco_robot import MujocoRobot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety import SafetyFilter, SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.runtime.trace_file import read_trace, write_trace
-from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.sim import Arena, Force, SensorProfile, Simulation
 from hugwbc.upper_ik import UpperBodySource
 
@@ -26,10 +27,10 @@ __all__ = [
     "Constant",
     "ControlLoop",
     "ControllerSpec",
-    "FollowingSource",
     "Force",
     "HoldController",
     "Moment",
+    "MujocoRobot",
     "SafetyFilter",
     "SafetyReport",
     "SensorProfile",

@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 import pinocchio as pin
+from eigenpy import LLT  # Pinocchio's: NumPy's `solve` takes longer to look at so small a matrix than to solve it
 
 from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES, Robot
@@ -124,7 +125,7 @@ class ContactObserver:
         jacobians = self._wrench_jacobians()
         wrenches, felt = self._weight * jacobians[:, self._rows], self._weight * self.residual[self._rows]
         normal = wrenches.dot(wrenches.T) + self._ridge
-        self.force = np.linalg.solve(normal, wrenches.dot(felt)).reshape(_FEET, _WRENCH)[:, :3]
+        self.force = LLT(normal).solve(wrenches.dot(felt)).reshape(_FEET, _WRENCH)[:, :3]
         left, right = self.sole_velocity[:, :3]
         parting, loaded = left - right, int(self.force[1, 2] > self.force[0, 2])
         # The residual shows the load of a leg that lifts off for some milliseconds more: it is faster, yet has more.
@@ -132,8 +133,8 @@ class ContactObserver:
         if loaded == slower and parting.dot(parting) > _PARTING**2:
             rows = slice(_WRENCH * loaded, _WRENCH * (loaded + 1))
             self.force = np.zeros((_FEET, 3))
-            self.force[loaded] = np.linalg.solve(normal[rows, rows], wrenches[rows].dot(felt))[:3]
-        self.contact = self.force[:, 2] > np.where(self.contact, _LIFT, _TOUCH)
+            self.force[loaded] = LLT(normal[rows, rows]).solve(wrenches[rows].dot(felt))[:3]
+        self.contact = self.force[:, 2] > _TOUCH - (_TOUCH - _LIFT) * self.contact
         return self.contact
 
     def _move(self, acceleration: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
 """One period of control, the same in simulation and on a robot: estimate, arms, controller behind the safety filter."""
 
-import dataclasses
 import math
 import time
 import warnings
@@ -12,6 +11,7 @@ import numpy as np
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.moment import PlanView
@@ -54,19 +54,14 @@ class Due:
 def joined(readings: Sequence[RobotState]) -> RobotState:
     """Return the newest of some readings, with what is integrated averaged over all: gyro, accelerometer, torques."""
     last, count = readings[-1], len(readings)
-    gyros, accelerometers, torques = (
-        [value for reading in readings if (value := getattr(reading, name)) is not None]
-        for name in ("imu_gyro", "imu_accelerometer", "torque")
-    )
-    if count == 1 or not len(gyros) == len(accelerometers) == len(torques) == count:
-        return last
-    # `sum` adds a few arrays faster than `np.mean`.
-    return dataclasses.replace(
-        last,
-        imu_gyro=sum(gyros[1:], gyros[0]) / count,
-        imu_accelerometer=sum(accelerometers[1:], accelerometers[0]) / count,
-        torque=sum(torques[1:], torques[0]) / count,
-    )
+    parts = []
+    for reading in readings:
+        gyro, accelerometer, torque = reading.imu_gyro, reading.imu_accelerometer, reading.torque
+        if count == 1 or gyro is None or accelerometer is None or torque is None:
+            return last
+        parts.append((gyro, accelerometer, torque))
+    gyro, accelerometer, torque = [sum(values[1:], values[0]) / count for values in zip(*parts, strict=True)]
+    return changed(last, imu_gyro=gyro, imu_accelerometer=accelerometer, torque=torque)
 
 
 class ArmSource(Protocol):

@@ -12,7 +12,7 @@ import functools
 import importlib
 import inspect
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -26,6 +26,7 @@ from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownName
 from hugwbc.files import digest
 from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
+from hugwbc.settings import check_each_once
 from hugwbc.sim.arena import DEFAULT_DRIVES, Arena, known_robot
 from hugwbc.state import RobotState
 
@@ -216,10 +217,10 @@ class ControllerSpec:
 
     @property
     def label(self) -> str:
-        """Short name for tables, which includes the policy, the robot and the drives."""
+        """Short name for tables: the registered or the controller's own, with the policy, the robot and the drives."""
         name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
         if extensions.names_object(self.name):
-            name = extensions.split_object(self.name)[1]
+            name = _own_name(self, tuple(digest(path.read_bytes()) for path in self.files()))
         policy = None if self.policy is None else pathlib.Path(self.policy).stem
         drives = None if self.drives is None else f"{self.drives} drives"
         return " ".join(word for word in (name, policy, self.robot, drives) if word is not None)
@@ -278,8 +279,7 @@ class ControllerSpec:
         entry = plugins().get(self.name)
         dist = None if entry is None else entry.dist
         package = f"hugwbc {hugwbc.__version__}" if dist is None else f"{dist.name} {dist.version}"
-        in_file = extensions.names_object(self.name)
-        known = self.label if in_file else "file"
+        known = extensions.split_object(self.name)[1] if extensions.names_object(self.name) else "file"
         # A policy that is no path is a word that only a controller of the user's own knows.
         word = (
             None if self.policy is None or not self.is_own or pathlib.Path(self.policy).exists() else str(self.policy)
@@ -313,6 +313,21 @@ class ControllerSpec:
             return with_weights(path)
         network = load_contract(path).policy if given is None or self.name == "learned" else given
         return [path] if network is None else [path, *with_weights(network)]
+
+
+@functools.cache
+def _own_name(spec: ControllerSpec, code: tuple[str, ...]) -> str:
+    """Return the name of a controller of a Python file, whose code has these digests."""
+    return spec.build().name
+
+
+def labels(specs: Sequence[ControllerSpec]) -> list[str]:
+    """Return the labels of controllers, those of one name with where they come from."""
+    names = [spec.label for spec in specs]
+    paths = ["=".join(str(part) for part in (spec.name, spec.policy) if part is not None) for spec in specs]
+    found = [name if names.count(name) == 1 else f"{name} ({path})" for name, path in zip(names, paths, strict=True)]
+    check_each_once("controllers", found)
+    return found
 
 
 def _takes(factory: Callable[..., Any], parameter: str) -> bool:

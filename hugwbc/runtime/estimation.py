@@ -5,15 +5,17 @@ The filter multiplies by `dot`: on matrices this small it takes half the time of
 
 import collections
 import dataclasses
+import math
 
 import numpy as np
 import pinocchio as pin
+from eigenpy import LLT
 
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.contact import BASE_WEIGHT, ContactObserver
-from hugwbc.runtime.reading_guard import GYRO_JUMP, ReadingGuard
+from hugwbc.runtime.reading_guard import GYRO_JUMP, LARGEST_READING, ReadingGuard
 from hugwbc.sim.engine import Engine
 from hugwbc.state import GRAVITY, RobotState
 
@@ -22,8 +24,6 @@ _MOTION = 9 + 3 * _FEET  # orientation, velocity, position, feet
 _SIZE = _MOTION + 6  # and the biases
 _ORIENTATION, _VELOCITY, _POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 _GYRO_BIAS, _ACCELEROMETER_BIAS = slice(_MOTION, _MOTION + 3), slice(_MOTION + 3, _SIZE)
-# [rad], [rad/s], [rad/s^2], [m/s^2]; larger readings come from broken sensors.
-LARGEST_READING = 1e4
 _LONGEST_STEP = 0.1  # [s]; a longer gap between two readings is integrated for this time only
 _SAME_TIME = 1e-6  # [s]
 _PLANS = 256  # that are kept: half a second of the shortest control periods
@@ -151,7 +151,7 @@ class StateEstimator:
         self._robot = robot or load_robot()
         self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
         self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
-        self._pelvis = kinematics.frame_id("pelvis")
+        self._pelvis_frame = kinematics.frame_id("pelvis")
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
         self._lever = pin.skew(self._imu_in_torso)
@@ -214,10 +214,10 @@ class StateEstimator:
         self._P = np.diag(np.repeat(spreads, 3) ** 2)
         self.contact = np.ones(_FEET, dtype=bool)
         self._time, self._gyro = state.time, np.zeros(3) if state.imu_gyro is None else state.imu_gyro
-        self._touch_down, self._turning = np.full(_FEET, -np.inf), np.zeros(_FEET)
+        self._touch_down, self._turning = [-math.inf] * _FEET, [0.0] * _FEET
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
-        estimate = self._estimate(state)
-        self._observer.reset(estimate)
+        self._to_pelvis = rotations.rotation_z(float(self._joints.q[self._robot.waist]))
+        self._observer.reset(self._estimate(state))
         return self._estimate(state)
 
     def update(
@@ -227,7 +227,7 @@ class StateEstimator:
 
         Everything but the time, the age and the IMU's raw readings is replaced. What the `guard` refuses is filled in
         first; the estimate says so (`RobotState.coasted`). A reading that lacks the IMU or the joint torques, is not
-        finite, or is beyond `LARGEST_READING`, is passed on as it is.
+        finite, or is the first and beyond `LARGEST_READING`, is passed on as it is.
 
         Args:
             state: a reading, perhaps of some time ago (`state.age`).
@@ -239,21 +239,20 @@ class StateEstimator:
         """
         state = self.guard.admit(state)
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
-        if gyro is None or accelerometer is None or torque is None or not state.is_finite:
-            return state
-        # One such number would stay in the filter for ever.
-        if np.abs(np.concatenate((gyro, accelerometer, state.q, state.dq, torque))).max() > LARGEST_READING:
+        if gyro is None or accelerometer is None or torque is None or not self.guard.started or not state.is_finite:
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
         self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
+        self._to_pelvis = rotations.rotation_z(float(self._joints.q[self._robot.waist]))
         self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
         self._gyro = gyro
         if newest_gyro is not None and not state.coasted:
             change = newest_gyro - gyro
             if change.dot(change) < GYRO_JUMP**2:
                 self._gyro = newest_gyro
-        self._kinematics.place(self._estimate(state))
+        self._kinematics.place_joints(self._joints.q, self._joints.dq)
+        self._kinematics.place_pelvis(*self._pelvis())
         contact = self._observer.infer(torque, dt)
         self._measure_legs()
         stands, stood = contact.tolist(), self.contact.tolist()
@@ -289,7 +288,9 @@ class StateEstimator:
 
     def _planned_at(self, state: RobotState, planned: np.ndarray | None) -> np.ndarray | None:
         """Return the plan for the time up to that of the reading; keep the plan for the present."""
-        if planned is not None and (planned.shape != state.q.shape or not np.abs(planned).max() <= LARGEST_READING):
+        if planned is not None and (
+            planned.shape != state.q.shape or np.count_nonzero(np.abs(planned) <= LARGEST_READING) < planned.size
+        ):
             planned = None
         self._plans.append((state.time + state.age, planned))
         while len(self._plans) > 1 and self._plans[0][0] < state.time - _SAME_TIME:
@@ -302,7 +303,7 @@ class StateEstimator:
     def _measure_legs(self) -> None:
         """Read the sole centres seen from the IMU [m], shape (2, 3), and in the world their covariances and turning."""
         places, pelvis = self._kinematics.data.oMf, self._kinematics.q[:3]
-        waist = places[self._pelvis].rotation[:, 2]
+        waist = places[self._pelvis_frame].rotation[:, 2]
         soles = np.array([places[frame].translation for frame in self._sole_frames])
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
         # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
@@ -312,7 +313,7 @@ class StateEstimator:
         noise = ENCODER_NOISE**2
         self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
         turning = self._observer.sole_velocity[:, 3:]
-        self._turning = np.sqrt((turning * turning).sum(axis=1))
+        self._turning = np.sqrt(np.add.reduce(turning * turning, 1)).tolist()
 
     def _predict(self, gyro: np.ndarray, accelerometer: np.ndarray, dt: float) -> None:
         """Integrate readings without their biases over `dt` [s]."""
@@ -335,15 +336,15 @@ class StateEstimator:
         self._P[:_MOTION, :_MOTION] += _GYRO_NOISE**2 * _READING * dt * lever.dot(lever.T)
         drive = self._drive * dt
         drive[_VELOCITY] = _ACCELEROMETER_NOISE**2 * _READING * dt
-        drive[9:_MOTION].reshape(_FEET, 3)[:] = (self._foot_velocities() ** 2 * _READING * dt)[:, None]
+        for foot in range(_FEET):
+            drive[9 + 3 * foot : 12 + 3 * foot] = self._foot_velocity(foot) ** 2 * _READING * dt
         self._P.ravel()[:: _SIZE + 1] += drive  # its diagonal
 
-    def _foot_velocities(self) -> np.ndarray:
-        """Return the standard deviations of the feet's velocities at present [m/s], shape (2,)."""
-        share = self._observer.force[:, 2] / (_FULL_LOAD * self._weight)
-        load = np.minimum(np.maximum(share, 0.0), 1.0)
-        landing = _LANDING_SLIP * np.exp(-(self._time - self._touch_down) / _LANDING_TIME)
-        return _FOOT_SLIP + landing + _LIFTING_SLIP * (1.0 - load) + _ROLLING * self._turning
+    def _foot_velocity(self, foot: int) -> float:
+        """Return the standard deviation of a foot's velocity at present [m/s]."""
+        load = min(max(float(self._observer.force[foot, 2]) / (_FULL_LOAD * self._weight), 0.0), 1.0)
+        landing = _LANDING_SLIP * math.exp((self._touch_down[foot] - self._time) / _LANDING_TIME)
+        return _FOOT_SLIP + landing + _LIFTING_SLIP * (1.0 - load) + _ROLLING * self._turning[foot]
 
     def _enter(self, foot: int) -> None:
         """Let a foot that comes down stand where the legs say."""
@@ -360,7 +361,7 @@ class StateEstimator:
         innovation = self._R.dot(self._soles[foot]) + self._p - self._d[foot]
         spread = self._P[:, _POSITION] - self._P[:, rows]
         covariance = spread[_POSITION] - spread[rows] + self._soles_noise[foot]
-        gain = spread.dot(np.linalg.inv(covariance))
+        gain = LLT(covariance).solve(spread.T).T
         error = gain.dot(-innovation)
         turn = pin.exp3(error[_ORIENTATION])
         self._R = turn.dot(self._R)
@@ -370,25 +371,22 @@ class StateEstimator:
         corrected = self._P - gain.dot(spread.T)
         self._P = 0.5 * (corrected + corrected.T)
 
+    def _pelvis(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return orientation, angular velocity, position and velocity of the pelvis below the IMU (`RobotState`)."""
+        x, y, z, w = pin.Quaternion(self._R.dot(self._to_pelvis.T)).coeffs().tolist()
+        self._rate = gyro = self._gyro - self.gyro_bias
+        angular = self._to_pelvis.dot(gyro)
+        angular[2] -= self._joints.dq[self._robot.waist]
+        # The torso's origin, on the waist's axis, is the pelvis's.
+        position = self._p - self._R.dot(self._imu_in_torso)
+        return np.array([w, x, y, z]), angular, position, self._v + self._R.dot(self._lever.dot(gyro))
+
     def _estimate(self, state: RobotState) -> RobotState:
-        """Return the pelvis below the IMU, by the smoothed waist joint."""
-        joints, robot = self._joints, self._robot
-        waist, rate = float(joints.q[robot.waist]), float(joints.dq[robot.waist])
-        to_pelvis = rotations.rotation_z(waist)
-        rotation = self._R.dot(to_pelvis.T)
-        x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()
-        gyro = self._gyro - self.gyro_bias
-        self._rate = gyro
-        angular = to_pelvis.dot(gyro)
-        angular[2] -= rate
+        """Return the estimate at the time of a reading."""
         return RobotState(
-            q=joints.q,  # the filter makes new arrays at every update, as the observer does
-            dq=joints.dq,
-            orientation=np.array([w, x, y, z]),
-            angular_velocity=angular,
-            # The torso's origin, on the waist's axis, is the pelvis's.
-            position=self._p - self._R.dot(self._imu_in_torso),
-            velocity=self._v + self._R.dot(self._lever.dot(gyro)),
+            self._joints.q,  # the filter makes new arrays at every update, as the observer does
+            self._joints.dq,
+            *self._pelvis(),
             foot_force=self._observer.force,
             hand_force=self._observer.hands.force,
             imu_gyro=state.imu_gyro,

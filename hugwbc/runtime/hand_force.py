@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 import pinocchio as pin
+from eigenpy import LLT
 
 from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES
@@ -43,8 +44,7 @@ class HandForceObserver:
         self._kinematics, robot = kinematics, kinematics.robot
         self._hands = [kinematics.frame_id(f"{side}_hand") for side in SIDES]
         joints = robot.arms.reshape(_HANDS, -1)
-        self._columns = kinematics.columns[joints]
-        self._arms = [in_place(columns) for columns in self._columns]
+        self._arms = [in_place(columns) for columns in kinematics.columns[joints]]
         self._weights = 1.0 / (robot.friction[joints] ** 2 + TORQUE**2)
         self._prior = np.eye(3) / PRIOR**2
         self.reset()
@@ -62,12 +62,9 @@ class HandForceObserver:
         """
         model, data = self._kinematics.model, self._kinematics.data
         share = 1.0 - math.exp(-RATE * dt)
-        arms = np.array(
-            [
-                pin.getFrameJacobian(model, data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, arm]
-                for hand, arm in zip(self._hands, self._arms, strict=True)
-            ]
-        )
-        weighted = arms * self._weights[:, None]
-        normal, felt = weighted @ arms.transpose(0, 2, 1) + self._prior, weighted @ residual[self._columns][..., None]
-        self.force = self.force + share * (np.linalg.solve(normal, felt)[..., 0] - self.force)
+        self.force = self.force.copy()
+        for force, hand, arm, weights in zip(self.force, self._hands, self._arms, self._weights, strict=True):
+            jacobian = pin.getFrameJacobian(model, data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, arm]
+            weighted = jacobian * weights
+            felt = LLT(weighted.dot(jacobian.T) + self._prior).solve(weighted.dot(residual[arm]))
+            force += share * (felt - force)

@@ -12,7 +12,7 @@ from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
 from hugwbc.runtime.trace import CONTACT_FORCE
-from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource
+from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import View
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
@@ -82,7 +82,6 @@ class ControlLoop:
         self.safe, self.simulation = self.control.safe, simulation
         self.period = self.safe.period
         self.substeps = substeps_of(self.period, simulation.timestep, controller.name)
-        self._following = source if isinstance(source, FollowingSource) else None
 
     def reset(self) -> None:
         """Stand the robot up at the origin and start all parts from there."""
@@ -99,23 +98,19 @@ class ControlLoop:
         """Return the joint command for the next period, from what the sensors say at time t [s]."""
         if self.control.estimator is None:
             self.control.observe(self.simulation.sense(), self.simulation.time)
-        if self._following is not None:
-            following, truth = self._following, self.simulation.state()
-            self.safe.ask("source_failures", "the source", lambda: following.follow(truth))
         return self.control.decide(t)
 
-    def step(self, command: JointCommand, duration: float) -> RobotState:
-        """Apply a joint command for a duration [s] and return the true state; the estimator sees every physics step."""
-        if self.control.estimator is None:
-            return self.simulation.step(command, duration)
-        timestep = self.simulation.timestep
-        return [self._observed_step(command, timestep) for _ in range(max(1, round(duration / timestep)))][-1]
+    def step(self, command: JointCommand, duration: float) -> None:
+        """Apply a joint command for a duration [s]."""
+        for _ in range(max(1, round(duration / self.simulation.timestep))):
+            self.step_physics(command)
 
-    def _observed_step(self, command: JointCommand, timestep: float) -> RobotState:
-        """Make one physics step, show the estimator its reading, and return the true state."""
-        state = self.simulation.step(command, timestep)
-        self.control.observe(self.simulation.sense(), self.simulation.time)
-        return state
+    def step_physics(self, command: JointCommand) -> None:
+        """Apply a joint command for one physics step; the estimator sees each."""
+        simulation = self.simulation
+        simulation.advance(command)
+        if self.control.estimator is not None:
+            self.control.observe(simulation.sense(), simulation.time)
 
     def moment(self) -> Moment:
         """Return what a picture shows now."""

@@ -74,6 +74,5 @@ class PlanView:
 
     @property
     def acceleration(self) -> np.ndarray | None:
-        """The planned joint accelerations [rad/s^2], shape (19,), all finite; None without a plan."""
-        planned = self._read("planned_acceleration", (19,))
-        return planned if planned is not None and np.isfinite(planned).all() else None
+        """The planned joint accelerations [rad/s^2], shape (19,); None without a plan."""
+        return self._read("planned_acceleration", (19,))

@@ -1,11 +1,11 @@
 """Estimate of unknown payloads from the forces on the hands."""
 
-import dataclasses
 import math
 
 import numpy as np
 
 from hugwbc.controller import UpperBody
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES
 from hugwbc.state import GRAVITY, RobotState
 
@@ -58,4 +58,4 @@ class PayloadObserver:
         beyond = np.where(pressing, 0.0, np.sign(excess) * np.maximum(np.abs(excess) - BAND, 0.0))
         weight = weight + (1.0 - math.exp(-RATE * dt)) * beyond
         self.payload = np.minimum(np.maximum(weight / GRAVITY, 0.0), HEAVIEST)
-        return dataclasses.replace(upper_body, payload=self.payload.copy()) if self.payload.any() else upper_body
+        return changed(upper_body, payload=self.payload.copy()) if np.count_nonzero(self.payload) else upper_body

@@ -1,6 +1,7 @@
 """One run of a controller in simulation and its record."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,7 @@ def rollout(
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
     loop.safe.strict = strict
-    recorder = Recorder(loop, Disturber(simulation.link_names, forces), on_step)
+    recorder = Recorder(loop, Disturber(simulation.link_names, forces) if forces else None, on_step)
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
@@ -94,14 +95,14 @@ class Recorder:
     """A collector of the samples of one run, which watches the feet at every physics step."""
 
     def __init__(
-        self, loop: ControlLoop, disturber: Disturber, on_step: Callable[[RobotState, RobotState], None] | None
+        self, loop: ControlLoop, disturber: Disturber | None, on_step: Callable[[RobotState, RobotState], None] | None
     ) -> None:
         self.loop = loop
         self.on_step = on_step
         self.disturber = disturber
         self.simulation = loop.simulation
         self.kinematics = Kinematics(self.simulation.robot)
-        self.rows: dict[str, list] = {}
+        self.rows: list[dict[str, Any]] = []
         self.tick_ms: list[float] = []
         self.ik_ms: list[float] = []
         self._watch = TouchDownWatch(self.simulation.timestep)
@@ -117,14 +118,12 @@ class Recorder:
         """Step the physics through one control period, note touch-downs, and return whether the robot is still up."""
         dt, simulation = self.simulation.timestep, self.simulation
         for substep in range(self.loop.substeps):
-            self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
-            now = t + (substep + 1) * dt
-            state = self.loop.step(command, dt)
-            force = state.foot_force
-            assert force is not None
+            if self.disturber is not None:
+                self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
+            self.loop.step_physics(command)
             if self.on_step is not None:
-                self.on_step(state, self.loop.control.estimate)
-            self._watch.update(now, force, self.simulation.sole_velocity)
+                self.on_step(simulation.state(), self.loop.control.estimate)
+            self._watch.update(t + (substep + 1) * dt, simulation.foot_force, simulation.sole_velocity)
         return not self.simulation.fallen
 
     def sample(self, t: float, command: JointCommand) -> Moment:
@@ -137,27 +136,27 @@ class Recorder:
         measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]), (left, right))
         moment = self.loop.moment()
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
-        row = {
-            "time": t,
-            "command": self.loop.safe.command.array(),
-            "measured": [getattr(measured, name) for name in MEASURED_NAMES],
-            "clearance": measured.clearance,
-            **{name: getattr(moment, name) for name in self._moment_fields},
-            "qvel": self.simulation.qvel,
-            "target": command.q.copy(),
-            "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
-            "reachable": self.loop.reachable,
-            "torque": self.simulation.torque,
-        }
-        for name, value in row.items():
-            self.rows.setdefault(name, []).append(value)
+        self.rows.append(
+            {
+                "time": t,
+                "command": self.loop.safe.command.array(),
+                "measured": [getattr(measured, name) for name in MEASURED_NAMES],
+                "clearance": measured.clearance,
+                **{name: getattr(moment, name) for name in self._moment_fields},
+                "qvel": self.simulation.qvel,
+                "target": command.q.copy(),
+                "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
+                "reachable": self.loop.reachable,
+                "torque": self.simulation.torque,
+            }
+        )
         return moment
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """Return the record of the run."""
         return Trace(
             name=self.loop.safe.name,
-            **{name: np.array(values) for name, values in self.rows.items()},
+            **{name: np.array([row[name] for row in self.rows]) for name in self.rows[0]},
             tick_ms=np.array(self.tick_ms),
             ik_ms=np.array(self.ik_ms),
             **self._watch.record(),

@@ -14,6 +14,7 @@ from hugwbc.controller import Controller, JointCommand, UpperBody, check_control
 from hugwbc.errors import ConfigError
 from hugwbc.extensions import described
 from hugwbc.kinematics import in_place
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.feasibility import feasible
@@ -122,7 +123,7 @@ class Handover:
     def reset(self) -> None:
         """Forget any difference."""
         self._taken: bool | None = None
-        self._last: np.ndarray | None = None
+        self._last: JointCommand | None = None
         self._before = self._offset = np.zeros((len(_VECTORS), self._size))
         self._elapsed = HANDOVER_TIME
 
@@ -130,17 +131,17 @@ class Handover:
         """Return the command without a jump of the arms where `upper_body` takes or releases them.
 
         Args:
-            command: the joint command within the limits.
+            command: the joint command, finite and within the limits.
             upper_body: the external control that the controller was given.
             dt: time since the last call [s].
         """
-        if not command.is_finite:
-            return command
-        now = np.array([getattr(command, name)[self._arms] for name in _VECTORS])
-        if self._last is not None and self._taken is not upper_body.indicator:
-            self._before, self._offset, self._elapsed = self._last, self._last - now, 0.0
+        changes = self._last is not None and self._taken is not upper_body.indicator
         self._taken = upper_body.indicator
-        if self._elapsed < HANDOVER_TIME:
+        if changes or self._elapsed < HANDOVER_TIME:
+            now = self._of_arms(command)
+            if self._last is not None and changes:
+                self._before, self._elapsed = self._of_arms(self._last), 0.0
+                self._offset = self._before - now
             self._offset[_GAINS] = (self._before - now)[_GAINS]
             now = now + (1.0 - smooth_step(self._elapsed / HANDOVER_TIME)) * self._offset
             self._elapsed += dt
@@ -148,8 +149,12 @@ class Handover:
             for name, arms in zip(_VECTORS, now, strict=True):
                 vectors[name][self._arms] = arms
             command = JointCommand(**vectors)
-        self._last = now
+        self._last = command
         return command
+
+    def _of_arms(self, command: JointCommand) -> np.ndarray:
+        """Return the arms' part of the five vectors, shape (5, 8)."""
+        return np.array([getattr(command, name)[self._arms] for name in _VECTORS])
 
 
 class SafetyFilter:
@@ -318,7 +323,7 @@ class SafetyFilter:
         if not isinstance(command, Command):
             self._count("source_failures", f"a command is a {type(command).__name__}: keeping the last good one")
             command = self._given or Command()
-        if command is not self._given:  # most ticks repeat the last command
+        if command is not self._given and command != self._given:  # most ticks repeat the last command
             self._given, self._valid = command, command.clamp()
         valid, changes = self._valid
         self._count_changes("clamp", self._clamped, changes)
@@ -344,7 +349,7 @@ class SafetyFilter:
         q = _clip(upper_body.q, *self._arm_limits)
         if ((q != upper_body.q) & upper_body.mask).any():
             self._count("upper_body_limited", "external arm targets outside the joint limits: clamped")
-            upper_body = dataclasses.replace(upper_body, q=q)
+            upper_body = changed(upper_body, q=q)
         self._last_upper = upper_body
         return upper_body
 
@@ -390,11 +395,11 @@ class SafetyFilter:
 
     def limited(self, output: JointCommand) -> JointCommand:
         """Return a finite joint command within all limits, and count what was changed."""
-        before = np.array([getattr(output, name) for name in _VECTORS])
+        before = np.array((output.q, output.dq, output.kp, output.kd, output.tau))
         after = _clip(before, self._low, self._high)
-        changed = before != after
-        if changed.any():
-            for counter, joints, way in zip(_LIMITED, changed, np.abs(before - after), strict=True):
+        different = before != after
+        if np.count_nonzero(different):  # in a fifth of the time of `any`
+            for counter, joints, way in zip(_LIMITED, different, np.abs(before - after), strict=True):
                 if joints.any():
                     joint = self.robot.joint_names[int(np.argmax(way))]
                     self._count(counter, f"{counter.replace('_', ' ')}, first at {joint}")

@@ -1,7 +1,6 @@
 """What a behaviour may know at a tick: the estimate, corrected by a motion capture that sees robot and objects."""
 
 import collections
-import dataclasses
 import math
 from collections.abc import Iterable
 from typing import Protocol
@@ -11,6 +10,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import HugwbcError
 from hugwbc.kinematics import Kinematics
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.capture_check import LONGEST_AGE, CaptureCheck
 from hugwbc.scripts.view import Grip, SeenObjects, View
@@ -94,7 +94,7 @@ class SeenRobot:
     def _placed(self, state: RobotState) -> RobotState:
         turn = rotations.rotation_z(self._turn)
         quaternion = np.array([math.cos(0.5 * self._turn), 0.0, 0.0, math.sin(0.5 * self._turn)])
-        return dataclasses.replace(
+        return changed(
             state,
             position=self._way + self._shift,
             orientation=rotations.multiply(quaternion, state.orientation),

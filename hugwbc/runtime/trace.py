@@ -141,8 +141,10 @@ class TouchDownWatch:
                     self._land(foot, now)
                 self._last_contact[foot] = now
             forces = self._forces[foot]
-            forces[self._turn] = normal if math.isfinite(normal) else 0.0  # diverged physics does not count
-            self._peak[foot] = max(self._peak[foot], sum(forces) / self._count)
+            forces[self._turn] = normal if -math.inf < normal < math.inf else 0.0  # diverged physics does not count
+            mean = sum(forces) / self._count
+            if mean > self._peak[foot]:
+                self._peak[foot] = mean
         self._velocity[:] = velocity
 
     def _land(self, foot: int, now: float) -> None:

@@ -1,6 +1,6 @@
 """Requests to a robot over time: command scripts, hand paths, motions, and the shipped scripts (*.yaml)."""
 
-from hugwbc.scripts.command_source import CommandSource, Constant, FollowingSource, SeeingSource
+from hugwbc.scripts.command_source import CommandSource, Constant, SeeingSource
 from hugwbc.scripts.hand_paths import Circle, Grid, HandPath, Hold, Line, Swing, Wander
 from hugwbc.scripts.motion import ArmMotion, generate_motions, load_motion, load_motions
 from hugwbc.scripts.recorded_path import read_path
@@ -13,7 +13,6 @@ __all__ = [
     "Circle",
     "CommandSource",
     "Constant",
-    "FollowingSource",
     "Grid",
     "HandMotion",
     "HandPath",

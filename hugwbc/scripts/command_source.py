@@ -5,7 +5,6 @@ from typing import Protocol, runtime_checkable
 
 from hugwbc.commands import Command
 from hugwbc.scripts.view import Grip, View
-from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 
 
@@ -18,15 +17,6 @@ class CommandSource(Protocol):
 
     def hands_at(self, t: float) -> HandTargets | None:
         """Return the hand targets at time t [s]; None leaves the arms to the controller."""
-        ...
-
-
-@runtime_checkable
-class FollowingSource(CommandSource, Protocol):
-    """A command source whose commands depend on where the robot is."""
-
-    def follow(self, state: RobotState) -> None:
-        """Take the true state, before each `command_at`."""
         ...
 
 

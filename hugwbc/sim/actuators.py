@@ -26,6 +26,8 @@ _STICK_IMPEDANCE = 0.99
 _STICK_STEPS = 2.0
 _LINE_SEARCH = 50  # iterations; with the 12 of the description the solver stops before the friction has converged
 
+_WAYS = np.array([-1.0, 1.0])
+
 
 @settings
 class Actuators:
@@ -83,9 +85,10 @@ class TorqueSpeedLimit:
             robot: robot with the drives.
             torque_limit: torque limits at low speed [N*m], shape (..., 19).
         """
-        self._limit = np.array(torque_limit)
-        self._slope = 1.0 / (robot.velocity_limit - robot.corner_speed)
-        self._reserve = robot.velocity_limit * self._slope
+        # The last axis of all: downwards and upwards, as in MuJoCo's force range.
+        self._limit = np.asarray(torque_limit)[..., None] * _WAYS
+        self._slope = (1.0 / (robot.velocity_limit - robot.corner_speed))[:, None] * _WAYS
+        self._reserve = np.abs(robot.velocity_limit[:, None] * self._slope)
 
     def write(self, velocity: np.ndarray, force_range: np.ndarray) -> None:
         """Write the range of the torque at joint speeds.
@@ -94,11 +97,6 @@ class TorqueSpeedLimit:
             velocity: joint speeds [rad/s], shape (..., 19).
             force_range: lowest and highest torque [N*m], shape (..., 19, 2); written in place.
         """
-        share = velocity * self._slope
-        force_range[..., 1] = self._limit * self._share(self._reserve - share)
-        force_range[..., 0] = -self._limit * self._share(self._reserve + share)
-
-    @staticmethod
-    def _share(share: np.ndarray) -> np.ndarray:
-        """Return numbers within 0 and 1; a diverged robot's NaN, which MuJoCo must not see in its model, becomes 1."""
-        return np.fmax(np.fmin(share, 1.0, out=share), 0.0, out=share)
+        share = self._reserve - velocity[..., None] * self._slope
+        # A diverged robot's NaN, which MuJoCo must not see in its model, becomes 1.
+        np.multiply(self._limit, np.fmax(np.fmin(share, 1.0, out=share), 0.0, out=share), out=force_range)

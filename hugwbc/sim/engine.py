@@ -226,27 +226,33 @@ class Engine(abc.ABC):
         """Return whether the torso touches the ground."""
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
-        """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state.
+        """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state."""
+        self.advance(command, max(1, round(duration / self.timestep)))
+        return self._sensors.truth(self._readings[-1])
+
+    def advance(self, command: JointCommand, steps: int = 1) -> None:
+        """Apply a joint command for some physics steps.
 
         With a delay, the drives follow the command that many physics steps later; only the first command after a reset
         acts at once. A command that is not finite is counted, and the previous command is held instead.
         """
-        if not command.is_finite:
-            self.rejected_commands += 1
-        elif command is not self._command:
-            self._take(command)
+        if command is not self._command:
+            if command.is_finite:
+                self._take(command)
+            else:
+                self.rejected_commands += 1
         given = self._given
         if self._faults is not None:
             kp, kd, constant = given
             given = self._faults.drive(self.time, (kp.copy(), kd.copy(), constant.copy()))
         if not self._pending:
             self._pending.extend([given] * self._delay)
-        for _ in range(max(1, round(duration / self.timestep))):
+        for _ in range(steps):
             self._pending.append(given)
-            self._expire_forces()
+            if self._force_until:
+                self._expire_forces()
             self._advance(*self._pending.popleft())
             self._readings.append(self._reading())
-        return self._sensors.truth(self._readings[-1])
 
     def _take(self, command: JointCommand) -> None:
         """Turn a command into what the drives follow until the next one: stiffness, damping and constant torque."""
@@ -277,6 +283,11 @@ class Engine(abc.ABC):
         reading = self._readings[0] if self.sensing.latency > 0.0 else self._reading()
         sensed = self._sensors.read(reading, self.time)
         return sensed if self._faults is None else self._faults.apply(sensed)
+
+    @property
+    def foot_force(self) -> np.ndarray:
+        """Ground reaction on the left and the right foot after the last physics step, world frame [N], shape (2, 3)."""
+        return self._readings[-1].foot_force
 
     def ground_height(self, xy: np.ndarray) -> float:
         """Return the height of the ground at a point [m]."""

@@ -1,6 +1,7 @@
 """Indices of one robot in the state of a model that may contain other bodies."""
 
 import dataclasses
+import functools
 
 import mujoco
 
@@ -24,12 +25,12 @@ class Layout:
     qvel: slice
     ctrl: slice
 
-    @property
+    @functools.cached_property
     def joints(self) -> slice:
         """The joint positions alone."""
         return slice(self.qpos.start + _POSE, self.qpos.stop)
 
-    @property
+    @functools.cached_property
     def rates(self) -> slice:
         """The joint velocities alone."""
         return slice(self.qvel.start + _TWIST, self.qvel.stop)

@@ -157,6 +157,13 @@ class Sensors:
         vectors = np.repeat((p.gyro, p.attitude, p.accelerometer, p.gyro_walk, p.accelerometer_walk), 3)
         self._deviations = np.concatenate((p.encoder * joints, p.joint_velocity * joints, p.torque * joints, vectors))
         self._noisy = bool(self._deviations.any())
+        # Drawn anew for each reading, all at once: parts of it are views.
+        self._errors = np.zeros(self._deviations.size)
+        of_joints, of_imu = np.split(self._errors, [3 * self._joints])
+        self._of_encoders, self._of_velocities, self._of_torques = of_joints.reshape(3, -1)
+        self._of_gyro, self._of_attitude, self._of_accelerometer, self._gyro_walk, self._accelerometer_walk = (
+            of_imu.reshape(5, 3)
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -195,18 +202,17 @@ class Sensors:
             now: time at which the reading is used [s]; None for its own.
         """
         p, qpos, qvel = self.profile, reading.qpos, reading.qvel
-        # One draw of all numbers takes as long as one of each sensor's.
-        errors = (
-            self._deviations * self._rng.standard_normal(self._deviations.size) if self._noisy else self._deviations
-        )
-        joints = 3 * self._joints
-        of_encoders, of_velocities, of_torques = errors[:joints].reshape(3, -1)
-        of_gyro, of_attitude, of_accelerometer, gyro_walk, accelerometer_walk = errors[joints:].reshape(5, 3)
-        self._let_biases_walk(reading.time, gyro_walk, accelerometer_walk)
-        q = qpos[7:] + self._encoder_offset + of_encoders
-        dq = qvel[6:] + of_velocities
-        gyro = reading.imu_gyro + self._gyro_bias + of_gyro
-        turn = np.array([1.0, *(0.5 * (self._attitude_bias + of_attitude)).tolist()])
+        if self._noisy:
+            self._rng.standard_normal(out=self._errors)
+            self._errors *= self._deviations
+        step = 0.0 if self._time is None else math.sqrt(max(reading.time - self._time, 0.0))
+        self._time = reading.time
+        self._gyro_bias += step * self._gyro_walk
+        self._accelerometer_bias += step * self._accelerometer_walk
+        q = qpos[7:] + self._encoder_offset + self._of_encoders
+        dq = qvel[6:] + self._of_velocities
+        gyro = reading.imu_gyro + self._gyro_bias + self._of_gyro
+        turn = np.array([1.0, *(0.5 * (self._attitude_bias + self._of_attitude)).tolist()])
         # A constant error of roll and pitch is one about the world's axes.
         attitude = rotations.multiply(_unit(turn), reading.imu_orientation)
         orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
@@ -220,18 +226,11 @@ class Sensors:
             foot_force=reading.foot_force if p.foot_force else None,
             hand_force=reading.hand_force if p.hand_force else None,
             imu_gyro=gyro,
-            imu_accelerometer=reading.accelerometer + self._accelerometer_bias + of_accelerometer,
-            torque=self._torque_scale * reading.torque + of_torques,
+            imu_accelerometer=reading.accelerometer + self._accelerometer_bias + self._of_accelerometer,
+            torque=self._torque_scale * reading.torque + self._of_torques,
             time=reading.time,
             age=0.0 if now is None else now - reading.time,
         )
-
-    def _let_biases_walk(self, time: float, gyro: np.ndarray, accelerometer: np.ndarray) -> None:
-        """Let the biases walk since the last reading, by steps of one second's deviation, shapes (3,)."""
-        step = 0.0 if self._time is None else math.sqrt(max(time - self._time, 0.0))
-        self._time = time
-        self._gyro_bias = self._gyro_bias + step * gyro
-        self._accelerometer_bias = self._accelerometer_bias + step * accelerometer
 
     def _normal(self, deviation: float, size: int) -> np.ndarray:
         return self._rng.normal(0.0, deviation, size) if deviation else np.zeros(size)

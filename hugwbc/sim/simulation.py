@@ -22,6 +22,8 @@ from hugwbc.sim.terrain import HeightField
 from hugwbc.state import GRAVITY, RobotState
 
 _UPWARDS = np.array([0.0, 0.0, GRAVITY])
+# The part of a state that others may change between two steps: a hand that moves the robot, or a gripper.
+_MOVED = int(mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_QVEL | mujoco.mjtState.mjSTATE_EQ_ACTIVE)
 # Warnings after which MuJoCo resets the state.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
@@ -87,6 +89,7 @@ class Simulation(Engine):
         self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None
         self._footing = None if terrain is None else Footing(self.model, terrain)
         self.data = mujoco.MjData(self.model)
+        self._computed, self._present = np.zeros((2, mujoco.mj_stateSize(self.model, _MOVED)))
         self._warnings = self.data.warning.number  # a view; to find it takes longer than to read it
         self.link_names = link_names(self.model)
         self.external_force = self.data.xfrc_applied
@@ -170,14 +173,15 @@ class Simulation(Engine):
         return self.state()
 
     def _advance(self, kp: np.ndarray, kd: np.ndarray, constant: np.ndarray) -> None:
-        drives, data = self._layout.ctrl, self.data
+        layout, data = self._layout, self.data
+        drives = layout.ctrl
         if kp is not self._gains[0] or kd is not self._gains[1]:
             self._gains = kp, kd
             self.model.actuator_biasprm[drives, 1] = -self.variation.strength * kp
             self.model.actuator_biasprm[drives, 2] = -self.variation.strength * kd
         data.ctrl[drives] = constant
         if self._limit is not None:
-            self._limit.write(data.qvel[self._layout.rates], self.model.actuator_forcerange[drives])
+            self._limit.write(data.qvel[layout.rates], self.model.actuator_forcerange[drives])
         self._warnings[:] = 0
         before = data.time
         if self._footing is not None:
@@ -187,34 +191,30 @@ class Simulation(Engine):
             mujoco.mj_step2(self.model, data)
         else:
             mujoco.mj_step(self.model, data)
-        numbers = self._warnings.tolist()
-        failure = next((warning for warning in DIVERGED if numbers[warning]), None)
-        self.diverged |= failure is not None
-        self._torque = self.torque  # during this step; `mj_forward` computes that of the next one
+        failures = [warning for warning in DIVERGED if self._warnings[warning]]
+        self.diverged |= failures != []
+        self._torque = data.actuator_force[drives].copy()  # during this step; `mj_forward` then
         if self.gripper is not None:
             self.gripper.update()
         self._compute()
         self._feel_acceleration()
         if self._scene_objects is not None:
-            if failure is not None:
-                self._scene_objects.note_divergence(before, int(data.warning[failure].lastinfo))
+            if failures:
+                self._scene_objects.note_divergence(before, int(data.warning[failures[0]].lastinfo))
             self._scene_objects.watch()
 
     def _compute(self) -> None:
         """Compute what follows from the state: places, contacts, forces and the readings of the sensors."""
         mujoco.mj_forward(self.model, self.data)
-        self._computed = self._state()
+        mujoco.mj_getState(self.model, self.data, self._computed, _MOVED)
 
     def _is_computed(self) -> bool:
         """Return whether the places and contacts are those of the state, so that a step need not compute them again.
 
         They are not if someone has moved the robot or an object, or if a gripper has closed or opened.
         """
-        return self._computed == self._state()
-
-    def _state(self) -> tuple[bytes, bytes, bytes]:
-        data = self.data
-        return data.qpos.tobytes(), data.qvel.tobytes(), data.eq_active.tobytes()
+        mujoco.mj_getState(self.model, self.data, self._present, _MOVED)
+        return self._present.tobytes() == self._computed.tobytes()
 
     def _feel_acceleration(self) -> None:
         """Set the accelerometer to the change of the IMU's velocity over the step.
@@ -250,23 +250,21 @@ class Simulation(Engine):
         self.model.geom_pos[footing.geoms] = footing.positions(self.data.xpos, self.data.xmat)
 
     def _reading(self) -> Reading:
+        data, layout, sensed = self.data, self._layout, self.data.sensordata.copy()
+        # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
+        foot_force = -sensed[self._places_by_side["foot_force"]]
+        hand_force = -sensed[self._places_by_side["elbow_link_force"]]
         return Reading(
-            time=self.time,
-            qpos=self.qpos,
-            qvel=self.qvel,
-            imu_orientation=self._sensed("imu_orientation"),
-            imu_gyro=self._sensed("imu_gyro"),
-            # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
-            foot_force=-self._sensed_by_side("foot_force"),
+            time=data.time,
+            qpos=data.qpos[layout.qpos].copy(),
+            qvel=data.qvel[layout.qvel].copy(),
+            imu_orientation=sensed[self._places["imu_orientation"]],
+            imu_gyro=sensed[self._places["imu_gyro"]],
+            foot_force=foot_force,
             accelerometer=self._accelerometer,
             torque=self._torque,
-            hand_force=self._hand_force(),
+            hand_force=hand_force if self.gripper is None else hand_force + self.gripper.force,
         )
-
-    def _hand_force(self) -> np.ndarray:
-        """Return the force of contacts and of the idealised gripper on each hand in the world [N], shape (2, 3)."""
-        force = -self._sensed_by_side("elbow_link_force")
-        return force if self.gripper is None else force + self.gripper.force
 
     @property
     def time(self) -> float:
@@ -335,5 +333,5 @@ class Simulation(Engine):
         return self.data.sensordata[self._places_by_side[name]]
 
     def _trunk_on_ground(self) -> bool:
-        pair = {self._floor, self._trunk}
-        return any({a, b} == pair for a, b in self.data.contact.geom.tolist())
+        pairs = self.data.contact.geom.tolist()
+        return [self._floor, self._trunk] in pairs or [self._trunk, self._floor] in pairs

@@ -71,6 +71,7 @@ def hands_off(missed: str) -> Milestone:
 
     def progress(record: TaskRecord) -> float:
         force = np.linalg.norm(record.hand_force[-10:], axis=2)
+        force = np.where(record.hand_touches[-10:], force, 0.0)  # not that of an arm on its own body
         return 1.0 if (record.held[-1] < 0).all() and force.max(initial=0.0) < 1.0 else 0.0
 
     return Milestone(missed, progress)

@@ -1,7 +1,6 @@
 """The record of one episode of a task: the true states of robot and objects, from which a judge decides."""
 
 import dataclasses
-import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,8 +14,11 @@ from hugwbc.sim.scenes import Thing
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _ROUNDING = 1e-9  # [s]
-_PART = re.compile("_(link)?")  # in the name of a link
-_HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
+_HANDS, _FEET = (tuple(f"{side}_{part}_link" for side in SIDES) for part in ("elbow", "ankle"))
+_WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "knee": "shank", "ankle": "foot", "torso": "trunk"}
+_WORDS |= {"shoulder_roll": "shoulder", "shoulder_yaw": "upper arm"}
+_UPRIGHT = 0.7  # vertical part of the normal of a contact on which a foot stands
+_BRIEF = 0.05  # [s], a touch that needs no duration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,14 +45,17 @@ class TaskRecord:
         time: times of the samples [s], shape (T,).
         pelvis: position [m] and quaternion (w, x, y, z), shape (T, 7).
         hands: positions of the left and the right hand in the world [m], shape (T, 2, 3).
-        hand_force: force on each hand from outside in the world [N], shape (T, 2, 3).
+        hand_force: force on each hand from outside in the world [N], shape (T, 2, 3); an arm may rest on its own body.
+        hand_touches: whether each hand touches a body of the scene, shape (T, 2).
         poses: position [m] and quaternion of each body of the scene by its name, shape (T, 7) each.
         travel: way of each thing with a joint from its rest [m or rad] by its name, shape (T,) each.
         gait: values of `Gait`, as commanded, shape (T,); -1 where nothing tells.
         held: number of the object that the idealised gripper of each hand holds, its place in `Scene.body_names`;
             -1 for none. Shape (T, 2).
         touched: time of the first contact between a part of the robot and a body of the scene [s], by their names.
-            The hands (with their forearms) are "left_elbow_link" and "right_elbow_link".
+            The hands (with their forearms) are "left_elbow_link" and "right_elbow_link". What a foot stands on is left
+            out.
+        lasted: how long they touched in all [s], likewise.
         depth: how deep a hand was in each body that it touched, at most [m].
         fell: whether the robot fell, or the physics diverged.
         ending: how the behaviour ended.
@@ -62,11 +67,13 @@ class TaskRecord:
     pelvis: np.ndarray
     hands: np.ndarray
     hand_force: np.ndarray
+    hand_touches: np.ndarray
     poses: Mapping[str, np.ndarray]
     travel: Mapping[str, np.ndarray]
     gait: np.ndarray
     held: np.ndarray
     touched: Mapping[tuple[str, str], float]
+    lasted: Mapping[tuple[str, str], float]
     depth: Mapping[str, float]
     fell: bool
     ending: Ending
@@ -98,19 +105,23 @@ class TaskRecord:
         return any((link, body) in self.touched for link in links)
 
     @property
-    def bumps(self) -> tuple[str, ...]:
-        """What touched the bodies of the scene beside the hands, such as "the left thigh touched 'box' at 7.2 s"."""
-        return tuple(
-            f"the {_PART.sub(' ', link.replace('hip_pitch', 'thigh')).strip()} touched '{name}' at {t:.1f} s"
-            for (link, name), t in self.touched.items()
-            if link not in _HANDS
-        )
-
-    @property
     def gripped(self) -> tuple[str, ...]:
         """Names of the bodies that the idealised grippers held at some time."""
         names = self.scene.body_names
         return tuple(names[index] for index in sorted(set(self.held.ravel().tolist()) - {-1}))
+
+
+def bumps(record: "TaskRecord | TaskWatch") -> tuple[str, ...]:
+    """Return what touched the scene beside the hands, such as "the left thigh touched 'box' at 7.2 s, for 1.3 s"."""
+    found = []
+    for (link, body), begin in record.touched.items():
+        part, long = link.removesuffix("_link"), record.lasted.get((link, body), 0.0)
+        for name, word in _WORDS.items():
+            part = part.replace(name, word)
+        if link not in _HANDS:
+            time = f"at {begin:.1f} s" + (f", for {long:.1f} s" if long >= _BRIEF else "")
+            found.append(f"the {part.replace('_', ' ')} touched '{body}' {time}")
+    return tuple(found)
 
 
 class TaskWatch:
@@ -120,6 +131,7 @@ class TaskWatch:
 
     Attributes:
         fell: whether the robot has fallen, or the physics diverged.
+        touched, lasted: as in `TaskRecord`, until now.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -140,7 +152,10 @@ class TaskWatch:
         self._jointed = [name for name in names if simulation.objects[name].travel is not None]
         self.fell = False
         self._steps = 0
-        self._touched: dict[tuple[str, str], float] = {}
+        self.touched: dict[tuple[str, str], float] = {}
+        self.lasted: dict[tuple[str, str], float] = {}
+        self._looked = simulation.time
+        self._touching: set[tuple[str, str]] = set()  # at the last look
         self._depth: dict[str, float] = {}
         self._samples: dict[str, list[np.ndarray]] = {}
         self._count = 0
@@ -151,18 +166,23 @@ class TaskWatch:
         self._steps += 1
         if self._steps % _LOOK:
             return
-        contact = self._simulation.data.contact
+        now = self._simulation.time
+        since, self._looked = max(now - self._looked, 0.0), now
+        contact, self._touching = self._simulation.data.contact, set()
         bodies = self._simulation.model.geom_bodyid[contact.geom]
         mixed = self._is_object[bodies].any(axis=1) & (contact.dist < 0.0)
         for index in np.flatnonzero(mixed):
             one, other = bodies[index].tolist()
             link = self._links.get(one) or self._links.get(other)
             name = self._objects.get(one) or self._objects.get(other)
-            if link is None or name is None:
+            if link is None or name is None or (link in _FEET and abs(contact.frame[index][2]) > _UPRIGHT):
                 continue
-            self._touched.setdefault((link, name), self._simulation.time)
+            self._touching.add((link, name))
             if link in _HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
+        for pair in sorted(self._touching):
+            self.touched.setdefault(pair, now)
+            self.lasted[pair] = self.lasted.get(pair, 0.0) + since
 
     def sample(self, time: float, gait: int = -1) -> None:
         """Take a sample at a time since the start of the episode [s], if one is due; `gait` is what is commanded."""
@@ -177,6 +197,7 @@ class TaskWatch:
             "pelvis": simulation.qpos[:7],
             "hands": np.stack([simulation.hand_position(side) for side in SIDES]),
             "hand_force": np.zeros((2, 3)) if force is None else force.copy(),
+            "hand_touches": np.array([any(link == hand for link, _ in self._touching) for hand in _HANDS]),
             "poses": simulation.objects.poses,
             "travel": np.array([simulation.objects[name].travel or 0.0 for name in self._jointed]),
             "gait": np.array(gait),
@@ -198,7 +219,8 @@ class TaskWatch:
             **samples,
             poses={name: poses[:, i] for i, name in enumerate(self._scene.body_names)},
             travel={name: travel[:, i] for i, name in enumerate(self._jointed)},
-            touched=dict(self._touched),
+            touched=dict(self.touched),
+            lasted=dict(self.lasted),
             depth=dict(self._depth),
             fell=self.fell,
             ending=ending,

@@ -11,7 +11,7 @@ from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.extensions import described
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
-from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.record import TaskRecord, bumps
 
 FELL = "the robot fell"
 FASTEST = 0.15  # [m/s], of the pelvis at the end
@@ -61,7 +61,8 @@ class Verdict:
     Attributes:
         success: whether the task was done.
         reason: why not; empty for a success.
-        detail: what the behaviour said when it ended, or what happened to the objects.
+        detail: what the behaviour said when it failed, what happened to the objects, and what touched them beside the
+            hands.
         score: 1 for a success; otherwise the share of the milestones, in order, up to the first one that was missed.
     """
 
@@ -73,8 +74,8 @@ class Verdict:
     @property
     def words(self) -> str:
         """The verdict for people, such as "not done: the cup fell (put: timeout of 5 s)"."""
-        why = f"not done: {self.reason}" + (f" ({self.detail})" if self.detail else "")
-        return "done" if self.success else why
+        outcome = "done" if self.success else f"not done: {self.reason}"
+        return outcome + (f" ({self.detail})" if self.detail else "")
 
 
 def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
@@ -95,19 +96,22 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
             reason = milestone.missed
             break
     score = reached / len(milestones)
-    detail = "; ".join(filter(None, (record.ending.reason, *record.bumps)))
+
+    def failed(why: str, score: float, *said: str) -> Verdict:
+        return Verdict(False, why, "; ".join(filter(None, (*said, *bumps(record)))), score)
+
     if record.problems:
         problem, _, _ = record.problems[0].partition(" at ")  # without its time
-        return Verdict(False, problem, "; ".join(record.problems), min(score, 0.99))
+        return failed(problem, min(score, 0.99), *record.problems)
     if record.fell:
-        return Verdict(False, FELL, f"{reason or 'at the end'}; {detail}".rstrip("; "), min(score, 0.99))
+        return failed(FELL, min(score, 0.99), reason or "at the end", record.ending.reason)
     if reason:
-        return Verdict(False, reason, detail, score)
+        return failed(reason, score, record.ending.reason)
     drift, speed = stillness(record)
     if drift > FARTHEST or speed > FASTEST:
         reason = RAN_AWAY if drift > FARTHEST else "the robot did not come to rest"
-        return Verdict(False, reason, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end", 0.99)
-    return Verdict(True, "", "", 1.0)
+        return failed(reason, 0.99, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end")
+    return Verdict(True, "", "; ".join(bumps(record)), 1.0)
 
 
 def stillness(record: TaskRecord) -> tuple[float, float]:

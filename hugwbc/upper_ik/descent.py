@@ -18,7 +18,7 @@ NOWHERE = np.full((2, 3), np.nan)
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
     """Return the lengths of row vectors (n, 3), shape (n,)."""
-    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return np.sqrt(np.add.reduce(vectors * vectors, 1))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

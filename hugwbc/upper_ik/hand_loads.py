@@ -1,12 +1,12 @@
 """Desired forces and payloads of the hands, from hand targets to the arm servo."""
 
-import dataclasses
 import math
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.controller import UpperBody
+from hugwbc.numeric import changed
 from hugwbc.state import RobotState
 from hugwbc.targets import HEAVIEST, STIFFNESS, STRONGEST, HandTargets
 
@@ -52,7 +52,7 @@ class HandLoads:
         )
         if known is None and stiffness is None and not self._force.any() and not self._payload.any():
             return arms
-        return dataclasses.replace(
+        return changed(
             arms,
             hand_force=self._force.copy(),
             stiffness=stiffness,

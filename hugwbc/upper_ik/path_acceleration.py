@@ -1,8 +1,10 @@
 """Joint accelerations of the hand targets' own motion, for the feed-forward of the arm servo."""
 
 import numpy as np
+from eigenpy import LLT
 
 _DAMPING = 0.05  # [m]; keeps the joint speeds of a stretched arm bounded
+_RIDGE = _DAMPING**2 * np.eye(3)
 _ARM = 4  # joints
 
 
@@ -50,9 +52,12 @@ class PathAcceleration:
         velocity = np.where(within[:, None], velocity, np.nan)
         if turn is not None:
             velocity = velocity @ turn.T
-        transposed = jacobians.transpose(0, 2, 1)
-        squared = jacobians @ transposed + _DAMPING**2 * np.eye(3)
-        rates = (transposed @ np.linalg.solve(squared, velocity[..., None]))[..., 0]
+        rates = np.array(
+            [
+                jacobian.T.dot(LLT(jacobian.dot(jacobian.T) + _RIDGE).solve(each))
+                for jacobian, each in zip(jacobians, velocity, strict=True)
+            ]
+        )
         change = (rates - self._rates) / dt
         self._rates = rates
         change = np.where(np.isfinite(change), change, 0.0)

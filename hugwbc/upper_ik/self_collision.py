@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import placo
 
+from hugwbc.kinematics import place_frames
 from hugwbc.robot import SIDES, Robot
 
 _WIDEST = 0.07  # [m]; a box that is wider gets several capsules side by side
@@ -38,6 +39,7 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     if on_column:
         _put_on_column(root)
     wrapper = placo.RobotWrapper(robot.name, 0, ElementTree.tostring(root, encoding="unicode"))
+    place_frames(wrapper.model, robot)
     _set_shapes(wrapper, robot)
     return wrapper
 

@@ -1,70 +1,22 @@
-"""Pictures of evaluations: heat maps, polar plots, gait diagrams, clouds of hand positions and curves."""
+"""Pictures of evaluations: gait diagrams, clouds of hand positions and curves."""
 
-import math
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hugwbc.viz.framing import LABEL_COLOURS
-from hugwbc.viz.plots import INK, Panel, picture
+from hugwbc.viz.plots import INK, Panel, drawing, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.projections.polar import PolarAxes
+    from matplotlib.figure import Figure
 
-_MAPS_HEIGHT, _POLAR_HEIGHT, _CLOUD_HEIGHT = 5.0, 5.0, 5.0  # [in]
-_GAP = 1  # number of empty cells between two heat maps
-_TOP = 3.0  # value of the brightest colour of a heat map
+_CLOUD_HEIGHT = 5.0  # [in]
+# Of the picture of intervals: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
+_LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
 FEET = ("left", "right")
-
-
-def heat_maps(title: str, names: Sequence[str], maps: Mapping[tuple[str, str], np.ndarray], label: str) -> Panel:
-    """Draw heat maps of all ordered pairs of quantities: a row for each first name, a column for each second.
-
-    A map is square, with its rows from bottom to top; NaN cells are crossed out. The label is that of the colour bar,
-    which goes from 0 to `_TOP`.
-    """
-
-    def draw(axes: "Axes") -> None:
-        points = len(next(iter(maps.values())))
-        pitch = points + _GAP
-        size = pitch * len(names) - _GAP
-        whole = np.full((size, size), np.nan)
-        crosses: list[tuple[float, float]] = []
-        for (first, second), values in maps.items():
-            # Names read from the top, whereas rows count from the bottom.
-            row, column = pitch * (len(names) - 1 - names.index(first)), pitch * names.index(second)
-            whole[row : row + points, column : column + points] = values
-            crosses += [(column + x, row + y) for y, x in np.argwhere(~np.isfinite(values))]
-        image = axes.imshow(whole, origin="lower", interpolation="none", cmap="viridis", vmin=0.0, vmax=_TOP)
-        if crosses:
-            axes.plot(*zip(*crosses, strict=True), "x", color=INK, markersize=3, markeredgewidth=0.8)
-        middles = pitch * np.arange(len(names)) + (points - 1) / 2
-        axes.set_xticks(middles, names)
-        axes.set_yticks(middles, list(reversed(names)))
-        axes.grid(visible=False)
-        axes.set_xlabel("against")
-        axes.set_ylabel("error of")
-        assert axes.figure is not None
-        axes.figure.colorbar(image, ax=axes, label=label, extend="max")
-
-    return Panel(title, picture(title, draw, height=_MAPS_HEIGHT), coloured=False)
-
-
-def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
-    """Draw one closed curve for each name over directions [rad]; 0 (ahead) points up, angles grow to the left."""
-
-    def draw(axes: "PolarAxes") -> None:
-        axes.set_theta_zero_location("N")
-        round_trip = [*angles, angles[0]]
-        for (name, values), colour in zip(series.items(), LABEL_COLOURS, strict=False):
-            numbers = [math.nan if value is None else value for value in values]
-            axes.plot(round_trip, [*numbers, numbers[0]], color=colour, marker="o", markersize=4, label=name)
-        axes.set_ylim(bottom=0.0)
-        axes.set_xticks(list(angles), [f"{math.degrees(angle):.0f}°" for angle in angles])
-
-    return Panel(f"{title} [{unit}]", picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
 
 
 def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
@@ -123,20 +75,73 @@ def curves(
     labels: tuple[str, str],
     *,
     dashed: tuple[np.ndarray, np.ndarray],
-    bottom: float | None = None,
 ) -> Panel:
     """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and a dashed reference line.
 
-    The labels are those of the two axes; `bottom` is the lower end of the vertical axis.
+    The labels are those of the two axes.
     """
 
     def draw(axes: "Axes") -> None:
         for (name, (x, y)), colour in zip(series.items(), LABEL_COLOURS, strict=False):
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
         axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
-        if bottom is not None:
-            axes.set_ylim(bottom=bottom)
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
 
     return Panel(title, picture(title, draw))
+
+
+@dataclasses.dataclass(frozen=True)
+class Bar:
+    """A number with its interval, if it has one."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
+def interval_bars(
+    rows: Sequence[tuple[str, Sequence[Bar | None], Sequence[Bar | None]]], names: Sequence[str], differences: str
+) -> str:
+    """Return an SVG file of quantities with their intervals, one below the other, and differences beside them.
+
+    Each quantity has axes of its own, in its own unit.
+
+    Args:
+        rows: for each quantity its title, the numbers of all names, and their differences from the first one's.
+        names: names of what is compared.
+        differences: heading of the differences.
+    """
+    band, margin = _LANE * len(names), 0.3 + _LETTER * max(map(len, names))  # [in]
+    height = _HEAD + len(rows) * (band + _BETWEEN)
+    width = margin + _VALUES + _GAP + _GAPS + 0.3
+
+    def draw(figure: "Figure") -> None:
+        inches = figure.dpi_scale_trans
+        figure.text(margin + _VALUES + _GAP, height - 0.2, differences, fontsize=9, transform=inches)
+        for number, (title, values, gaps) in enumerate(rows):
+            top = height - _HEAD - number * (band + _BETWEEN)
+            figure.text(0.1, top - 0.02, title, fontsize=9, weight="bold", transform=inches)
+            bottom = top - 0.1 - band
+            for left, length, bars in ((margin, _VALUES, values), (margin + _VALUES + _GAP, _GAPS, gaps)):
+                if not any(bars):
+                    continue
+                axes = figure.add_axes((left / width, bottom / height, length / width, band / height))
+                _draw_bars(axes, bars)
+                axes.set_yticks(range(len(names)), names if bars is values else [""] * len(names), fontsize=9)
+                if bars is gaps:
+                    axes.axvline(0.0, color="black", linewidth=0.8)
+
+    return drawing("intervals", draw, (width, height)).replace(INK, "#000000")
+
+
+def _draw_bars(axes: "Axes", bars: Sequence[Bar | None]) -> None:
+    for lane, (bar, colour) in enumerate(zip(bars, LABEL_COLOURS, strict=False)):
+        if bar is not None:
+            axes.plot(bar.value, lane, "o", color=colour, markersize=5)
+            if bar.low is not None and bar.high is not None:
+                axes.plot([bar.low, bar.high], [lane, lane], color=colour, linewidth=2.0)
+    axes.set_ylim(len(bars) - 0.5, -0.5)
+    axes.margins(x=0.08)
+    axes.locator_params(axis="x", nbins=4)
+    axes.tick_params(axis="x", labelsize=8)

@@ -17,6 +17,7 @@ from hugwbc.viz.framing import LABEL_COLOURS, Chapter, chapter_spans, check_trac
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 TITLES = {
     "v_x": "Forward velocity v_x",
@@ -181,13 +182,15 @@ def path_panel(traces: Sequence[Trace]) -> Panel:
     check_traces(traces)
 
     def draw(axes: "Axes") -> None:
-        for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
+        for number, (trace, colour) in enumerate(zip(traces, LABEL_COLOURS, strict=False)):
             way = trace.qpos[:, :2]
             axes.plot(way[:, 0], way[:, 1], color=colour)
             yaw = float(rotations.yaw_of(trace.qpos[-1, 3:7]))
             ahead: Any = (3, 0, np.degrees(yaw) - 90.0)  # a triangle, turned
             axes.plot(*way[-1], marker="X" if trace.fell else ahead, color=colour, markersize=11)
-            axes.annotate(trace.name, way[-1], (8, 8), textcoords="offset points", color=colour, fontsize=9)
+            # Each name is a line higher than the one before, so that robots that end side by side have readable names.
+            above = (8, 8 + 11 * number)
+            axes.annotate(trace.name, way[-1], above, textcoords="offset points", color=colour, fontsize=9)
         axes.plot(0.0, 0.0, "s", color=INK, markersize=4)
         points = np.concatenate([trace.qpos[:, :2] for trace in traces])
         low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
@@ -206,18 +209,23 @@ def picture(salt: str, draw: Callable[[Any], Any], height: float = _SIZE[1], **a
     The salt makes the ids in the picture: different for each picture of a page, equal in every run. The height [in] is
     that at a width of 6 in, and `axes` are options of `Figure.add_subplot`.
     """
-    import matplotlib  # here: every verb that knows experiments imports this module, and few draw
-    from matplotlib.figure import Figure
-
-    style = cast("Any", {**_STYLE, "svg.hashsalt": salt})
-    with matplotlib.rc_context(style):
-        figure = Figure(figsize=(_SIZE[0], height), layout="constrained")
-        draw(figure.add_subplot(**axes))
-        file = io.StringIO()
-        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    text = file.getvalue()
+    text = drawing(salt, lambda figure: draw(figure.add_subplot(**axes)), (_SIZE[0], height), layout="constrained")
     text = text[text.index("<svg") :].replace(INK, "currentColor")
     # Without width and height, the viewBox makes the picture scale with its container.
     opening, rest = text.split(">", 1)
     kept = [part for part in opening.split(" ") if not part.startswith(("width=", "height="))]
     return " ".join(kept) + ">" + rest
+
+
+def drawing(salt: str, draw: Callable[["Figure"], Any], size: tuple[float, float], **figure: Any) -> str:  # noqa: ANN401
+    """Return what is drawn as an SVG file, equal in every run, of a size [in]; `figure` are options of `Figure`."""
+    import matplotlib  # here: every verb that knows experiments imports this module, and few draw
+    from matplotlib.figure import Figure
+
+    style = cast("Any", {**_STYLE, "svg.hashsalt": salt})
+    with matplotlib.rc_context(style):
+        drawn = Figure(figsize=size, **figure)
+        draw(drawn)
+        file = io.StringIO()
+        drawn.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return file.getvalue()

@@ -117,6 +117,32 @@ def test_a_cup_is_fetched_from_a_shelf() -> None:
     assert abs(math.degrees(float(pose.yaw)) - 90.0) < 4.0
 
 
+@pytest.mark.parametrize(
+    ("sag", "reason"),
+    [((0.0, 0.025, 0.0), "hand met nothing at 'box'"), ((-0.03, 0.0, 0.0), "'box' is out of reach: the")],
+)
+def test_a_squeeze_beside_nothing_fails(sag: tuple[float, float, float], reason: str) -> None:
+    """The hands stay behind their targets; from 20 cm apart on, those that are too far away do not follow further."""
+    stop = 0.2 if sag[0] else 0.0
+    source, asked, hands = BehaviourSource(squeeze_box), Action(), np.array([(0.3, 0.3, 1.0), (0.3, -0.3, 1.0)])
+    for tick in range(1000):
+        asked = source.act(view(0.02 * tick, hands=hands, last=asked, objects=objects(box=(0.6, 0.0, 1.0))))
+        if source.done:
+            break
+        if asked.hands is not None:
+            points = asked.hands.array() + np.array([sag, (sag[0], -sag[1], sag[2])])
+            if np.abs(points[:, 1]).max() < stop:
+                points[:, 0] -= 0.05
+            hands = np.array([points[0], points[1]])
+            hands[:, 1] = [max(points[0, 1], stop), min(points[1, 1], -stop)]
+    assert source.status is Status.FAILURE and reason in source.reason
+
+
+def squeeze_box(view: View) -> Course:
+    """Squeeze the box."""
+    return (yield from squeeze(view, "box"))
+
+
 @pytest.mark.slow
 def test_a_box_is_lifted_by_friction_and_set_down() -> None:
     scene = Scene(

@@ -77,3 +77,13 @@ def test_a_robot_that_pushes_something_with_its_hands_pushes_on() -> None:
 def test_a_turn_that_is_held_ends_with_the_words_stuck() -> None:
     walk, _, end = _held(lambda view: face(view, yaw=2.0), (2.2, 60.0))
     assert walk.reason.startswith("face: stuck: has not turned for 3 s while commanded ") and end < 7.0
+
+
+def test_a_walk_that_keeps_its_yaw_goes_sideways_instead_of_turning_to_face_its_way() -> None:
+    def asked(keep_yaw: bool):
+        return BehaviourSource(lambda view: walk_to(view, (0.0, 1.0), keep_yaw=keep_yaw)).act(view()).command
+
+    assert asked(False).omega > 0.3 and asked(False).v_y == 0.0
+    assert asked(True).omega == 0.0 and asked(True).v_y > 0.1
+    walk, farthest, _ = _held(lambda view: walk_to(view, (-1.0, 1.0), keep_yaw=True), (0.0, 0.0))
+    assert walk.status is Status.SUCCESS and farthest < 0.05, "it never walked ahead"

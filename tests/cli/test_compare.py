@@ -1,3 +1,4 @@
+import csv
 import json
 
 import pytest
@@ -73,3 +74,68 @@ def test_compare_does_a_task_with_each_controller(tmp_path, capsys, standing_tas
 def test_compare_takes_a_task_or_a_script(capsys):
     assert main(["compare", "--task", "push_cart", "--script", "walk"]) == 2
     assert "give one or the other" in capsys.readouterr().err
+
+
+OWN = """
+from hugwbc.runtime.controllers import HoldController
+
+
+class Other(HoldController):
+    name = "leaning"
+
+    def act(self, state, command, upper_body):
+        joints = super().act(state, command, upper_body)
+        joints.q[self.robot.index("torso_joint")] += 0.1
+        return joints
+
+
+class Twin(HoldController):
+    name = "leaning"
+"""
+
+
+def test_a_table_of_an_experiment_has_paired_differences_of_controllers_by_their_own_names(tmp_path, capsys):
+    (tmp_path / "own.py").write_text(OWN)
+    own, out = f"{tmp_path}/own.py", tmp_path / "out"
+    words = ["compare", "--experiment", "single-command", "--controllers", "hold", f"{own}:Other", f"{own}:Twin"]
+    words += ["--gait", "standing", "--episodes", "6", "--duration", "0.2", "--settle", "0.1", "--seed", "3"]
+    assert main([*words, "--results", str(tmp_path / "rows"), "--out", str(out), "--timestep", "0.005"]) == 0
+    text = capsys.readouterr().out
+    title, _, first, second, *_ = text.splitlines()
+    assert f"leaning ({own}:Other)" in title and f"leaning ({own}:Twin)" in title and title.endswith("paper")
+    assert first.startswith("E_h [m]") and second.startswith("  minus hold")
+    assert "rest on 2 or more each; below 8" in text and "6 episodes, seed 3" in text
+    with (out / "figures.csv").open() as file:
+        rows = {(row["quantity"], row["controller"]): row for row in csv.DictReader(file)}
+    waist = [rows["E_w", f"leaning ({own}:{name})"] for name in ("Other", "Twin")]
+    assert [row["against"] for row in waist] == ["hold", "hold"] and [row["pairs"] for row in waist] == ["2", "2"]
+    assert float(waist[0]["difference"]) != 0.0 == float(waist[1]["difference"])
+    assert len(list((tmp_path / "rows").iterdir())) == 3
+    assert "\\toprule" in (out / "table.tex").read_text() and (out / "figure.svg").exists()
+    assert main(["evaluate", *words[2:3], "--controller", f"{own}:Twin", *words[7:], "--timestep", "0.005"]) == 0
+    assert "leaning" in capsys.readouterr().out
+
+
+def test_a_table_of_a_task_takes_the_options_of_the_experiment(tmp_path, capsys, standing_task):
+    task = standing_task("Milestone('the robot did not stand', lambda record: 1.0)")
+    words = ["compare", "--task", str(task), "--episodes", "2", "--controllers", "hold", "--sensing", "exact"]
+    assert (
+        main([*words, "--results", "None", "--out", str(tmp_path / "out"), "--json", str(tmp_path / "all.json")]) == 0
+    )
+    assert capsys.readouterr().out.startswith("stand ")
+    (result,) = json.loads((tmp_path / "all.json").read_text())
+    assert len(result["rows"]) == 2 and result["settings"]["conditions"]["sensing"] == "exact"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--episodes", "3"], "--episodes is for a task or an experiment"),
+        (["--experiment"], "--experiment needs a name"),
+        (["--experiment", "single"], "unknown experiment 'single'"),
+        (["--experiment", "hands", "--controllers", "hold", "hold"], "give at least one, each once"),
+    ],
+)
+def test_a_table_of_nothing_is_refused(words, message, capsys):
+    assert main(["compare", *words]) == 2
+    assert message in capsys.readouterr().err

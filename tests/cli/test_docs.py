@@ -1,14 +1,18 @@
 """`hugwbc docs`: what comes with the package can be listed and read."""
 
 import pathlib
+import pydoc
+import re
 
 import pytest
 import yaml
 
 from hugwbc import documents
+from hugwbc.behaviours import walk_to
 from hugwbc.cli import main
 from hugwbc.documents import document, document_names, document_title
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.reference import PACKAGES, exported, reference
 from hugwbc.scripts import SCRIPT_NAMES
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -61,3 +65,30 @@ def test_scripts_are_listed_and_printed(capsys):
     assert "def fetch_cup" in capsys.readouterr().out
     assert main(["docs", "wav"]) == 2
     assert "Did you mean 'wave'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, "hugwbc.gym"])
+def test_every_name_that_programs_import_is_in_the_reference(package):
+    page = (ROOT / "docs/api/index.md").read_text()
+    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{package}` ")]
+    assert [name for name in exported(package) if name != "__version__"] == re.findall(r"`(\w+)`", row.split("|")[2])
+    for name in exported(package) if package in PACKAGES else ():
+        entry = reference(f"{package}.{name}")
+        assert entry.startswith(f"from {package} import {name}\n") and len(entry.splitlines()) >= 3
+        assert not re.search(r"Annotated\[|FieldInfo|<function|<class", entry)
+
+
+def test_a_step_shows_its_types_by_name_with_their_ranges(capsys):
+    assert main(["docs", "walk_to"]) == 0
+    printed = capsys.readouterr().out
+    assert "position: Place | None = None," in printed and "WalkSpeed: float from 0.05 to 0.6\n" in printed
+    assert "highest speed [m/s]" in printed
+    assert "speed: WalkSpeed = 0.4, keep_yaw: bool = False" in pydoc.plain(pydoc.render_doc(walk_to))
+
+
+@pytest.mark.parametrize("name", ["hugwbc.behaviours", "api/behaviours", "docs/api/behaviours.md"])
+def test_a_package_lists_what_it_exports(name, capsys):
+    assert main(["docs", name]) == 0
+    assert "BoxGrip              How two hands hold a box." in capsys.readouterr().out
+    assert main(["docs", "walk_too"]) == 2
+    assert "Did you mean 'walk_to'?" in capsys.readouterr().err

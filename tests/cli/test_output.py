@@ -38,7 +38,7 @@ def test_progress_prints_plain_lines_when_it_takes_long(monkeypatch, capsys):
             advance(fraction)
         time.sleep(0.7)  # nothing new, no line
     first, last = capsys.readouterr().err.splitlines()
-    assert first.startswith("walk: 40 %, about ") and last.startswith("walk: done in ")
+    assert first.startswith("walk: 40 %, about ") and last.startswith("walk: took ")
     with output.progress("walk") as advance:
         advance(0.05)
         time.sleep(0.3)

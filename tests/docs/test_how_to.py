@@ -46,7 +46,7 @@ def test_add_a_task(folder: pathlib.Path) -> None:
     assert row["success"] and not row["reason"]
 
 
-@pytest.mark.parametrize("page", ["add-an-observation", "add-an-object", "use-gymnasium"])
+@pytest.mark.parametrize("page", ["add-an-observation", "add-an-object", "use-gymnasium", "use-your-own-simulator"])
 def test_a_page_is_followed(folder: pathlib.Path, page: str) -> None:
     follow(HOW_TO / f"{page}.md", folder, in_processes=page == "add-an-observation")
 

@@ -127,7 +127,9 @@ def test_a_table_is_of_the_contents_of_the_users_files(tmp_path):
 
 def test_a_users_own_code_may_load_any_shipped_policy(tmp_path, monkeypatch):
     file = tmp_path / "mine.py"
-    file.write_text("class Mine:\n    pass\n\n\ndef still(view):\n    yield None\n")
+    file.write_text(
+        "from hugwbc.runtime.controllers import HoldController as Mine\n\n\ndef still(view):\n    yield None\n"
+    )
     monkeypatch.setattr(store, "source_commit", lambda *, policies: f"policies count: {policies}")
     ours, own = BehavioursSettings(behaviour="fetch_cup"), BehavioursSettings(behaviour=f"{file}:still")
     for settings, spec, counts in (

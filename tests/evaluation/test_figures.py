@@ -1,6 +1,7 @@
 import pytest
 
-from hugwbc.evaluation.figures import Comparison, against
+from hugwbc.evaluation.figures import Comparison, Difference
+from hugwbc.evaluation.intervals import Estimate
 from tests.conftest import figure
 
 
@@ -32,13 +33,17 @@ def test_ratio_scales_the_interval():
     )
 
 
-def test_two_controllers_are_told_apart_where_their_intervals_do_not_overlap():
-    low, high = figure(1.0, 0.9, 1.1), figure(2.0, 1.5, 2.5, controller="b")
-    assert against(low, high) is Comparison.BETTER and against(high, low) is Comparison.WORSE
-    overlapping = figure(1.2, 1.0, 1.4, controller="b")
-    assert (
-        against(low, overlapping) is Comparison.UNCLEAR_BETTER and against(overlapping, low) is Comparison.UNCLEAR_WORSE
-    )
-    assert against(low, figure(1.0, None, None, published=2.0)) is Comparison.NONE
-    force = [figure(f.value, f.estimate.low, f.estimate.high, higher=True) for f in (low, high)]
-    assert against(*force) is Comparison.WORSE
+@pytest.mark.parametrize(
+    ("low", "high", "pairs", "p", "clear"),
+    [
+        (0.1, 0.3, 8, None, True),
+        (-0.3, -0.1, 8, None, True),
+        (0.0, 0.3, 8, None, False),
+        (0.1, 0.3, 7, None, False),  # an interval of so few is too narrow
+        (None, None, 6, 0.031, True),
+        (None, None, 6, 0.0625, False),
+        (None, None, 1, None, False),
+    ],
+)
+def test_a_difference_is_clear_if_it_is_unlikely_to_be_chance(low, high, pairs, p, clear):
+    assert Difference("b", Estimate(0.2, low, high, pairs), p).is_clear is clear

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, wilson_percentage
+from hugwbc.evaluation.intervals import (
+    bootstrap_mean,
+    bootstrap_ratio,
+    exact_test,
+    paired_difference,
+    wilson_percentage,
+)
 
 
 def test_the_interval_is_that_of_the_normal_distribution_for_many_samples():
@@ -54,3 +60,25 @@ def test_a_ratio_needs_both_means():
     assert (one.value, one.low, one.high) == (0.5, None, None)
     sometimes_zero = bootstrap_ratio([1.0, 2.0], [0.0, 1.0])
     assert (sometimes_zero.value, sometimes_zero.high) == (3.0, None)
+
+
+def test_a_paired_difference_leaves_out_what_makes_one_episode_harder_than_another():
+    rng = np.random.default_rng(4)
+    hard, own = rng.exponential(5.0, 40), rng.normal(0.2, 0.1, 40)
+    found = paired_difference((hard + own).tolist(), hard.tolist())
+    error = own.std() / np.sqrt(40)
+    assert found.value == pytest.approx(own.mean()) and found.samples == 40
+    assert found.low == pytest.approx(own.mean() - 1.96 * error, abs=0.3 * error)
+    assert found.high == pytest.approx(own.mean() + 1.96 * error, abs=0.3 * error)
+    unpaired = bootstrap_mean(hard + own)
+    assert unpaired.high - unpaired.low > 20.0 * (found.high - found.low)
+    assert paired_difference([3.0, 4.0], [0.0, 0.0], 2).value == pytest.approx(np.sqrt(12.5)), "of root mean squares"
+    assert paired_difference([3.0], [1.0]).low is None
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "p"), [(8, 1, 0.0390625), (1, 8, 0.0390625), (6, 0, 0.03125), (5, 0, 0.0625), (3, 3, 1), (0, 0, 1)]
+)
+def test_the_exact_test_of_shares(one, other, p):
+    """Twice the tail of a fair coin: of nine tosses at most one, 2 (1 + 9) / 512."""
+    assert exact_test(one, other) == p

@@ -1,18 +1,16 @@
 import dataclasses
-import math
 import pickle
 
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, RobotState, rotations
+from hugwbc import Command, Gait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import Settings, simulate
-from hugwbc.evaluation.plans import NAVIGATION_LIMITS, Knot, Navigator, Plan, Schedule, Tour, Waypoint
+from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Force
-from tests.conftest import make_state
 
 WALK = Command(gait=Gait.WALKING, v_x=1.0)
 RAMP = Schedule((Knot(0.0, Command()), Knot(1.0, WALK, ramp=2.0), Knot(4.0, Command(w=0.5))))
@@ -76,45 +74,3 @@ def test_the_draw_decides_and_not_the_place_in_the_list():
 def test_a_schedule_is_followed():
     (trace,) = run(Plan(0, Schedule((Knot(0.0, Command()), Knot(0.1, Command(w=0.2), ramp=0.1)))))
     np.testing.assert_allclose(trace.command[[0, 5, 7, 10, 14], 7], [0.0, 0.0, 0.08, 0.2, 0.2], atol=1e-9)
-
-
-def seen(x: float, y: float, yaw: float) -> RobotState:
-    return make_state(yaw=yaw, position=(x, y, 0.98))
-
-
-def test_commands_are_in_the_heading_frame_and_limited():
-    navigator = Navigator(Tour((Waypoint(1.0, 2.0, math.pi),), 5.0))
-    navigator.follow(seen(1.0, 1.8, math.pi / 2))  # looks along y, the goal 0.2 m ahead and a quarter turn to the left
-    command = navigator.command_at(0.0)
-    assert (command.v_x, command.v_y) == pytest.approx((0.2, 0.0)) and command.gait is Gait.WALKING
-    assert command.omega == NAVIGATION_LIMITS["omega"][1]
-    navigator.follow(seen(-9.0, 9.0, 0.0))
-    command = navigator.command_at(0.0)
-    assert (command.v_x, command.v_y) == (NAVIGATION_LIMITS["v_x"][1], NAVIGATION_LIMITS["v_y"][0])
-
-
-def test_a_state_that_is_not_finite_is_not_followed():
-    navigator = Navigator(Tour((Waypoint(0.5, 0.0, 0.0),), 5.0))
-    navigator.follow(seen(0.25, 0.0, 0.0))
-    navigator.follow(seen(float("nan"), 0.0, 0.0))
-    assert navigator.command_at(0.0).v_x == pytest.approx(0.25)
-
-
-def test_a_robot_that_executes_the_commands_arrives_everywhere():
-    tour = Tour((Waypoint(1.5, 0.5, 1.0), Waypoint(1.8, 1.9, 2.0), Waypoint(0.8, 1.9, -2.9)), 5.0)
-    navigator, pose, dt = Navigator(tour), np.zeros(3), 0.02
-    for step in range(750):
-        t = step * dt
-        navigator.follow(seen(*pose))
-        command = navigator.command_at(t)
-        pose[:2] += dt * rotations.rotation_z(pose[2])[:2, :2] @ [command.v_x, command.v_y]
-        pose[2] += dt * command.omega
-        if (step + 1) % 250 == 0:
-            goal = tour.waypoint_at(t)
-            assert math.hypot(goal.x - pose[0], goal.y - pose[1]) < 0.12, t
-            assert abs(rotations.wrap_angle(goal.yaw - pose[2])) < 0.05, t
-
-
-def test_the_last_waypoint_holds():
-    tour = Tour((Waypoint(1.0, 0.0, 0.0), Waypoint(2.0, 0.0, 0.0)), 5.0)
-    assert [tour.waypoint_at(t).x for t in (0.0, 4.99, 5.0, 9.0, 99.0)] == [1.0, 1.0, 2.0, 2.0, 2.0]

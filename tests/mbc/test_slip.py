@@ -15,10 +15,10 @@ DT = 0.004
 LOAD = np.array([[30.0, 40.0, 300.0], [0.0, 0.0, 0.0]])
 
 
-def after(watch: SlipWatch, speed: float, seconds: float, load: np.ndarray = LOAD) -> SlipWatch:
+def after(watch: SlipWatch, speed: float, seconds: float, load: np.ndarray = LOAD, dt: float = DT) -> SlipWatch:
     """Let the left sole move at a speed for some time."""
-    for _ in range(round(seconds / DT)):
-        watch.update(np.array([[0.0, speed], [0.0, 0.0]]), load, DT)
+    for _ in range(round(seconds / dt)):
+        watch.update(np.array([[0.0, speed], [0.0, 0.0]]), load, dt)
     return watch
 
 
@@ -30,6 +30,20 @@ def test_soles_that_hardly_move_leave_all_friction() -> None:
 def test_a_brief_slide_at_a_touch_down_is_no_slip() -> None:
     watch = after(SlipWatch(0.7), 0.8, 0.012)
     assert after(watch, 0.0, 0.1).friction == 0.7
+
+
+def test_one_reading_of_a_slow_controller_is_no_slip_and_several_are() -> None:
+    watch = after(SlipWatch(0.7), 0.8, 0.02, dt=0.02)  # of a sole that touches down
+    assert after(watch, 0.0, 0.4, dt=0.02).friction == 0.7
+    assert after(watch, 0.8, 0.1, dt=0.02).friction < 0.3
+
+
+def test_good_ground_that_was_taken_for_slippery_is_soon_good_again() -> None:
+    watch = after(SlipWatch(0.7), 0.47, 0.2)
+    assert after(watch, 0.0, 10.0).friction == 0.7
+    # What slips a second time is slippery: the friction rises slowly from below that.
+    after(after(after(watch, 0.47, 0.2), 0.0, 7.0), 0.47, 0.2)
+    assert after(watch, 0.0, 20.0).friction < 0.6
 
 
 def test_a_sole_without_load_tells_nothing() -> None:

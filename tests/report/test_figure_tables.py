@@ -1,9 +1,10 @@
 import csv
+import dataclasses
 import io
 
 import pytest
 
-from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.figures import Difference, Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.tables import Marked
 from hugwbc.report.figure_tables import CSV_COLUMNS, comparison_sentence, comparison_table, figures_csv, times
@@ -26,7 +27,11 @@ def test_every_figure_is_a_line_with_its_source():
         "0.05",
         "trained with motions",
     )
-    assert rows[1]["low"] == rows[1]["ratio"] == rows[1]["against_paper"] == ""
+    assert rows[1]["low"] == rows[1]["ratio"] == rows[1]["against_paper"] == rows[1]["difference"] == ""
+    paired = dataclasses.replace(measured, difference=Difference("learned", Estimate(2.0, 1.0, 3.0, 7)))
+    (row,) = csv.DictReader(io.StringIO(figures_csv([paired])))
+    found = [row[name] for name in ("against", "difference", "difference_low", "difference_high", "pairs", "p")]
+    assert found == ["learned", "2", "1", "3", "7", ""]
 
 
 @pytest.mark.parametrize(
@@ -58,12 +63,16 @@ def test_table_of_measured_and_published_figures():
 
 
 def test_one_sentence_compares_with_the_paper_and_one_controller_with_the_other():
+    less, more = (Difference("a", Estimate(x, x - 0.1, x + 0.1, 8)) for x in (-0.3, 0.05))
     figures = [
-        figure(0.5, 0.4, 0.6, paper=1.0), figure(0.2, 0.1, 0.3, paper=1.0, controller="b"),
-        figure(3.0, 2.9, 3.1, paper=1.0, quantity="E_p"), figure(3.1, 2.9, 3.2, quantity="E_p", controller="b"),
-    ]  # fmt: skip
+        figure(0.5, 0.4, 0.6, paper=1.0),
+        dataclasses.replace(figure(0.2, 0.1, 0.3, paper=1.0, controller="b"), difference=less),
+        figure(3.0, 2.9, 3.1, paper=1.0, quantity="E_p"),
+        dataclasses.replace(figure(3.1, 2.9, 3.2, quantity="E_p", controller="b"), difference=more),
+        dataclasses.replace(figure(3.1, 2.9, 3.2, quantity="score", controller="b", higher=True), difference=less),
+    ]
     assert comparison_sentence(figures, "a", "b") == (
         "a is as good as the paper or better in 1 of 2 figures; b is as good as the paper or better in 1 of 1 figures; "
-        "a is clearly better than b in 0 of 2 figures, and worse in 1."
+        "a is clearly better than b in 1 of 3 figures of the same episodes, and worse in 1."
     )
     assert comparison_sentence([], "a", "a") == "There is nothing to compare with."

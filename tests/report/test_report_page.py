@@ -2,17 +2,21 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from hugwbc.errors import HugwbcError
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
+from hugwbc.evaluation.plans import Plan
+from hugwbc.kinematics import Kinematics
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import save_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.report.report_page import Report, sections
+from hugwbc.report.report_page import Report, hand_clouds, sections
 from hugwbc.report.report_plan import ReportPlan
+from tests.conftest import make_state
 
 ROW = {"command": "v_x", "error_name": "E_vx_low", "arm_error": None, "fell": False}
 
@@ -25,7 +29,7 @@ def result(controller: str, training: str) -> Result:
         dataclasses.replace(figure, controller=controller) if figure.estimate is not None else figure
         for figure in figures(settings, frame_of(rows))
     ]
-    return Result("intervention", controller, settings, rows, found)
+    return Result("intervention", controller, settings, [Plan(0), Plan(1)], rows, found)
 
 
 def test_every_training_has_its_paper_column_before_its_policies():
@@ -64,3 +68,14 @@ def test_an_unknown_experiment_and_a_controller_given_twice_are_refused():
         ReportPlan("quick", ("hold",), experiments=("contact",))
     with pytest.raises(HugwbcError, match="give at least one, each once"):
         ReportPlan("quick", ("qp", "qp"))
+
+
+def test_clouds_grow_from_the_nominal_hands_with_the_level():
+    kinematics = Kinematics()
+    kinematics.update(make_state())
+    for hand, side in zip(hand_clouds(0.0, 5), ("left", "right"), strict=True):
+        np.testing.assert_allclose(hand, np.tile(kinematics.position(f"{side}_hand"), (5, 1)), atol=1e-6)
+    spreads = [np.mean([hand.std(axis=0).sum() for hand in hand_clouds(level, 60)]) for level in (0.25, 0.5, 1.0)]
+    assert spreads[0] < spreads[1] < spreads[2]
+    left, right = hand_clouds(0.25, 60)
+    assert left[:, 1].mean() > 0.2 and right[:, 1].mean() < -0.2

@@ -69,7 +69,8 @@ def _walk(seed, duration, v_x=0.5, told="h1"):
     while simulation.time < duration:
         joint_command = loop.decide(simulation.time)
         for _ in range(loop.substeps):
-            truths.append(loop.step(joint_command, simulation.timestep))
+            loop.step(joint_command, simulation.timestep)
+            truths.append(simulation.state())
             if simulation.time < 1.0 or len(truths) <= delay:
                 continue
             truth, estimate = truths[-1 - delay], loop.control.estimate  # the estimate is of the reading's time

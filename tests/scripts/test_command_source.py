@@ -1,6 +1,5 @@
 from hugwbc import Command, Gait
-from hugwbc.scripts import Constant, load_script
-from hugwbc.scripts.command_source import FollowingSource
+from hugwbc.scripts import Constant
 from hugwbc.targets import HandTargets
 
 
@@ -9,8 +8,3 @@ def test_a_constant_source_gives_the_same_at_all_times():
     source = Constant(command, hands)
     assert all(source.command_at(t) is command and source.hands_at(t) is hands for t in (0.0, 1.5, 100.0))
     assert Constant(command).hands_at(0.0) is None
-
-
-def test_neither_a_script_nor_a_constant_looks_at_the_robot():
-    assert not isinstance(Constant(Command()), FollowingSource)
-    assert not isinstance(load_script("walk"), FollowingSource)

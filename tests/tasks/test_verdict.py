@@ -25,11 +25,17 @@ def test_the_first_missed_milestone_is_the_reason_and_what_follows_does_not_coun
     assert verdict.score == pytest.approx(1.5 / 4)
 
 
-def test_a_failure_names_what_has_touched_the_scene_beside_the_hands(made_up):
-    touched = {("left_hip_pitch_link", "from"): 7.15, ("right_elbow_link", "box"): 3.0, ("torso_link", "to"): 9.0}
-    verdict = judged(made_up("push_cart", touched=touched, ending=Ending(False, "walk to: stuck", 12.0)), (HALF,))
-    assert verdict.detail == "walk to: stuck; the left thigh touched 'from' at 7.2 s; the torso touched 'to' at 9.0 s"
-    assert judged(made_up("push_cart", touched=touched), (DONE,)).detail == ""
+def test_a_verdict_names_what_has_touched_the_scene_beside_the_hands(made_up):
+    thigh, trunk = ("left_hip_pitch_link", "from"), ("torso_link", "to")
+    touched = {thigh: 7.15, ("right_elbow_link", "box"): 3.0, trunk: 9.0, ("pelvis", "to"): 9.5}
+    bumped = made_up("push_cart", touched=touched, lasted={thigh: 45.04, trunk: 0.01})
+    words = "the left thigh touched 'from' at 7.2 s, for 45.0 s; the trunk touched 'to' at 9.0 s; "
+    words += "the pelvis touched 'to' at 9.5 s"
+    stuck = dataclasses.replace(bumped, ending=Ending(False, "walk to: stuck", 12.0))
+    assert judged(stuck, (HALF,)).detail == f"walk to: stuck; {words}"
+    done = judged(bumped, (DONE,))
+    assert done.success and done.detail == words and done.words == f"done ({words})"
+    assert judged(dataclasses.replace(bumped, fell=True), (DONE,)).detail == f"at the end; {words}"
 
 
 def test_a_fall_is_a_failure_even_after_the_last_milestone(made_up):

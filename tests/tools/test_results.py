@@ -84,7 +84,7 @@ def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
     for table in tool.TABLES.values():
         for words in "; ".join(table.runs.values()).split("; "):
             run = tool.Run.of("", words, options)
-            assert run.settings.seed == 7 and run.work > 0.0
+            assert run.entry.settings.seed == 7 and run.entry.work > 0.0
 
 
 def test_a_command_that_both_controllers_run_is_given_once(tool) -> None:

@@ -45,20 +45,17 @@ class SingleCommandSettings(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_enough(self, "episodes", self.episodes)
+        least = len(sampled_commands(self.gaits[0]))
+        if self.episodes < least:
+            raise ConfigError(
+                f"episodes is {self.episodes}; give {least} or more: one per command of the {self.gait} gait"
+            )
 
 
 def sampled_commands(gait: Gait) -> tuple[str, ...]:
     """Return the commands whose range under a gait is more than one value; foot commands are left out for standing."""
     names = [name for name, limits in command_ranges(gait).items() if limits.finishing[0] < limits.finishing[1]]
     return tuple(name for name in names if gait is not Gait.STANDING or name not in ("f", "l"))
-
-
-def check_enough(settings: Settings, name: str, count: int) -> None:
-    """Refuse a number of episodes, a setting by its name, that does not give each command of the gait one."""
-    least = len(sampled_commands(settings.gaits[0]))
-    if count < least:
-        raise ConfigError(f"{name} is {count}; give {least} or more: one per command of the {settings.gait} gait")
 
 
 def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False) -> list[tuple[str, Command]]:

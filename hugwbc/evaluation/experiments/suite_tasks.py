@@ -32,10 +32,11 @@ class TasksSettings(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_each_once("tasks", self.task)
-        for name in self.task:
-            if load_task(name).limit > LONGEST:
-                raise ConfigError(f"the time limit of task '{name}' is above {LONGEST:g} s; give a shorter one")
+        tasks = [load_task(name) for name in self.task]
+        check_each_once("tasks", [task.name for task in tasks])
+        for task in tasks:
+            if task.limit > LONGEST:
+                raise ConfigError(f"the time limit of task '{task.name}' is above {LONGEST:g} s; give a shorter one")
 
 
 def plan(settings: TasksSettings) -> list[Plan]:
@@ -83,8 +84,8 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
 def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return success, time, score, hands and energy of each task, and the reasons of its failures."""
     found = []
-    for name in settings.task:
-        part = rows.filter(pl.col("task") == name)
+    for path in rows["task"].unique(maintain_order=True).to_list():
+        name, part = load_task(path).name, rows.filter(pl.col("task") == path)
         done, failed = part.filter(pl.col("success")), part.filter(~pl.col("success"))
         success = wilson_percentage(part["success"].to_list())
         gripped = wilson_percentage([len(bodies) > 0 for bodies in part["gripped"]])

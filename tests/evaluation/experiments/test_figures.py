@@ -12,24 +12,19 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.experiment import frame_of
 from hugwbc.evaluation.experiments import (
     contacts,
-    disturbance,
     engines,
     estimation,
     faults,
-    heatmap,
     intervention,
     push,
     ramp,
     random_commands,
-    robustness,
     single_command,
     suite_tasks,
-    tour,
 )
 from hugwbc.evaluation.experiments.hand_forces import HandForceSettings
 from hugwbc.evaluation.intervals import bootstrap_rms
 from hugwbc.gait import Gait
-from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
 
 END = {"fell": False, "survived_s": 10.0, "failures": 0}
@@ -111,21 +106,6 @@ def test_random_scripts_reach_every_change_of_gait_within_the_ranges():
         random_commands.RandomCommandsSettings(changing=True, gait="jumping")
 
 
-def test_a_search_of_forces_is_that_of_its_rows():
-    settings = disturbance.DisturbanceSettings(rollouts=1, first=100.0, limit=400.0, resolution=0.5)
-    rows, limits = [], {"constant": 120.0, "second": 1000.0}
-    plans = disturbance.following(settings, rows)
-    assert len(plans) == 16 and {plan.tags["force"] for plan in plans} == {100.0}
-    assert len({repr(plan.conditions) for plan in plans}) == 1, "every force meets the same robot"
-    while plans:
-        rows += [dict(plan.tags) | {"fell": plan.tags["force"] > limits[plan.tags["kind"]]} for plan in plans]
-        plans = disturbance.following(settings, rows)
-    found = {(f.table, f.quantity): f.estimate for f in disturbance.figures(settings, frame_of(rows))}
-    one = found["Tolerated force, constant", "90°"]
-    assert (one.value, one.low, one.high) == (100.0, 100.0, 150.0)
-    assert found["Tolerated force, for one second", "0°"].high is None, "the limit was survived"
-
-
 def test_a_ramp_goes_from_the_minimum_to_the_maximum():
     settings = ramp.RampSettings(episodes=2)
     plans = ramp.plan(settings)
@@ -136,39 +116,6 @@ def test_a_ramp_goes_from_the_minimum_to_the_maximum():
     rows = [{"command": name, "error": 0.1, "commanded": [0.0], "measured": [0.1], **END} for name in ("p", "p", "w")]
     found = by_quantity(ramp.figures(settings, frame_of(rows)))
     assert found["E_p"].value == pytest.approx(0.1) and found["E_p"].paper and found["falls, w"].estimate.samples == 1
-
-
-def test_the_cost_of_a_change_is_a_ratio_of_errors():
-    row = SINGLE | {"command": "h", "error_name": "E_h"}
-    nominal = frame_of([row | {"error": 0.1}, row | {"error": 0.1}])
-    assert robustness.error_ratio(frame_of([row | {"error": 0.2}, row | {"error": 9.0, "fell": True}]), nominal) == 2.0
-    assert robustness.error_ratio(frame_of([row | {"error": 1.0, "fell": True}] * 2), nominal) is None
-
-
-def test_where_one_command_leaves_the_other_alone():
-    settings = heatmap.HeatmapSettings(gait="standing", points=3)
-    plans = heatmap.plan(settings)
-    rows = []
-    for plan in plans:
-        far = plan.tags["second"] == "p" and plan.command.p == settings.values("p")[2]
-        errors = {f"error_{name}": 0.5 if far and name == "h" else 0.1 for name in ("h", "p", "w")}
-        rows.append({**plan.tags, "h": plan.command.h, **errors, **END})
-    found = by_quantity(heatmap.figures(settings, frame_of(rows)))
-    middle = settings.values("p")
-    assert found[f"error of h over p ({middle[0]:g} to {middle[1]:g})"].value == pytest.approx(200.0 / 3.0)
-    (h,) = [f for f in heatmap.figures(settings, frame_of(rows)) if f.table.startswith("Orth") and "of h" in f.quantity]
-    assert h.value == pytest.approx((200.0 / 3.0 + 100.0) / 2.0)
-    assert heatmap.error_map(settings, frame_of(rows), "h", "p")[:, 2].tolist() == [0.5] * 3
-    assert heatmap.error_map(settings, frame_of(rows), "p", "h").tolist() == [[0.1] * 3] * 3
-
-
-def test_only_the_last_blow_can_have_felled_the_robot():
-    assert tour.blow_outcomes(3, True) == [True, True, False] and tour.blow_outcomes(0, False) == []
-    plan = tour.tour_plan(tour.TourSettings(), 0)
-    assert len(plan.forces) == len(plan.commands.waypoints) == tour.WAYPOINTS
-    assert all(0.2 <= force.start / 5.0 % 1.0 <= 0.7 for force in plan.forces)
-    strongest = max(np.linalg.norm(force.vector) for force in plan.forces)
-    assert strongest <= tour.strongest_blow(tour.TourSettings()) == pytest.approx(600.0 * load_robot().mass / 35.0)
 
 
 def test_a_controller_is_compared_with_the_policy_of_its_training():

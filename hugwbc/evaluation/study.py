@@ -1,0 +1,143 @@
+"""A study: experiments with several controllers, and by how much these differ over the same episodes.
+
+`hugwbc evaluate`, `compare`, `report` and the tables of the documents are studies.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from hugwbc.evaluation.episode import Settings
+from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.experiment import Experiment, Result, frame_of, run_experiment
+from hugwbc.evaluation.figures import Difference, Figure
+from hugwbc.evaluation.intervals import FEW, Estimate, exact_test, paired_difference
+from hugwbc.evaluation.store import Store
+from hugwbc.runtime.controllers import ControllerSpec
+
+TELLING = 6  # episodes that must differ, all in the same way, for an exact p below 0.05
+_ROUNDING = 1e-9  # relative
+Values = dict[tuple[str, str], dict[str, float]]
+"""What each episode alone would give, by table and quantity of a figure, and by the episode's plan."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One experiment with one controller."""
+
+    experiment: Experiment[Any]
+    settings: Settings
+    spec: ControllerSpec
+    label: str = ""  # of the controller, where its own does not tell it from others
+
+    @property
+    def work(self) -> float:
+        """The simulated seconds that are planned; a search takes more."""
+        return len(self.experiment.plan(self.settings)) * self.settings.duration
+
+
+def run_study(
+    entries: Sequence[Entry],
+    *,
+    execution: Execution | None = None,
+    store: Store | None = None,
+    on_progress: Callable[[float], object] = lambda done: None,
+) -> list[Result]:
+    """Run what is not stored, and return a result for each entry, as `run_experiment` does.
+
+    The figures of a controller have their difference from those of the first one with the same experiment and settings.
+    """
+    total, done = sum(entry.work for entry in entries), 0.0
+    results: list[Result] = []
+    for entry in entries:
+
+        def advance(part: float, before: float = done, work: float = entry.work) -> None:
+            on_progress((before + part * work) / total)
+
+        where: dict[str, Any] = {"execution": execution, "store": store, "on_progress": advance}
+        results.append(run_experiment(entry.experiment, entry.settings, entry.spec, label=entry.label, **where))
+        done += entry.work
+        on_progress(done / total)
+    return _with_differences(entries, results)
+
+
+def _with_differences(entries: Sequence[Entry], results: Sequence[Result]) -> list[Result]:
+    """Return the results, those of all but the first controller with the differences of their figures from its."""
+    keys, first, found = [(entry.experiment.name, repr(entry.settings)) for entry in entries], {}, []
+    for key, entry, result in zip(keys, entries, results, strict=True):
+        figures = result.figures
+        if keys.count(key) > 1:
+            values = values_alone(entry.experiment, result)
+            if key in first:
+                figures = [_compared(figure, values, *first[key]) for figure in figures]
+            else:
+                first[key] = result, values
+        found.append(dataclasses.replace(result, figures=figures))
+    return found
+
+
+def values_alone(experiment: Experiment[Any], result: Result) -> Values:
+    """Return the figures of each episode alone: where a figure is a mean over episodes, what it is the mean of."""
+    rows, found = frame_of(result.rows), Values()
+    beside = [] if experiment.beside is None else [None]
+    for number, plan in enumerate(result.plans):
+        for figure in experiment.figures(result.settings, rows[number : number + 1], *beside):
+            if figure.estimate is not None and figure.estimate.value is not None:
+                found.setdefault((figure.table, figure.quantity), {})[repr(plan)] = figure.estimate.value
+    return found
+
+
+def _compared(figure: Figure, values: Values, other: Result, theirs: Values) -> Figure:
+    """Return a figure with its difference from another controller's, if it is a mean of the same episodes."""
+    key = figure.table, figure.quantity
+    same = [f.estimate for f in other.figures if (f.table, f.quantity) == key and f.estimate is not None]
+    if figure.estimate is None or not same:
+        return figure
+    alone = values.get(key, {}), theirs.get(key, {})
+    powers = _power(figure.estimate, alone[0]), _power(same[0], alone[1])
+    both = [plan for plan in alone[0] if plan in alone[1]]
+    if not all(powers) or not both:
+        return figure
+    mine, reference = ([found[plan] for plan in both] for found in alone)
+    estimate, p = paired_difference(mine, reference, max(powers)), None
+    if figure.unit.startswith("%") and {*mine, *reference} <= {0.0, 100.0}:
+        # A bootstrap would give few episodes that agree an interval without width.
+        signs = [a > b for a, b in zip(mine, reference, strict=True) if a != b]
+        estimate, p = dataclasses.replace(estimate, low=None, high=None), exact_test(sum(signs), signs.count(False))
+    return dataclasses.replace(figure, difference=Difference(other.controller, estimate, p))
+
+
+def _power(estimate: Estimate, alone: Mapping[str, float]) -> int:
+    """Return 1 for an estimate that is the mean of its episodes' own, 2 for their RMS, and 0 for anything else."""
+    if estimate.value is not None and estimate.low is not None and alone:
+        for power in (1, 2):
+            mean = math.fsum(value**power for value in alone.values()) / len(alone)
+            if math.isclose(mean, estimate.value**power, rel_tol=_ROUNDING, abs_tol=_ROUNDING):
+                return power
+    return 0
+
+
+def remarks(results: Sequence[Result]) -> list[str]:
+    """Say which figures rest on too few episodes for what is shown of them."""
+    found: list[str] = []
+    figures = [figure for result in results for figure in result.figures]
+    few = {
+        figure.quantity: figure.estimate.samples
+        for figure in figures
+        if figure.estimate is not None and figure.estimate.low is not None and not figure.unit.startswith("% of")
+        if figure.estimate.samples < FEW
+    }
+    if few:
+        names, least = list(few), min(few.values())
+        found.append(
+            f"Too few episodes: {', '.join(names[:3])}{f' and {len(names) - 3} more' * (len(names) > 3)} rest on "
+            f"{least}{' or more' * (max(few.values()) > least)} each; below {FEW} a bootstrap interval is too narrow."
+        )
+    pairs = [figure.difference.estimate.samples for figure in figures if figure.difference and figure.difference.p]
+    if pairs and max(pairs) < TELLING:
+        found.append(
+            f"Too few episodes: percentages of {max(pairs)} pairs cannot be told apart; p < 0.05 takes {TELLING} "
+            "episodes that differ."
+        )
+    return found

@@ -1,0 +1,140 @@
+"""The reference in plain text: what the packages export, with types by the names that their modules give them."""
+
+import importlib
+import inspect
+import re
+import sys
+import textwrap
+import types
+import typing
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+PACKAGES = (
+    "hugwbc",
+    "hugwbc.runtime",
+    "hugwbc.scripts",
+    "hugwbc.behaviours",
+    "hugwbc.tasks",
+    "hugwbc.tasks.judges",
+    "hugwbc.sim",
+    "hugwbc.sim.scenes",
+    "hugwbc.upper_ik",
+    "hugwbc.learned.config",
+    "hugwbc.learned.policy",
+    "hugwbc.targets",
+)
+"""What programs import from."""
+_BOUNDS = {"ge": "from", "gt": "above", "le": "to", "lt": "below"}
+_WIDTH = 100  # characters
+
+
+class _Words(str):
+    """What `help` shows without quotes."""
+
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
+def plain_signature(target: Callable[..., Any]) -> inspect.Signature:
+    """Return a signature whose types are words, such as `Metres`, and whose defaults are short."""
+    found, aliases = inspect.signature(target), _aliases(target)
+
+    def plain(one: inspect.Parameter) -> inspect.Parameter:
+        long = one.default is not one.empty and (callable(one.default) or len(repr(one.default)) > _WIDTH // 2)
+        default, kind = (_Words("...") if long else one.default), one.annotation
+        return one.replace(default=default, annotation=kind if kind is one.empty else _Words(_type(kind, aliases)))
+
+    parameters = [plain(one) for one in found.parameters.values()]
+    return found.replace(parameters=parameters, return_annotation=_Words(_type(found.return_annotation, aliases)))
+
+
+def exported(package: str) -> tuple[str, ...]:
+    """Return the names that programs import from a package: its `__all__`, or what a module defines itself."""
+    module = importlib.import_module(package)
+    own = [name for name, value in vars(module).items() if getattr(value, "__module__", "") == package]
+    return tuple(getattr(module, "__all__", None) or [name for name in own if not name.startswith("_")])
+
+
+def about(package: str) -> str:
+    """Return what a package is, in a line."""
+    return _first_line(importlib.import_module(package))
+
+
+def reference(name: str) -> str | None:
+    """Return the entry of an exported name, or the list of what a package exports; None where there is no such name.
+
+    Args:
+        name: such as "walk_to", "hugwbc.tasks.Task" or "hugwbc.behaviours"; "api/behaviours", as on the site, too.
+    """
+    wanted = name.removeprefix("docs/").removesuffix(".md")
+    if wanted.startswith("api/"):
+        wanted = f"hugwbc.{wanted.removeprefix('api/')}".removesuffix(".core")
+    if wanted in PACKAGES:
+        module = importlib.import_module(wanted)
+        rows = (f"{each:<20} {_first_line(getattr(module, each))}" for each in exported(wanted))
+        return "\n".join([about(wanted), "", *rows])
+    room, _, last = wanted.rpartition(".")
+    entries: dict[int, str] = {}  # a name may be exported twice, or mean two things
+    for package in PACKAGES:
+        if room in ("", package) and last in exported(package):
+            value = getattr(importlib.import_module(package), last)
+            entries.setdefault(id(value), f"from {package} import {last}\n\n{_entry(last, value)}")
+    return "\n\n\n".join(entries.values()) or None
+
+
+def _entry(name: str, value: Any) -> str:  # noqa: ANN401
+    if not inspect.isroutine(value) and not inspect.isclass(value):
+        return _first_line(value)
+    text, aliases = _call(name, value), _aliases(value)
+    ranges = (f"{alias}: {_type(kind, {})}" for alias, kind in aliases.items() if re.search(rf"\b{alias}\b", text))
+    methods = (
+        f"{_call(f'{name}.{each}', method)}\n    {_first_line(method)}"
+        for each, method in (vars(value).items() if inspect.isclass(value) else ())
+        if not each.startswith("_") and isinstance(method, types.FunctionType | property)
+    )
+    built = inspect.getdoc(value.__init__) if inspect.isclass(value) else ""
+    said = [text, "\n".join(ranges), inspect.getdoc(value), built if "Args:" in (built or "") else "", *methods]
+    return "\n\n".join(filter(None, said))
+
+
+def _call(name: str, value: Any) -> str:  # noqa: ANN401
+    """Return a name with its signature."""
+    text = name if isinstance(value, property) else f"{name}{plain_signature(value)}".replace("(self, ", "(")
+    kept = re.sub("(?<!,) ", "\N{NO-BREAK SPACE}", text)  # lines end behind commas
+    return "\n".join(textwrap.wrap(kept, _WIDTH, subsequent_indent="    ")).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def _first_line(value: object) -> str:
+    """Return the first line of a docstring; of a constant or an alias, what it is."""
+    if inspect.ismodule(value) or inspect.isroutine(value) or inspect.isclass(value) or isinstance(value, property):
+        return (inspect.getdoc(value) or "").partition("\n")[0]
+    text = _type(value, {}) if typing.get_origin(value) else repr(value)
+    return text if len(text) <= _WIDTH else f"{text[:_WIDTH]}..."
+
+
+def _aliases(target: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return the types that the modules of a function or class have named."""
+    kinds = inspect.getmro(target) if inspect.isclass(target) else [target]
+    modules = [sys.modules[kind.__module__] for kind in kinds]
+    named = {name: value for module in reversed(modules) for name, value in vars(module).items()}
+    return {name: value for name, value in named.items() if typing.get_origin(value) and name[0] != "_"}
+
+
+def _type(kind: Any, aliases: Mapping[str, Any]) -> str:  # noqa: ANN401
+    """Return a type in words: the name of an alias, or its parts with their range."""
+    for name, value in aliases.items():
+        if value is kind:
+            return name
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    words = [_type(part, aliases) for part in parts]
+    if origin is Annotated:
+        rules = [rule for data in kind.__metadata__ for rule in getattr(data, "metadata", ())]
+        bounds = [(word, getattr(rule, name, None)) for rule in rules for name, word in _BOUNDS.items()]
+        return " ".join([words[0], *(f"{word} {bound:g}" for word, bound in bounds if bound is not None)])
+    if origin in (typing.Union, types.UnionType, typing.Literal):
+        return " | ".join(words)
+    if isinstance(kind, list | str):  # arguments of a Callable; a choice of a Literal
+        return f"[{', '.join(_type(part, aliases) for part in kind)}]" if isinstance(kind, list) else repr(kind)
+    name = {type(None): "None", Ellipsis: "..."}.get(kind) or getattr(origin or kind, "__name__", str(kind))
+    return f"{name}[{', '.join(words)}]" if parts else name

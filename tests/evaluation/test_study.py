@@ -1,0 +1,88 @@
+"""Several controllers on the same episodes: who is compared with whom, over which of them."""
+
+import dataclasses
+
+import polars as pl
+import pytest
+
+from hugwbc import Command
+from hugwbc.evaluation.episode import CountedSettings
+from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, single
+from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.study import Entry, remarks, run_study
+from hugwbc.runtime.controllers import ControllerSpec
+
+HARD = (1.0, 5.0, 2.0, 8.0, 3.0, 1.0, 4.0, 9.0)
+
+
+def plan(settings):
+    return [Plan(draw, Command(w=0.01 * draw)) for draw in range(settings.episodes)]
+
+
+def episode(controller, settings, plan):
+    """A controller whose every episode takes its number of letters longer, and which falls in the first ones."""
+    letters = len(controller.name)
+    fell = plan.draw < letters - 4
+    return {"time": None if fell else HARD[plan.draw] + letters, "error": 0.1 * letters * HARD[plan.draw], "fell": fell}
+
+
+def figures(settings, rows):
+    return [
+        Figure("T", "time", "s", bootstrap_mean(rows["time"])),
+        Figure("T", "error, RMS", "m", bootstrap_rms(rows["error"])),
+        Figure("T", "time of the upright", "s", bootstrap_mean(rows.filter(~pl.col("fell"))["time"])),
+        Figure("T", "worst", "m", single(rows["error"].max())),
+        falls_figure("T", rows["fell"]),
+    ]
+
+
+MINE = Experiment("mine", "", CountedSettings, plan, episode, figures)
+NAMED = """
+from hugwbc.runtime.controllers import HoldController
+
+
+class Long(HoldController):
+    name = "longer"
+"""
+
+
+@pytest.fixture
+def longer(tmp_path):
+    (tmp_path / "mine.py").write_text(NAMED)
+    return ControllerSpec(f"{tmp_path / 'mine.py'}:Long")
+
+
+def study(longer, episodes):
+    settings = CountedSettings(episodes=episodes)
+    results = run_study([Entry(MINE, settings, spec) for spec in (ControllerSpec("hold"), longer)])
+    return results, {figure.quantity: figure.difference for figure in results[1].figures}
+
+
+def test_differences_are_over_the_episodes_that_both_have(longer):
+    results, found = study(longer, 8)
+    assert [result.controller for result in results] == ["hold", "longer"], "by its own name"
+    assert all(figure.difference is None for figure in results[0].figures)
+    for name in ("time", "time of the upright"):  # the second fell in the first two episodes
+        difference = found[name].estimate
+        assert (difference.value, difference.low, difference.high) == pytest.approx((2.0, 2.0, 2.0))
+        assert difference.samples == 6 and found[name].against == "hold"
+    rms = (sum(hard**2 for hard in HARD) / 8) ** 0.5
+    assert found["error, RMS"].estimate.value == pytest.approx(0.2 * rms) and found["error, RMS"].is_clear
+    assert found["falls"].estimate.value == pytest.approx(25.0) and found["falls"].p == 0.5
+    assert found["worst"] is None, "no mean of episodes"
+    assert not remarks([dataclasses.replace(results[0])])
+
+
+def test_too_few_episodes_are_said(longer):
+    results, found = study(longer, 4)
+    few, tested = remarks(results)
+    assert "time, error, RMS, time of the upright rest on 2 or more each; below 8" in few
+    assert "4 pairs cannot be told apart" in tested and not found["error, RMS"].is_clear
+
+
+def test_another_setting_is_not_compared():
+    settings = [CountedSettings(episodes=3, seed=seed) for seed in (1, 2)]
+    results = run_study([Entry(MINE, one, ControllerSpec("hold")) for one in settings])
+    assert not any(figure.difference for result in results for figure in result.figures)
