@@ -54,7 +54,10 @@ def run(words: Sequence[str]) -> int:
 
         trainer = train(config, report, say)
     if trainer.leads:
-        say(f"stopped after {trainer.iteration} iterations, {trainer.steps:.3g} steps; saved in {config.out}")
+        before = trainer.begin["iteration"]
+        ancestor = f", after {before} iterations, {trainer.begin['steps']:.3g} steps of another run" if before else ""
+        own = f"{trainer.iteration - before} iterations, {trainer.run_steps:.3g} steps{ancestor}"
+        say(f"stopped after {own}; saved in {config.out}")
     return 0
 
 

@@ -75,6 +75,12 @@ def test_a_task_beside_something_else_is_refused(words, message, capsys):
     assert message in capsys.readouterr().err
 
 
+def test_a_task_without_its_ending_is_answered_with_the_file(standing_task, capsys, monkeypatch):
+    monkeypatch.chdir(standing_task(name="move_box").parent)
+    assert main(["play", "--viewer", "none", "--task", "move_box"]) == 2
+    assert "give move_box.py" in capsys.readouterr().err
+
+
 def test_a_task_is_played(capsys, standing_task):
     path = standing_task("Milestone('the robot did not fly', lambda record: float(record.pelvis[:, 2].max() > 3.0))")
     assert main(["play", "--task", str(path), "--controller", "hold", "--viewer", "none", "--sensing", "exact"]) == 1

@@ -15,6 +15,10 @@ def test_train_saves_a_policy_that_plays(tmp_path, capsys):
     assert "already holds a run; --resume continues it" in capsys.readouterr().err
     assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
     assert main(["play", "--viewer", "none", "--duration", "0.1", "--policy", str(tmp_path)]) == 0
+    start = ["--start-from", str(tmp_path / "checkpoint.safetensors")]
+    assert main([*words[:-1], str(tmp_path / "next"), *start]) == 0
+    again = capsys.readouterr().out
+    assert "stopped after 2 iterations, 64 steps, after 2 iterations, 64 steps of another run" in again
 
 
 def test_two_trainings_do_not_share_a_folder(tmp_path, capsys):
