@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 Shape = tuple[int, ...]
+JOINTS: Shape = (-1,)
+"""One number for each joint: the fields of a record that have this shape agree in their length, whatever it is."""
 _FLOAT = np.dtype(float)
 
 
@@ -48,13 +50,26 @@ def number(value: Any) -> float | None:  # noqa: ANN401  whatever arrives
     return None if array is None else float(array)
 
 
+def _length(value: Any) -> int:  # noqa: ANN401  whatever arrives
+    """Return the length of a vector of numbers; 1 for anything else."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT:
+        return value.size if value.ndim == 1 else 1
+    try:
+        size = len(value)
+    except Exception:  # the code of somebody else may raise anything
+        return 1
+    return 1 if floats(value, (size,)) is None else size
+
+
 def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collection[str] = ()) -> None:
     """Convert the fields of a frozen dataclass to floats of their shapes; what is none becomes NaN, to be noticed.
 
-    None stays where it is optional.
+    None stays where it is optional. Of vectors of joints, the longest tells how many joints there are.
     """
     fields = vars(record)
+    joints = (max([_length(fields[name]) for name, shape in shapes.items() if shape is JOINTS], default=1),)
     for name, shape in shapes.items():
+        shape = joints if shape is JOINTS else shape
         value = fields[name]
         if value is None and name in optional:
             continue

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.numeric import Shape, keep_floats
+from hugwbc.numeric import JOINTS, Shape, keep_floats
 
 GRAVITY = 9.81  # [m/s^2]
 
@@ -19,7 +19,7 @@ class RobotState:
     What other libraries call numbers is converted; what is none, or has another shape, becomes NaN (`is_usable`).
 
     Attributes:
-        q, dq: joint positions [rad] and velocities [rad/s], shape (19,).
+        q, dq: joint positions [rad] and velocities [rad/s], shape (n,).
         orientation: pelvis to world, unit quaternion, shape (4,).
         angular_velocity: of the pelvis, in the pelvis frame [rad/s], shape (3,).
         position: pelvis origin in the world [m], shape (3,), or None without an estimator.
@@ -30,7 +30,7 @@ class RobotState:
         imu_gyro: angular velocity of the IMU, in its own frame [rad/s], shape (3,), or None.
         imu_accelerometer: specific force at the IMU (acceleration minus gravity), in its own frame, averaged since the
             last reading [m/s^2], shape (3,), or None.
-        torque: joint torques as the motors measure them, averaged since the last reading [N*m], shape (19,), or None.
+        torque: joint torques as the motors measure them, averaged since the last reading [N*m], shape (n,), or None.
         time: time of the reading [s].
         age: how long ago the reading was taken [s].
         coasted: sensors whose reading was refused and replaced (`hugwbc.runtime.reading_guard`).
@@ -84,7 +84,7 @@ class RobotState:
 
 
 _NUMBERS: dict[str, Shape] = {
-    **dict.fromkeys(("q", "dq", "torque"), (19,)),
+    **dict.fromkeys(("q", "dq", "torque"), JOINTS),
     "orientation": (4,),
     **dict.fromkeys(("angular_velocity", "position", "velocity", "imu_gyro", "imu_accelerometer"), (3,)),
     **dict.fromkeys(("foot_force", "hand_force"), (2, 3)),
