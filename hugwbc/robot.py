@@ -80,12 +80,14 @@ class Robot:
         base: link of the floating base, the pelvis.
         trunk: link that carries the arms.
         imu_link: link that carries the IMU: base or trunk.
+        camera: place of the head's camera in the trunk's frame [m], shape (3,).
         foot_links: links with the soles, left first.
         hand_links: links that carry the hand frames, left first.
         legs: indices of the leg joints, left leg first, each from the hip down.
         arms: indices of the arm joints, left arm first: the upper body that external control may take over.
         waist: index of the waist yaw joint.
         pairs: indices of the left and the right joint that play a part, such as "knee"; `pair` looks one up.
+        moved: the links that these joints move, left first, by part.
         sole_x, sole_y, sole_z: extent and height of the flat sole in the foot link's frame [m].
         sole_depth: distance of the sole below the ankle pitch axis [m].
         leg_length: distance from the hip pitch axis to the ankle pitch axis of a straight leg, from the side [m].
@@ -128,12 +130,14 @@ class Robot:
     base: str
     trunk: str
     imu_link: str
+    camera: np.ndarray
     foot_links: tuple[str, str]
     hand_links: tuple[str, str]
     legs: np.ndarray
     arms: np.ndarray
     waist: int
     pairs: Mapping[str, np.ndarray]
+    moved: Mapping[str, tuple[str, str]]
     sole_x: tuple[float, float]
     sole_y: tuple[float, float]
     sole_z: float
@@ -359,12 +363,14 @@ def _load_robot(name: str) -> Robot:
             base=roles["base"],
             trunk=roles["trunk"],
             imu_link=table["imu"]["parent"],
+            camera=_frozen(table["camera"]["xyz"]),
             foot_links=feet,
             hand_links=hands,
             legs=indices([side(name) for side in (str, other_side) for name in roles["leg"].values()]),
             arms=indices([side(name) for side in (str, other_side) for name in roles["arm"].values()]),
             waist=names.index(roles["waist"]["yaw"]),
             pairs={part: indices([name, other_side(name)]) for part, name in parts.items()},
+            moved={part: (link, other_side(link)) for part, link in links.items()},
             sole_x=tuple(table["sole"]["x"]),
             sole_y=tuple(table["sole"]["y"]),
             sole_z=float(table["sole"]["z"]),

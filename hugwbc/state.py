@@ -97,13 +97,13 @@ _VECTORS = tuple(name for name, shape in _NUMBERS.items() if shape)
 def pelvis_from_torso_imu(
     orientation: np.ndarray, gyro: np.ndarray, waist: float, waist_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pelvis orientation and angular velocity from the IMU, which sits on the torso above the waist joint.
+    """Return pelvis orientation and angular velocity from the IMU, which the waist may turn (`Robot.imu_turn`).
 
     Args:
-        orientation: torso to world, shape (4,).
-        gyro: angular velocity of the torso in its own frame [rad/s], shape (3,).
-        waist: angle of the waist joint [rad].
-        waist_rate: velocity of the waist joint [rad/s].
+        orientation: IMU to world, shape (4,).
+        gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
+        waist: angle by which the joints turn the IMU [rad].
+        waist_rate: and its rate [rad/s].
 
     Returns:
         Pelvis orientation, shape (4,), and pelvis angular velocity in the pelvis frame [rad/s], shape (3,).

@@ -116,7 +116,7 @@ def run(words: Sequence[str]) -> int:
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
     simulation = options.arena.simulation(seed=options.seed, scene=scene)
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
-    draw = None if viewer == "none" else open_view(controller.name, scene=simulation.scene, tell=say)
+    draw = None if viewer == "none" else open_view(controller.name, simulation.robot, scene=simulation.scene, tell=say)
     behaviour = source if isinstance(source, BehaviourSource) else None
     score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
 
@@ -166,7 +166,7 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     simulation = arena.simulation(seed=options.seed, scene=task.scene)
     draw = None
     if viewer != "none":
-        draw = at_real_time(open_view(controller.name, scene=simulation.scene, tell=say), simulation)
+        draw = at_real_time(open_view(controller.name, simulation.robot, scene=simulation.scene, tell=say), simulation)
     verdict = run_task(task, controller, simulation, on_moment=draw).verdict
     say(f"{task.name} with {controller.name}, seed {options.seed}: {verdict.words} after {simulation.time:.1f} s")
     say(f"score: {verdict.score:.2f}")

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.contact import BASE_WEIGHT, ContactObserver
 from hugwbc.runtime.reading_guard import GYRO_JUMP, ReadingGuard
 from hugwbc.sim.engine import Engine
@@ -61,7 +61,7 @@ class JointFilter:
     """A Kalman filter of the position and velocity of every joint, driven by an unknown or planned acceleration.
 
     Attributes:
-        q, dq: estimates [rad], [rad/s], shape (19,).
+        q, dq: estimates [rad], [rad/s], shape (n,).
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -83,10 +83,10 @@ class JointFilter:
         """Predict over `dt` [s], then correct by a reading of positions and velocities.
 
         Args:
-            q: reading [rad], shape (19,).
-            dq: reading [rad/s], shape (19,).
+            q: reading [rad], shape (n,).
+            dq: reading [rad/s], shape (n,).
             dt: since the last reading [s].
-            planned: accelerations that a controller planned for this time [rad/s^2], shape (19,).
+            planned: accelerations that a controller planned for this time [rad/s^2], shape (n,).
         """
         kind = round(dt, 6), planned is None
         if kind != self._steady:
@@ -146,12 +146,12 @@ class StateEstimator:
         guard: refuses readings that cannot be true, and fills the gaps.
     """
 
-    def __init__(self, robot: Robot | None = None, base_weight: float = BASE_WEIGHT) -> None:
-        """Set up for a robot, by default the H1; call `reset` before `update`. The weight is `ContactObserver`'s."""
-        self._robot = robot or load_robot()
+    def __init__(self, robot: Robot, base_weight: float = BASE_WEIGHT) -> None:
+        """Set up for a robot; call `reset` before `update`. The weight is `ContactObserver`'s."""
+        self._robot = robot
         self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
         self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
-        self._pelvis = kinematics.frame_id("pelvis")
+        self._pelvis = kinematics.frame_id(robot.base)
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
         self._lever = pin.skew(self._imu_in_torso)
@@ -198,7 +198,7 @@ class StateEstimator:
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
         soles = np.array([self._placement(frame) for frame in self._sole_frames])
-        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), float(state.q[self._robot.waist]))
+        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), self._robot.imu_turn(state.q, state.dq)[0])
         self._R = rotations.to_matrix(rotations.multiply(state.orientation, torso))
         # Velocity, position and feet are rows of one array, since all corrections turn them alike.
         self._rows = np.zeros((2 + _FEET, 3))
@@ -231,7 +231,7 @@ class StateEstimator:
 
         Args:
             state: a reading, perhaps of some time ago (`state.age`).
-            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,). They are kept
+            planned: joint accelerations that the controller plans at present [rad/s^2], shape (n,). They are kept
                 until the readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of
                 another shape.
             newest_gyro: the last reading of the gyro where that of `state` is a mean over some time [rad/s],
@@ -305,8 +305,8 @@ class StateEstimator:
         waist = places[self._pelvis].rotation[:, 2]
         soles = np.array([places[frame].translation for frame in self._sole_frames])
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
-        # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
-        for foot in range(_FEET):
+        # The waist turns an IMU on the trunk: seen from there, the foot turns the other way about the pelvis's z axis.
+        for foot in range(_FEET if self._robot.imu_link == self._robot.trunk else 0):
             jacobians[foot, :, self._waist_column] = rotations.cross(soles[foot] - pelvis, waist)
         self._soles = (soles - places[self._imu].translation).dot(self._R)
         noise = ENCODER_NOISE**2
@@ -372,8 +372,8 @@ class StateEstimator:
 
     def _estimate(self, state: RobotState) -> RobotState:
         """Return the pelvis below the IMU, by the smoothed waist joint."""
-        joints, robot = self._joints, self._robot
-        waist, rate = float(joints.q[robot.waist]), float(joints.dq[robot.waist])
+        joints = self._joints
+        waist, rate = self._robot.imu_turn(joints.q, joints.dq)
         to_pelvis = rotations.rotation_z(waist)
         rotation = self._R.dot(to_pelvis.T)
         x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()

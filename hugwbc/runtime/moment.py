@@ -74,6 +74,6 @@ class PlanView:
 
     @property
     def acceleration(self) -> np.ndarray | None:
-        """The planned joint accelerations [rad/s^2], shape (19,), all finite; None without a plan."""
-        planned = self._read("planned_acceleration", (19,))
+        """The planned joint accelerations [rad/s^2], shape (n,), all finite; None without a plan."""
+        planned = self._read("planned_acceleration", self._safe.robot.kp.shape)
         return planned if planned is not None and np.isfinite(planned).all() else None

@@ -61,7 +61,7 @@ def rollout(
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
-    recorder = Recorder(loop, Disturber(simulation.link_names, forces), on_step)
+    recorder = Recorder(loop, Disturber(simulation.link_names, simulation.robot.trunk, forces), on_step)
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):

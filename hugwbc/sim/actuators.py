@@ -81,7 +81,7 @@ class TorqueSpeedLimit:
 
         Args:
             robot: robot with the drives.
-            torque_limit: torque limits at low speed [N*m], shape (..., 19).
+            torque_limit: torque limits at low speed [N*m], shape (..., n).
         """
         self._limit = np.array(torque_limit)
         self._slope = 1.0 / (robot.velocity_limit - robot.corner_speed)
@@ -91,8 +91,8 @@ class TorqueSpeedLimit:
         """Write the range of the torque at joint speeds.
 
         Args:
-            velocity: joint speeds [rad/s], shape (..., 19).
-            force_range: lowest and highest torque [N*m], shape (..., 19, 2); written in place.
+            velocity: joint speeds [rad/s], shape (..., n).
+            force_range: lowest and highest torque [N*m], shape (..., n, 2); written in place.
         """
         share = velocity * self._slope
         force_range[..., 1] = self._limit * self._share(self._reserve - share)

@@ -16,7 +16,9 @@ from hugwbc.sim.scenes import Thing
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _ROUNDING = 1e-9  # [s]
 _PART = re.compile("_(link)?")  # in the name of a link
-_HANDS = tuple(f"{side}_elbow_link" for side in SIDES)
+HANDS = tuple(f"{side}_hand" for side in SIDES)
+TRUNK = ("pelvis", "trunk")
+"""What a record calls the links of hands, base and trunk; others have their own names."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +52,7 @@ class TaskRecord:
         held: number of the object that the idealised gripper of each hand holds, its place in `Scene.body_names`;
             -1 for none. Shape (T, 2).
         touched: time of the first contact between a part of the robot and a body of the scene [s], by their names.
-            The hands (with their forearms) are "left_elbow_link" and "right_elbow_link".
+            Hands, base and trunk are called as in `HANDS` and `TRUNK`.
         depth: how deep a hand was in each body that it touched, at most [m].
         fell: whether the robot fell, or the physics diverged.
         ending: how the behaviour ended.
@@ -103,7 +105,7 @@ class TaskRecord:
         return tuple(
             f"the {_PART.sub(' ', link.replace('hip_pitch', 'thigh')).strip()} touched '{name}' at {t:.1f} s"
             for (link, name), t in self.touched.items()
-            if link not in _HANDS
+            if link not in HANDS
         )
 
     @property
@@ -134,7 +136,9 @@ class TaskWatch:
         names = self._scene.body_names
         self._objects = {model.body(name).id: name for name in names}
         robot = set(simulation.link_names) - set(names) - {"world"}
-        self._links = {model.body(name).id: name for name in robot}
+        parts = simulation.robot
+        called = dict(zip((*parts.hand_links, parts.base, parts.trunk), (*HANDS, *TRUNK), strict=True))
+        self._links = {model.body(name).id: called.get(name, name) for name in robot}
         self._is_object = np.zeros(model.nbody, dtype=bool)
         self._is_object[list(self._objects)] = True
         self._jointed = [name for name in names if simulation.objects[name].travel is not None]
@@ -161,7 +165,7 @@ class TaskWatch:
             if link is None or name is None:
                 continue
             self._touched.setdefault((link, name), self._simulation.time)
-            if link in _HANDS:
+            if link in HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
 
     def sample(self, time: float, gait: int = -1) -> None:

@@ -14,6 +14,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
+from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
@@ -67,13 +68,13 @@ class RealTime:
         self._shown += duration
 
 
-def open_view(name: str, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
+def open_view(name: str, robot: Robot, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
     """Open a live meshcat page with one robot, which only this machine can reach; return what draws a moment."""
     from hugwbc.viz import meshcat_scene
     from hugwbc.viz.server import open_visualizer
 
     visualizer, address = open_visualizer()
-    picture = meshcat_scene.Scene(visualizer, [name], around=[scene])
+    picture = meshcat_scene.Scene(visualizer, [name], robot, around=[scene])
     tell(f"watch at {address}; Ctrl-C stops")
     if webbrowser.open(address):
         time.sleep(PAGE_LOAD_TIME)
@@ -116,7 +117,7 @@ def watch(
         The record of the run.
     """
     simulation = simulation or Simulation()
-    draw = open_view(controller.name, scene=simulation.scene, tell=tell) if show else live
+    draw = open_view(controller.name, simulation.robot, scene=simulation.scene, tell=tell) if show else live
     in_time = None if draw is None else at_real_time(draw, simulation)
     trace = rollout(controller, source, simulation, upper_body, duration=duration, forces=forces, on_moment=in_time)
     if replay is not None:

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.behaviours import Failure, wait
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.comparison import compare, figure_table, summarise
@@ -44,7 +44,7 @@ def test_an_outcome_holds_the_figures_of_its_trace(synthetic_trace):
 
 
 def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targets():
-    traces = compare([HoldController(), Other()], SCRIPT)
+    traces = compare([HoldController(load_robot()), Other(load_robot())], SCRIPT)
     assert [trace.name for trace in traces] == ["hold", "other"]
     for trace in traces:
         assert trace.time[-1] == pytest.approx(SCRIPT.duration - 0.02)
@@ -55,7 +55,7 @@ def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targ
 
 
 def test_the_qp_brings_both_hands_to_their_targets():
-    (trace,) = compare([WholeBodyController()], SCRIPT)
+    (trace,) = compare([WholeBodyController(load_robot())], SCRIPT)
     assert not trace.fell
     assert trace.hand_error[-5:].max() < 0.02
     assert np.nanmax(trace.hand_error) > 0.1, "the hands start far from their targets"
@@ -67,7 +67,7 @@ def test_how_a_behaviour_ended_is_told():
         raise Failure("out of breath")
 
     endings = {}
-    (trace,) = compare([HoldController()], tire, on_end=endings.__setitem__)
+    (trace,) = compare([HoldController(load_robot())], tire, on_end=endings.__setitem__)
     assert endings == {"hold": "not done: out of breath"}
     outcomes = {"hold": summarise(trace) | {"ending": endings["hold"]}}
     assert ("behaviour", "not done: out of breath") in figure_table(outcomes).rows
@@ -75,12 +75,12 @@ def test_how_a_behaviour_ended_is_told():
 
 
 def test_noise_follows_the_seed():
-    first, again, other = (compare([HoldController()], SCRIPT, seed=s)[0] for s in (1, 1, 2))
+    first, again, other = (compare([HoldController(load_robot())], SCRIPT, seed=s)[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(first.qpos, again.qpos)
     assert not np.array_equal(first.qpos[-1], other.qpos[-1]), "the IK sees the noise and moves the arms accordingly"
 
 
-@pytest.mark.parametrize("controllers", [[], [HoldController(), HoldController()]])
+@pytest.mark.parametrize("controllers", [[], [HoldController(load_robot()), HoldController(load_robot())]])
 def test_no_controller_or_one_twice_is_refused(controllers):
     with pytest.raises(ConfigError, match="give at least one, each once"):
         compare(controllers, SCRIPT)

@@ -2,11 +2,12 @@ import numpy as np
 
 from hugwbc.kinematics import Kinematics
 from hugwbc.report.clouds import hand_clouds
+from hugwbc.robot import load_robot
 from tests.conftest import make_state
 
 
 def test_clouds_grow_from_the_nominal_hands_with_the_level():
-    kinematics = Kinematics()
+    kinematics = Kinematics(load_robot())
     kinematics.update(make_state())
     for hand, side in zip(hand_clouds(0.0, 5), ("left", "right"), strict=True):
         np.testing.assert_allclose(hand, np.tile(kinematics.position(f"{side}_hand"), (5, 1)), atol=1e-6)

@@ -26,9 +26,9 @@ def test_the_first_missed_milestone_is_the_reason_and_what_follows_does_not_coun
 
 
 def test_a_failure_names_what_has_touched_the_scene_beside_the_hands(made_up):
-    touched = {("left_hip_pitch_link", "from"): 7.15, ("right_elbow_link", "box"): 3.0, ("torso_link", "to"): 9.0}
+    touched = {("left_hip_pitch_link", "from"): 7.15, ("right_hand", "box"): 3.0, ("trunk", "to"): 9.0}
     verdict = judged(made_up("push_cart", touched=touched, ending=Ending(False, "walk to: stuck", 12.0)), (HALF,))
-    assert verdict.detail == "walk to: stuck; the left thigh touched 'from' at 7.2 s; the torso touched 'to' at 9.0 s"
+    assert verdict.detail == "walk to: stuck; the left thigh touched 'from' at 7.2 s; the trunk touched 'to' at 9.0 s"
     assert judged(made_up("push_cart", touched=touched), (DONE,)).detail == ""
 
 

@@ -28,10 +28,7 @@ REACHED = 0.5  # [m] from a waypoint at the end of its time
 G1_MASS = 35.0  # [kg], the maker's figure
 BLOW_TIME = 0.08  # [s]
 AFTERMATH = 3.0  # [s] after a blow in which a fall is attributed to it; later falls come from the arms or the walk
-STRUCK = (
-    "pelvis", "torso_link", "left_shoulder_roll_link", "right_shoulder_roll_link", "left_elbow_link",
-    "right_elbow_link", "left_hip_pitch_link", "right_hip_pitch_link", "left_knee_link", "right_knee_link",
-)  # fmt: skip
+STRUCK = ("shoulder_roll", "elbow", "hip_pitch", "knee")  # parts whose links are struck, besides pelvis and trunk
 # Way between two waypoints [m], change of the heading in it and bearing off the heading, both plus or minus [rad].
 _LENGTH, _TURN, _BEARING = (0.8, 1.5), 1.0, 0.6
 
@@ -62,7 +59,8 @@ def tour_plan(settings: TourSettings, number: int) -> Plan:
     rng = np.random.default_rng((settings.seed, number))
     leg = settings.duration / WAYPOINTS
     place, yaw = np.zeros(2), 0.0
-    waypoints, blows = [], []
+    waypoints, blows, robot = [], [], load_robot(settings.conditions.chosen.robot)
+    struck = (robot.base, robot.trunk, *(link for part in STRUCK for link in robot.moved[part]))
     for index in range(WAYPOINTS):
         bearing = yaw + rng.uniform(-_BEARING, _BEARING)
         place = place + rng.uniform(*_LENGTH) * np.array([math.cos(bearing), math.sin(bearing)])
@@ -71,7 +69,7 @@ def tour_plan(settings: TourSettings, number: int) -> Plan:
         # The blow comes at 0.2 to 0.7 of its leg, which leaves 1.5 s of a 60 s tour to recover before the waypoint.
         start, force, angle = leg * (index + rng.uniform(0.2, 0.7)), rng.uniform(), rng.uniform(-math.pi, math.pi)
         vector = strongest_blow(settings) * force * np.array([math.cos(angle), math.sin(angle)])
-        blows.append(Force((*vector.tolist(), 0.0), start, BLOW_TIME, str(rng.choice(STRUCK))))
+        blows.append(Force((*vector.tolist(), 0.0), start, BLOW_TIME, str(rng.choice(struck))))
     arms = "noise" if settings.conditions.intervention == "none" else settings.conditions.intervention
     conditions = dataclasses.replace(settings.conditions, intervention=arms)
     tour = Tour(tuple(waypoints), leg, settings.gaits[number % 2])
