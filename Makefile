@@ -29,7 +29,7 @@ help:
 	@echo "make check          verify the installation"
 	@echo "make train          train a policy"
 	@echo "make docs           build the documentation into site/, failing on a broken link"
-	@echo "make models         write h1.xml and h1.urdf from h1.yaml"
+	@echo "make models         write the robots' XML and URDF files from their tables"
 	@echo "make picture        take the README's picture of both controllers"
 	@echo "make task-pictures  take the pictures of the tasks, docs/tasks.md"
 	@echo "make animation      take the README's animation of both controllers at a task; minutes of computing"
@@ -89,7 +89,7 @@ docs: $(STAMP)
 	@echo "open site/index.html"
 
 models: $(STAMP)
-	$(BIN)/python models/h1/build.py
+	$(BIN)/python models/build.py
 
 picture: override ARGS += --hide balance
 picture: compare

@@ -23,6 +23,7 @@ OUTSIDE = {
     "CHANGELOG.md": "CHANGELOG.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
     "models/h1/README.md": "robot.md",
+    "models/g1/README.md": "robot-g1.md",
 }
 # Rooms of the package from the lowest layer to the highest; the reference lists them in this order.
 LAYERS = (

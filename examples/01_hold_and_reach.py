@@ -6,7 +6,7 @@ which targets cannot be reached.
     python examples/01_hold_and_reach.py --show
 """
 
-from hugwbc import Command
+from hugwbc import Command, load_robot
 from hugwbc.runtime import Constant, UpperBodySource, load_controller
 from hugwbc.targets import HandTargets
 from hugwbc.viz.show import fate, run_script, watch
@@ -24,7 +24,7 @@ def main(duration: float = 4.0, show: bool = False) -> None:
     trace = watch(
         controller,
         Constant(Command(), targets),
-        upper_body=UpperBodySource(),
+        upper_body=UpperBodySource(load_robot()),
         duration=duration,
         show=show,
         replay="out/01.html",

@@ -7,7 +7,7 @@ A script consists of segments; commands and hand targets ramp smoothly from one 
 
 import numpy as np
 
-from hugwbc import Gait
+from hugwbc import Gait, load_robot
 from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import HandMotion, Script, Segment, Swing
 from hugwbc.viz.show import fate, run_script, watch
@@ -35,7 +35,7 @@ def main(duration: float = 6.0, show: bool = False) -> None:
     trace = watch(
         controller,
         script,
-        upper_body=UpperBodySource(),
+        upper_body=UpperBodySource(load_robot()),
         duration=script.duration,
         show=show,
         replay="out/03.html",

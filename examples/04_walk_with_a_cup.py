@@ -7,6 +7,7 @@ An H1 has no fingers: an idealised gripper holds the cup.
 
 import numpy as np
 
+from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, Grip, View, grip, lift, reach, walk_to
 from hugwbc.runtime import Simulation, UpperBodySource, load_controller
 from hugwbc.sim.scenes import Cylinder, Scene, Table
@@ -36,7 +37,13 @@ def main(duration: float = 18.0, show: bool = False) -> None:
     """
     source, simulation = BehaviourSource(fetch), Simulation(scene=SCENE)
     trace = watch(
-        load_controller("qp"), source, simulation, UpperBodySource(), duration=duration, show=show, replay="out/04.html"
+        load_controller("qp"),
+        source,
+        simulation,
+        UpperBodySource(load_robot()),
+        duration=duration,
+        show=show,
+        replay="out/04.html",
     )
     cup = trace.object_pose[:, SCENE.body_names.index("cup")]
     tilt = np.degrees(np.arccos(1.0 - 2.0 * (cup[:, 4] ** 2 + cup[:, 5] ** 2)))

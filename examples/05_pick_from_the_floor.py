@@ -8,6 +8,7 @@ idealised gripper holds the can. The replay shows both attempts side by side.
 
 import dataclasses
 
+from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, Grip, View, grip, reach
 from hugwbc.runtime import Simulation, UpperBodySource, load_controller
 from hugwbc.sim.scenes import Cylinder, Scene
@@ -35,7 +36,9 @@ def main(height: float = 0.5, duration: float = 9.0, show: bool = False) -> None
     for name, whole_body in (("arms alone", False), ("whole body", True)):
         source = BehaviourSource(lambda view, helps=whole_body: pick(view, height / 2, helps))
         simulation = Simulation(scene=Scene((can,)))
-        trace = watch(load_controller("qp"), source, simulation, UpperBodySource(), duration=duration, show=show)
+        trace = watch(
+            load_controller("qp"), source, simulation, UpperBodySource(load_robot()), duration=duration, show=show
+        )
         traces.append(dataclasses.replace(trace, name=name))
         rise = 100 * (trace.object_pose[:, 0, 2].max() - trace.object_pose[0, 0, 2])
         lowest, lean = trace.command[:, 5].min(), trace.command[:, 6].max()

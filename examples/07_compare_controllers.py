@@ -3,6 +3,7 @@
 python examples/07_compare_controllers.py --script wave --show
 """
 
+from hugwbc import load_robot
 from hugwbc.evaluation.comparison import summarise
 from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import load_script
@@ -19,7 +20,7 @@ def main(script: str = "wave", show: bool = False) -> None:
     played, traces = load_script(script), []
     for name in ("learned", "qp"):
         controller = load_controller(name)
-        hands = UpperBodySource()
+        hands = UpperBodySource(load_robot())
         traces.append(watch(controller, played, upper_body=hands, duration=played.duration, show=show))
     keep_replay("out/07.html", traces)
     outcomes = {trace.name: summarise(trace) for trace in traces}

@@ -31,7 +31,7 @@ def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = F
         motion = load_motion(file)
     controller = load_controller("qp")
     script = Script(motion.name, (Segment("replay", duration, motion=motion, ramp=0.0),))
-    hands = UpperBodySource()
+    hands = UpperBodySource(load_robot())
     trace = watch(controller, script, upper_body=hands, duration=duration, show=show, replay="out/08.html")
 
     error = np.abs(trace.qpos[:, 7 + load_robot().arms] - trace.arm_target)[len(trace.time) // 2 :].mean()

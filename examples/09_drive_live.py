@@ -9,6 +9,7 @@ import webbrowser
 
 import numpy as np
 
+from hugwbc import load_robot
 from hugwbc.runtime import Moment, Simulation, UpperBodySource, load_controller
 from hugwbc.viz.live import LivePage
 from hugwbc.viz.show import fate, run_script, watch
@@ -32,7 +33,7 @@ def main(controller: str = "qp", duration: float = 60.0, show: bool = False) -> 
         page.disturb(simulation)
         page.show(simulation)
 
-    hands = UpperBodySource()
+    hands = UpperBodySource(load_robot())
     trace = watch(robot, page.source, simulation, hands, duration=duration, live=draw, replay="out/09.html")
     page.close()
     way = np.sum(np.linalg.norm(np.diff(trace.qpos[:, :2], axis=0), axis=1))

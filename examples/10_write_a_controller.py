@@ -30,7 +30,7 @@ class Squatter:
 
     def __init__(self) -> None:
         self.robot = load_robot()
-        self.kinematics = Kinematics()
+        self.kinematics = Kinematics(self.robot)
         self.weight = GRAVITY * sum(inertia.mass for inertia in self.kinematics.model.inertias)
         self.hips, self.knees, self.ankles = (
             self.robot.indices([f"left_{part}_joint", f"right_{part}_joint"]) for part in ("hip_pitch", "knee", "ankle")

@@ -6,6 +6,7 @@ minutes of computing.
     python examples/12_a_task_of_your_own.py --show
 """
 
+from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, View, carry, lift, place, reach, squeeze, stand, walk_to
 from hugwbc.runtime import Simulation, UpperBodySource, load_controller, rollout
 from hugwbc.sim.scenes import Box, Scene, Shelf, Table
@@ -41,9 +42,15 @@ def main(controller: str = "qp", seed: int = 0, duration: float = 60.0, show: bo
     """
     source, robot = BehaviourSource(shelve), load_controller(controller)
     simulation = Simulation(scene=SCENE, seed=seed)
-    draw = at_real_time(open_view(robot.name, scene=simulation.scene), simulation) if show else None
+    draw = at_real_time(open_view(robot.name, simulation.robot, scene=simulation.scene), simulation) if show else None
     trace = rollout(
-        robot, source, simulation, UpperBodySource(), duration=duration, on_moment=draw, until=lambda: source.done
+        robot,
+        source,
+        simulation,
+        UpperBodySource(load_robot()),
+        duration=duration,
+        on_moment=draw,
+        until=lambda: source.done,
     )
     keep_replay("out/12.html", [trace])
     x, y, z = simulation.objects["box"].position

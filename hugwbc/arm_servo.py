@@ -28,7 +28,7 @@ import pinocchio as pin
 from hugwbc.controller import UpperBody
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.numeric import changed
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY, RobotState
 
 _JOINTS = 4  # of an arm
@@ -52,7 +52,7 @@ GIVE = 0.08
 
 def _gains(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shapes (8,), read-only."""
-    distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in robot.arm_names])
+    distal = np.isin(robot.arms, (robot.pair("shoulder_yaw"), robot.pair("elbow")))
     kp = np.full(robot.arms.size, STIFFNESS)
     kd = np.where(distal, DISTAL_DAMPING, SHOULDER_DAMPING)
     for gains in (kp, kd):  # all commands share these two arrays
@@ -76,9 +76,9 @@ class ArmServo:
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shape (8,).
     """
 
-    def __init__(self, robot: Robot | None = None) -> None:
-        """Set up the servo for a robot with the friction of its drives, by default the H1."""
-        self.robot = robot or load_robot()
+    def __init__(self, robot: Robot) -> None:
+        """Set up the servo for a robot with the friction of its drives."""
+        self.robot = robot
         self.kp, self.kd = _gains(self.robot)
         self._arms = self.robot.arms
         self._limit = self.robot.torque_limit[self._arms]

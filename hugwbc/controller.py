@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError, TargetError
-from hugwbc.numeric import Shape, flags, keep_floats, number
+from hugwbc.numeric import JOINTS, Shape, flags, keep_floats, number
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
@@ -18,7 +18,7 @@ from hugwbc.state import RobotState
 class JointCommand:
     """A command to all joints: torque = tau + kp (q - q_measured) + kd (dq - dq_measured), then limited.
 
-    It holds the five vectors of a Unitree robot's low-level command, each of shape (19,), in the robot's joint order.
+    It holds the five vectors of a Unitree robot's low-level command, each of shape (n,), in the robot's joint order.
     What other libraries call numbers is converted; what is none, or has another shape, becomes NaN (`is_finite`).
 
     Attributes:
@@ -143,7 +143,7 @@ class UpperBody:
         return bool(self.mask.any())
 
 
-_JOINT_VECTORS: dict[str, Shape] = {field.name: (19,) for field in dataclasses.fields(JointCommand)}
+_JOINT_VECTORS: dict[str, Shape] = {field.name: JOINTS for field in dataclasses.fields(JointCommand)}
 _OPTIONAL = ("kp", "kd", "stiffness", "payload")
 _ARM_NUMBERS: dict[str, Shape] = {
     **dict.fromkeys(("q", "dq", "ddq", "tau", "kp", "kd"), (8,)),
@@ -161,7 +161,7 @@ class Controller(Protocol):
     - `phase`: the common phase of the gait (`hugwbc.gait`) in the current control period, in [0, 1), for pictures.
     - `footholds`: where the sole centre of each swing foot will land, world x and y [m], shape (2, 2); NaN for other
       feet; for pictures.
-    - `planned_acceleration`: joint accelerations that the last command should cause [rad/s^2], shape (19,), or None,
+    - `planned_acceleration`: joint accelerations that the last command should cause [rad/s^2], shape (n,), or None,
       with which the state estimator lags less.
 
     Attributes:

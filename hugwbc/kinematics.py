@@ -1,4 +1,4 @@
-"""Pinocchio kinematics and dynamics of the H1, and the measured quantities that score controllers.
+"""Pinocchio kinematics and dynamics of a robot, and the measured quantities that score controllers.
 
 Conventions: MuJoCo's free joint has the linear velocity in the world and the angular velocity in the body, quaternion
 (w, x, y, z); Pinocchio has both velocities in the body, quaternion (x, y, z, w). `Kinematics.update` converts.
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc import rotations
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 
 MEASURED_NAMES = ("v_x", "v_y", "omega", "h", "p", "w")
@@ -40,13 +40,9 @@ class Measured:
     clearance: tuple[float, float]
 
 
-def pinocchio_model(robot: Robot | None = None) -> pin.Model:
-    """Return a free-floating robot, by default the H1, with its drives' reflected inertia. Shared; do not modify it."""
-    return _pinocchio_model(robot or load_robot())
-
-
 @functools.cache
-def _pinocchio_model(robot: Robot) -> pin.Model:
+def pinocchio_model(robot: Robot) -> pin.Model:
+    """Return a free-floating robot with its drives' reflected inertia. Shared; do not modify it."""
     model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
     model.armature[joint_columns(model, robot)] = robot.armature
     for name, inertia in robot.inertias.items():
@@ -67,7 +63,7 @@ def place_frames(model: pin.Model, robot: Robot) -> None:
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
-    """Return the index of each robot joint in the model's velocity, shape (19,); the two orders may differ."""
+    """Return the index of each robot joint in the model's velocity, shape (n,); the two orders may differ."""
     return np.array([model.joints[model.getJointId(name)].idx_v for name in robot.joint_names])
 
 
@@ -89,13 +85,13 @@ def _into_body(orientation: np.ndarray, velocity: np.ndarray) -> tuple[float, fl
 class Kinematics:
     """Frames, centre of mass and measured commands at one state.
 
-    `update` computes everything once; the other methods read it. Frames are those of h1.urdf: every link, and
+    `update` computes everything once; the other methods read it. Frames are those of the URDF: every link, and
     `left_sole`, `left_toe`, `left_heel`, `left_hand` (right likewise) and `imu`.
     """
 
-    def __init__(self, robot: Robot | None = None) -> None:
-        """Use the H1, or another robot."""
-        self.robot = robot or load_robot()
+    def __init__(self, robot: Robot) -> None:
+        """Use a robot."""
+        self.robot = robot
         self.model = pinocchio_model(self.robot)
         self.data = self.model.createData()
         self.columns = joint_columns(self.model, self.robot)

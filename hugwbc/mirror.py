@@ -11,7 +11,7 @@ import functools
 import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, Command
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot, other_side
 from hugwbc.state import RobotState
 
 VECTOR_SIGNS = np.array([1.0, -1.0, 1.0])
@@ -21,20 +21,13 @@ QUATERNION_SIGNS = np.array([1.0, *AXIAL_SIGNS])
 COMMAND_SIGNS = np.array([-1.0 if name in ("v_y", "omega", "w") else 1.0 for name in COMMAND_NAMES])
 
 
-def _other_side(name: str) -> str:
-    for side, other in (("left_", "right_"), ("right_", "left_")):
-        if name.startswith(side):
-            return other + name.removeprefix(side)
-    return name
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Mirror:
     """The index and sign of every joint's mirror image: mirrored = vector[joint_index] * joint_sign.
 
     Attributes:
-        joint_index: index of each joint's partner on the other side, shape (19,).
-        joint_sign: +1 or -1, shape (19,).
+        joint_index: index of each joint's partner on the other side, shape (n,).
+        joint_sign: +1 or -1, shape (n,).
     """
 
     joint_index: np.ndarray
@@ -46,13 +39,13 @@ class Mirror:
 
         A joint about y keeps its sign and a joint about x or z changes it, because the axis is an axial vector.
         """
-        index = robot.indices([_other_side(name) for name in robot.joint_names])
+        index = robot.indices([other_side(name) for name in robot.joint_names])
         # The mirrored joint's own axis is robot.axes[index]; the reflected axis of this joint is AXIAL_SIGNS * axis.
         sign = np.sum(AXIAL_SIGNS * robot.axes * robot.axes[index], axis=1)
         return cls(index, np.sign(sign))
 
     def joints(self, vector: np.ndarray) -> np.ndarray:
-        """Mirror joint positions, velocities, torques or actions, shape (..., 19)."""
+        """Mirror joint positions, velocities, torques or actions, shape (..., n)."""
         return vector[..., self.joint_index] * self.joint_sign
 
     def arms(self, vector: np.ndarray, robot: Robot) -> np.ndarray:
@@ -83,6 +76,6 @@ def mirror_command(command: Command) -> Command:
 
 
 @functools.cache
-def load_mirror(robot: Robot | None = None) -> Mirror:
-    """Return the mirror map of a robot; None for the H1."""
-    return Mirror.of(robot or load_robot())
+def load_mirror(robot: Robot) -> Mirror:
+    """Return the mirror map of a robot."""
+    return Mirror.of(robot)

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 Record = TypeVar("Record", bound="DataclassInstance")
 Shape = tuple[int, ...]
+JOINTS: Shape = (-1,)
+"""One number for each joint: the fields of a record that have this shape agree in their length, whatever it is."""
 _FLOAT = np.dtype(float)
 
 
@@ -58,14 +60,27 @@ def changed(record: Record, **fields: Any) -> Record:  # noqa: ANN401  whatever 
     return type(record)(**{name: fields[name] if name in fields else now[name] for name in record.__dataclass_fields__})
 
 
+def _length(value: Any) -> int:  # noqa: ANN401  whatever arrives
+    """Return the length of a vector of numbers; 1 for anything else."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT:
+        return value.size if value.ndim == 1 else 1
+    try:
+        size = len(value)
+    except Exception:  # the code of somebody else may raise anything
+        return 1
+    return 1 if floats(value, (size,)) is None else size
+
+
 def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collection[str] = ()) -> None:
     """Convert the fields of a frozen dataclass to floats of their shapes; what is none becomes NaN, to be noticed.
 
-    None stays where it is optional.
+    None stays where it is optional. Of vectors of joints, the longest tells how many joints there are.
     """
     fields = record.__dict__
+    joints = (max([_length(fields[name]) for name in shapes if shapes[name] is JOINTS], default=1),)
     for name in shapes:
         value, shape = fields[name], shapes[name]
+        shape = joints if shape is JOINTS else shape
         if value is None and name in optional:
             continue
         if not shape:

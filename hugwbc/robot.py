@@ -1,10 +1,11 @@
-"""Robots as data: names, groups, limits, gains, drives and dimensions, read from the table `models/h1/h1.yaml`."""
+"""Robots as data: names, parts, limits, gains, drives and dimensions, read from tables `models/NAME/NAME.yaml`."""
 
 import copy
 import dataclasses
 import functools
 import math
 import pathlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,22 +15,26 @@ import yaml
 from hugwbc.errors import ModelError, UnknownNameError
 
 SIDES = ("left", "right")
-DEFAULT_ROBOT = "h1"  # the one that the table describes in full; others are lists of differences
-_LEG_PARTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
-_ARM_PARTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
+DEFAULT_ROBOT = "h1"
+_OTHER = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
 
 
-def model_dir() -> pathlib.Path:
-    """Return the folder of the robot description: inside an installed package, or next to it in a source checkout.
+def models_dir() -> pathlib.Path:
+    """Return the folder of the robots' folders: inside an installed package, or next to it in a source checkout.
 
     Raises:
         ModelError: if neither exists.
     """
     package = pathlib.Path(__file__).parent
-    for candidate in (package / "models" / "h1", package.parent / "models" / "h1"):
-        if (candidate / "h1.yaml").is_file():
+    for candidate in (package / "models", package.parent / "models"):
+        if (candidate / DEFAULT_ROBOT).is_dir():
             return candidate
-    raise ModelError(f"models/h1 was found neither in {package} nor next to it; reinstall hugwbc with its models")
+    raise ModelError(f"models was found neither in {package} nor next to it; reinstall hugwbc with its models")
+
+
+def other_side(name: str) -> str:
+    """Return the name of the joint, link or frame on the other side; the same name where it says no side."""
+    return re.sub("|".join(_OTHER), lambda side: _OTHER[side[0]], name, count=1)
 
 
 FRICTION_SPEED = 0.2  # [rad/s] at which three quarters of the Coulomb friction act
@@ -55,30 +60,43 @@ class Robot:
     """Names, limits, gains, drives and dimensions of a robot. Arrays follow `joint_names` and are read-only.
 
     Attributes:
-        name: name of the description, "h1" or "h1-2023".
+        name: by which `load_robot` finds it: "h1", or the path of a table.
+        xml_path, urdf_path: the descriptions for MuJoCo and Pinocchio.
         mass: mass of all links [kg].
-        joint_names: names of the 19 joints, in the order of every joint vector.
-        lower, upper: joint position limits [rad], shape (19,).
-        velocity_limit: joint speed limits [rad/s], shape (19,).
-        torque_limit: smaller of the maker's effort limit and the policy's torque clip [N*m], shape (19,).
-        kp, kd: PD gains of the paper [N*m/rad], [N*m*s/rad], shape (19,).
-        nominal: default joint positions [rad], shape (19,).
-        axes: joint axes in the joint's own frame, shape (19, 3).
-        armature: inertia of rotors and gears, reflected to the joints [kg*m^2], shape (19,).
-        damping: viscous friction of the joints with ideal drives [N*m*s/rad], shape (19,).
-        friction: Coulomb friction of the real drives [N*m], shape (19,).
-        viscous: viscous friction of the real drives [N*m*s/rad], shape (19,).
-        corner_speed: highest speed at which the real drives give their full torque [rad/s], shape (19,).
+        joint_names: names of the n joints, in the order of every joint vector.
+        lower, upper: joint position limits [rad], shape (n,).
+        velocity_limit: joint speed limits [rad/s], shape (n,).
+        torque_limit: smaller of the maker's effort limit and the policy's torque clip [N*m], shape (n,).
+        kp, kd: PD gains of the paper [N*m/rad], [N*m*s/rad], shape (n,).
+        nominal: default joint positions [rad], shape (n,).
+        axes: joint axes in the joint's own frame, shape (n, 3).
+        armature: inertia of rotors and gears, reflected to the joints [kg*m^2], shape (n,).
+        damping: viscous friction of the joints with ideal drives [N*m*s/rad], shape (n,).
+        friction: Coulomb friction of the real drives [N*m], shape (n,).
+        viscous: viscous friction of the real drives [N*m*s/rad], shape (n,).
+        corner_speed: highest speed at which the real drives give their full torque [rad/s], shape (n,).
         command_delay: time from a joint command to the torque of the real drives [s].
         nominal_height: height of the pelvis origin above flat ground at h = 0 [m].
-        sole_x, sole_y: extent of the flat sole in the ankle link's frame [m].
-        sole_depth: distance of the sole below the ankle axis [m].
-        leg_length: distance from the hip pitch axis to the ankle axis of a straight leg [m].
+        base: link of the floating base, the pelvis.
+        trunk: link that carries the arms.
+        imu_link: link that carries the IMU: base or trunk.
+        camera: place of the head's camera in the trunk's frame [m], shape (3,).
+        foot_links: links with the soles, left first.
+        hand_links: links that carry the hand frames, left first.
+        legs: indices of the leg joints, left leg first, each from the hip down.
+        arms: indices of the arm joints, left arm first: the upper body that external control may take over.
+        waist: index of the waist yaw joint.
+        pairs: indices of the left and the right joint that play a part, such as "knee"; `pair` looks one up.
+        moved: the links that these joints move, left first, by part.
+        sole_x, sole_y, sole_z: extent and height of the flat sole in the foot link's frame [m].
+        sole_depth: distance of the sole below the ankle pitch axis [m].
+        leg_length: distance from the hip pitch axis to the ankle pitch axis of a straight leg, from the side [m].
         shoulder: origin of the left shoulder roll joint in the pelvis frame with the waist at 0 [m], shape (3,).
         upper_arm: distance from the shoulder roll joint to the elbow [m].
-        hand: origin of the hand frame in the elbow link's frame [m], shape (3,).
-        leg_postures: named postures of a leg [rad], shape (5,) each.
-        arm_postures: named postures of the left arm [rad], shape (4,) each.
+        forearm: distance from the elbow to the hand [m].
+        hand: origin of the hand frame in the hand link's frame [m], shape (3,).
+        leg_postures: named postures of a leg [rad], in the order of `legs`.
+        arm_postures: named postures of the left arm [rad], in the order of `arms`.
         squat_heights: heights of the pelvis above the nominal one, ascending [m].
         squat_reach: foremost centre of mass ahead of the ankles that the ankles' range allows at these heights, with
             level soles and an upright pelvis [m].
@@ -92,6 +110,8 @@ class Robot:
     """
 
     name: str
+    xml_path: pathlib.Path
+    urdf_path: pathlib.Path
     mass: float
     joint_names: tuple[str, ...]
     lower: np.ndarray
@@ -109,12 +129,25 @@ class Robot:
     corner_speed: np.ndarray
     command_delay: float
     nominal_height: float
+    base: str
+    trunk: str
+    imu_link: str
+    camera: np.ndarray
+    foot_links: tuple[str, str]
+    hand_links: tuple[str, str]
+    legs: np.ndarray
+    arms: np.ndarray
+    waist: int
+    pairs: Mapping[str, np.ndarray]
+    moved: Mapping[str, tuple[str, str]]
     sole_x: tuple[float, float]
     sole_y: tuple[float, float]
+    sole_z: float
     sole_depth: float
     leg_length: float
     shoulder: np.ndarray
     upper_arm: float
+    forearm: float
     hand: np.ndarray
     leg_postures: Mapping[str, np.ndarray]
     arm_postures: Mapping[str, np.ndarray]
@@ -134,7 +167,7 @@ class Robot:
         once, so that noise of a speed around zero does not become chatter of the torque.
 
         Args:
-            velocity: joint speeds [rad/s], shape (19,).
+            velocity: joint speeds [rad/s], shape (n,).
         """
         return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
@@ -158,56 +191,41 @@ class Robot:
         """Return the positions of several joints in every joint vector, shape (n,)."""
         return np.array([self.index(name) for name in names])
 
-    @functools.cached_property
-    def legs(self) -> np.ndarray:
-        """Indices of the ten leg joints, left leg first."""
-        return self.indices([f"{side}_{part}_joint" for side in SIDES for part in _LEG_PARTS])
+    def pair(self, part: str) -> np.ndarray:
+        """Return the indices of the left and the right joint that play a part, shape (2,)."""
+        try:
+            return self.pairs[part]
+        except KeyError:
+            raise UnknownNameError(f"part of {self.name}", part, self.pairs) from None
+
+    def imu_turn(self, q: np.ndarray, dq: np.ndarray) -> tuple[float, float]:
+        """Return angle [rad] and speed [rad/s] by which the joints turn the IMU about the base's z axis."""
+        return (float(q[self.waist]), float(dq[self.waist])) if self.imu_link == self.trunk else (0.0, 0.0)
 
     @functools.cached_property
-    def arms(self) -> np.ndarray:
-        """Indices of the eight arm joints, left arm first: the upper body that external control may take over."""
-        return self.indices([f"{side}_{part}_joint" for side in SIDES for part in _ARM_PARTS])
+    def held(self) -> np.ndarray:
+        """Indices of the joints in no chain, which hold their nominal positions, shape (n,)."""
+        return np.setdiff1d(np.arange(len(self.joint_names)), np.r_[self.legs, self.waist, self.arms])
 
     @functools.cached_property
     def arm_names(self) -> tuple[str, ...]:
-        """Names of the eight arm joints in the order of `arms`."""
+        """Names of the arm joints in the order of `arms`."""
         return tuple(self.joint_names[i] for i in self.arms)
-
-    @functools.cached_property
-    def waist(self) -> int:
-        """Index of the waist yaw joint."""
-        return self.index("torso_joint")
 
     @functools.cached_property
     def yaw_joints(self) -> np.ndarray:
         """Indices of the joints that turn the body about its vertical axis: hip yaw and waist."""
-        waist = self.joint_names[self.waist]
-        return self.indices([n for n in self.joint_names if n.endswith("hip_yaw_joint") or n == waist])
+        return np.sort(np.r_[self.pair("hip_yaw"), self.waist])
 
     @functools.cached_property
     def hip_yaw_roll(self) -> np.ndarray:
         """Indices of the four hip yaw and hip roll joints (the paper's hip x and z)."""
-        return self.indices([f"{side}_{part}_joint" for side in SIDES for part in ("hip_yaw", "hip_roll")])
+        return np.sort(np.r_[self.pair("hip_yaw"), self.pair("hip_roll")])
 
     @property
     def sole_middle(self) -> float:
         """Distance of the sole's centre ahead of the ankle [m]."""
         return sum(self.sole_x) / 2.0
-
-    @functools.cached_property
-    def forearm(self) -> float:
-        """Distance from the elbow to the hand [m]."""
-        return math.hypot(*self.hand.tolist())
-
-    @property
-    def xml_path(self) -> pathlib.Path:
-        """The MuJoCo description."""
-        return model_dir() / f"{self.name}.xml"
-
-    @property
-    def urdf_path(self) -> pathlib.Path:
-        """The URDF description."""
-        return model_dir() / f"{self.name}.urdf"
 
 
 def _frozen(values: Sequence[Any] | np.ndarray) -> np.ndarray:
@@ -217,71 +235,108 @@ def _frozen(values: Sequence[Any] | np.ndarray) -> np.ndarray:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the names of all robots of the table, the default first."""
-    return (DEFAULT_ROBOT, *_raw_table().get("robots", ()))
+    """Return the names of all robots in the folder of models, the default first."""
+    return tuple(_tables())
+
+
+def _tables() -> dict[str, pathlib.Path]:
+    """Return the file that describes each robot: NAME/NAME.yaml has NAME, and others as lists of differences."""
+    files = sorted(path for path in models_dir().glob("*/*.yaml") if path.stem == path.parent.name)
+    files.sort(key=lambda path: path.stem != DEFAULT_ROBOT)
+    return {name: path for path in files for name in (path.stem, *_read_table(path).get("robots", ()))}
+
+
+def table_file(name: str) -> pathlib.Path:
+    """Return the file that describes a robot, given its name or the file's own path."""
+    path = pathlib.Path(name)
+    if path.suffix == ".yaml" and path.is_file():
+        return path.resolve()
+    try:
+        return _tables()[name]
+    except KeyError:
+        raise UnknownNameError("robot", name, (*robot_names(), "the path of a table, NAME/NAME.yaml")) from None
 
 
 def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
-    """Return the table of a robot: that of h1.yaml with the robot's differences applied.
+    """Return the table of a robot, with the robot's differences applied and the drives' figures at their joints.
+
+    Args:
+        name: see `load_robot`.
 
     Raises:
         ModelError: if the table or one of its fields is missing.
     """
-    table = copy.deepcopy(_raw_table())
-    variants = table.pop("robots", {})
-    if name != DEFAULT_ROBOT and name not in variants:
-        raise UnknownNameError("robot", name, robot_names())
-    difference = variants.get(name, {})
+    file = table_file(name)
+    label = name if name in robot_names() else file.stem
+    table = copy.deepcopy(_read_table(file))
+    difference = table.pop("robots", {}).get(label, {})
     try:
         _assign_drives(table)
         for joint in table["joints"]:
+            joint.setdefault("policy_torque_limit", joint["effort"])
             joint.update({"armature": difference["armature"]} if "armature" in difference else {})
             joint.update(difference.get("joints", {}).get(joint["name"], {}))
         for link in table["links"]:
             link.update(difference.get("links", {}).get(link["name"], {}))
     except (KeyError, TypeError) as error:
-        raise _missing(error) from error
-    return {"name": name, **table}
+        raise _missing(file, error) from error
+    return {"name": label, **table}
 
 
-def _raw_table() -> dict[str, Any]:
-    return _read_table(model_dir() / "h1.yaml")
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-5 as a number too, which YAML 1.1 takes for a text."""
+
+
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[\d.]+[eE][-+]?\d+$"), list("-+.0123456789"))
 
 
 @functools.cache
 def _read_table(path: pathlib.Path) -> dict[str, Any]:
-    return yaml.safe_load(path.read_text())
+    return yaml.load(path.read_text(), Loader=_Loader)  # noqa: S506  a safe loader
 
 
-def _missing(error: Exception) -> ModelError:
-    return ModelError(f"{model_dir() / 'h1.yaml'} lacks the field {error}; restore it from the repository")
+def _missing(file: pathlib.Path, error: Exception) -> ModelError:
+    return ModelError(f"{file} lacks the field {error}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields")
 
 
 def _assign_drives(table: dict[str, Any]) -> None:
     """Copy the figures of the drives to their joints."""
     drives = {part: drive for drive in table["drives"] for part in drive["joints"]}
     for joint in table["joints"]:
-        part = joint["name"].removesuffix("_joint").removeprefix("left_").removeprefix("right_")
-        joint.update({key: value for key, value in drives[part].items() if key != "joints"})
+        drive = drives.get(joint["name"]) or drives[other_side(joint["name"])]
+        joint.update({key: value for key, value in drive.items() if key != "joints"})
 
 
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
-    """Load a robot of `models/h1/h1.yaml`.
+    """Load a robot.
 
     Args:
-        name: "h1", the robot with the maker's corrected masses, or "h1-2023", the earlier description.
+        name: "h1", with the maker's corrected masses; "h1-2023", the earlier description; "g1", the Unitree G1; or the
+            path of a table of your own, NAME/NAME.yaml, with NAME.xml and NAME.urdf beside it.
 
     Raises:
         ModelError: if the table or one of its fields is missing.
+        UnknownNameError: if there is no such robot.
     """
-    return _load_robot(name)
+    return _load_robot(name if name in robot_names() else str(table_file(name)))
 
 
 @functools.cache
 def _load_robot(name: str) -> Robot:
-    table = robot_table(name)
+    table, file = robot_table(name), table_file(name)
     try:
-        joints, by_name = table["joints"], {joint["name"]: joint for joint in table["joints"]}
+        joints, roles = table["joints"], table["roles"]
+        names = [joint["name"] for joint in joints]
+        feet, hands = ((roles[part], other_side(roles[part])) for part in ("foot", "hand"))
+        parts = {**roles["leg"], **roles["arm"]}
+        links = {joint["name"]: joint["child"] for joint in joints}
+        links = {part: links[name] for part, name in parts.items()}
+
+        def indices(of: Sequence[str]) -> np.ndarray:
+            return np.array([names.index(name) for name in of])
+
+        def seen_from(part: str, link: str) -> np.ndarray:
+            return _placement(joints, link, links[part])[0]
 
         def column(key: str) -> np.ndarray:
             return _frozen([joint[key] for joint in joints])
@@ -289,8 +344,10 @@ def _load_robot(name: str) -> Robot:
         ranges = column("range")
         return Robot(
             name=name,
+            xml_path=file.with_name(f"{table['name']}.xml"),
+            urdf_path=file.with_name(f"{table['name']}.urdf"),
             mass=math.fsum(link["mass"] for link in table["links"]),
-            joint_names=tuple(by_name),
+            joint_names=tuple(names),
             lower=_frozen(ranges[:, 0]),
             upper=_frozen(ranges[:, 1]),
             velocity_limit=column("velocity"),
@@ -306,12 +363,28 @@ def _load_robot(name: str) -> Robot:
             corner_speed=column("corner_speed"),
             command_delay=float(table["command_delay"]),
             nominal_height=float(table["nominal_height"]),
+            base=roles["base"],
+            trunk=roles["trunk"],
+            imu_link=table["imu"]["parent"],
+            camera=_frozen(table["camera"]["xyz"]),
+            foot_links=feet,
+            hand_links=hands,
+            legs=indices([side(name) for side in (str, other_side) for name in roles["leg"].values()]),
+            arms=indices([side(name) for side in (str, other_side) for name in roles["arm"].values()]),
+            waist=names.index(roles["waist"]["yaw"]),
+            pairs={part: indices([name, other_side(name)]) for part, name in parts.items()},
+            moved={part: (link, other_side(link)) for part, link in links.items()},
             sole_x=tuple(table["sole"]["x"]),
             sole_y=tuple(table["sole"]["y"]),
-            sole_depth=-float(table["sole"]["z"]),
-            leg_length=_distance(by_name, ("left_knee_joint", "left_ankle_joint")),
-            shoulder=_frozen(_shoulder(by_name)),
-            upper_arm=float(np.linalg.norm(_sum_of_origins(by_name, ("left_shoulder_yaw_joint", "left_elbow_joint")))),
+            sole_z=float(table["sole"]["z"]),
+            sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
+            leg_length=math.fsum(
+                math.hypot(*seen_from(upper, links[lower])[::2].tolist())
+                for upper, lower in (("hip_pitch", "knee"), ("knee", "ankle_pitch"))
+            ),
+            shoulder=_frozen(_placement(joints, links["shoulder_roll"], roles["base"])[0]),
+            upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
+            forearm=math.hypot(*_placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
             hand=_frozen(table["hand"]["xyz"]),
             leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
             arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
@@ -323,22 +396,30 @@ def _load_robot(name: str) -> Robot:
             capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
             contact_links=tuple(table["contact_links"]),
         )
-    except (IndexError, KeyError, TypeError) as error:
-        raise _missing(error) from error
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise _missing(file, error) from error
 
 
-def _sum_of_origins(joints: Mapping[str, Any], names: Sequence[str]) -> np.ndarray:
-    return np.sum([joints[name]["xyz"] for name in names], axis=0)
+def _placement(
+    joints: Sequence[Mapping[str, Any]], link: str, seen_from: str, point: Sequence[float] = (0.0, 0.0, 0.0)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return place and axes of a link (or of a point of it) with all joints at 0, seen from a link above it.
+
+    Returns:
+        Place [m], shape (3,), and the link's axes as columns, shape (3, 3).
+    """
+    if link == seen_from:
+        return np.array(point), np.eye(3)
+    joint = next(joint for joint in joints if joint["child"] == link)
+    place, axes = _placement(joints, joint["parent"], seen_from)
+    place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
+    return place + axes @ point, axes
 
 
-def _distance(joints: Mapping[str, Any], names: Sequence[str]) -> float:
-    """Sum of the distances of some joints from their parents [m]."""
-    return math.fsum(float(np.linalg.norm(joints[name]["xyz"])) for name in names)
-
-
-def _shoulder(joints: Mapping[str, Any]) -> np.ndarray:
-    """Origin of the left shoulder roll joint in the pelvis frame, for a shoulder that is mounted with a roll [m]."""
-    pitch, roll = joints["left_shoulder_pitch_joint"], joints["left_shoulder_roll_joint"]
-    angle = pitch["rpy"][0]
-    turn = np.array([[1, 0, 0], [0, math.cos(angle), -math.sin(angle)], [0, math.sin(angle), math.cos(angle)]])
-    return np.array(joints["torso_joint"]["xyz"]) + pitch["xyz"] + turn @ roll["xyz"]
+def _turn(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Return the axes that URDF's angles describe, shape (3, 3)."""
+    (a, b, c), (d, e, f) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    about_x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
+    about_y = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
+    about_z = np.array([[c, -f, 0], [f, c, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x

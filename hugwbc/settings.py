@@ -30,6 +30,7 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError, Validat
 from pydantic_core import ArgsKwargs
 
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
+from hugwbc.robot import load_robot
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -78,6 +79,10 @@ def one_of(kind: str, names: Callable[[], Collection[str]]) -> AfterValidator:
         return name
 
     return AfterValidator(refusing(check))
+
+
+RobotName = Annotated[str, AfterValidator(refusing(lambda name: load_robot(name).name))]
+"""The name of a robot, or the path of its table, which becomes absolute."""
 
 
 def check_each_once(kind: str, names: Sequence[str]) -> None:

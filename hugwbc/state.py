@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.numeric import Shape, keep_floats
+from hugwbc.numeric import JOINTS, Shape, keep_floats
 
 GRAVITY = 9.81  # [m/s^2]
 _LARGEST_SQUARE = 1e12  # sum of the squares of a usable state's numbers: beyond it, products overflow
@@ -20,7 +20,7 @@ class RobotState:
     What other libraries call numbers is converted; what is none, or has another shape, becomes NaN (`is_usable`).
 
     Attributes:
-        q, dq: joint positions [rad] and velocities [rad/s], shape (19,).
+        q, dq: joint positions [rad] and velocities [rad/s], shape (n,).
         orientation: pelvis to world, unit quaternion, shape (4,).
         angular_velocity: of the pelvis, in the pelvis frame [rad/s], shape (3,).
         position: pelvis origin in the world [m], shape (3,), or None without an estimator.
@@ -31,7 +31,7 @@ class RobotState:
         imu_gyro: angular velocity of the IMU, in its own frame [rad/s], shape (3,), or None.
         imu_accelerometer: specific force at the IMU (acceleration minus gravity), in its own frame, averaged since the
             last reading [m/s^2], shape (3,), or None.
-        torque: joint torques as the motors measure them, averaged since the last reading [N*m], shape (19,), or None.
+        torque: joint torques as the motors measure them, averaged since the last reading [N*m], shape (n,), or None.
         time: time of the reading [s].
         age: how long ago the reading was taken [s].
         coasted: sensors whose reading was refused and replaced (`hugwbc.runtime.reading_guard`).
@@ -93,7 +93,7 @@ class RobotState:
 
 
 _NUMBERS: dict[str, Shape] = {
-    **dict.fromkeys(("q", "dq", "torque"), (19,)),
+    **dict.fromkeys(("q", "dq", "torque"), JOINTS),
     "orientation": (4,),
     **dict.fromkeys(("angular_velocity", "position", "velocity", "imu_gyro", "imu_accelerometer"), (3,)),
     **dict.fromkeys(("foot_force", "hand_force"), (2, 3)),
@@ -106,13 +106,13 @@ _VECTORS = tuple(name for name, shape in _NUMBERS.items() if shape)
 def pelvis_from_torso_imu(
     orientation: np.ndarray, gyro: np.ndarray, waist: float, waist_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pelvis orientation and angular velocity from the IMU, which sits on the torso above the waist joint.
+    """Return pelvis orientation and angular velocity from the IMU, which the waist may turn (`Robot.imu_turn`).
 
     Args:
-        orientation: torso to world, shape (4,).
-        gyro: angular velocity of the torso in its own frame [rad/s], shape (3,).
-        waist: angle of the waist joint [rad].
-        waist_rate: velocity of the waist joint [rad/s].
+        orientation: IMU to world, shape (4,).
+        gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
+        waist: angle by which the joints turn the IMU [rad].
+        waist_rate: and its rate [rad/s].
 
     Returns:
         Pelvis orientation, shape (4,), and pelvis angular velocity in the pelvis frame [rad/s], shape (3,).

@@ -9,7 +9,7 @@ from collections import Counter
 import pytest
 
 import hugwbc
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.runtime import Constant, ControlLoop, Simulation, UpperBodySource, load_controller
 from hugwbc.targets import HandTargets
 
@@ -74,7 +74,10 @@ def test_a_control_period_enters_each_room_once(controller: str, room: str) -> N
     robot = load_controller(controller)
     low = HandTargets.of((0.45, 0.2, 0.6), (0.45, -0.2, 0.6), "world", whole_body=True)
     loop = ControlLoop(
-        robot, Constant(Command(v_x=0.3, gait=Gait.WALKING), low), Simulation(sensing="exact"), UpperBodySource()
+        robot,
+        Constant(Command(v_x=0.3, gait=Gait.WALKING), low),
+        Simulation(sensing="exact"),
+        UpperBodySource(load_robot()),
     )
     loop.reset()
     for tick in range(5):

@@ -46,31 +46,35 @@ def test_torque_of_an_accelerated_elbow_by_hand(nominal_state):
 
 
 def test_upside_down_the_torques_change_sign(nominal_state):
-    servo = ArmServo()
+    servo = ArmServo(load_robot())
     turned = make_state(nominal_state.q, orientation=rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), math.pi))
     assert servo.torque(REACHING, turned) == pytest.approx(-servo.torque(REACHING, nominal_state), abs=1e-9)
 
 
 def test_bad_numbers_pass_through(nominal_state):
-    command = ArmServo()(UpperBody.targets(REACHING), make_state(nominal_state.q, orientation=[math.nan] * 4), DT)
+    command = ArmServo(load_robot())(
+        UpperBody.targets(REACHING), make_state(nominal_state.q, orientation=[math.nan] * 4), DT
+    )
     assert command.q.tolist() == REACHING.tolist()
     assert command.tau.tolist() == [0.0] * 8
 
 
 def test_released_arms_are_left_alone(nominal_state):
     nothing = UpperBody.none()
-    assert ArmServo()(nothing, nominal_state, DT) is nothing
+    assert ArmServo(load_robot())(nothing, nominal_state, DT) is nothing
 
 
 def test_a_torque_of_the_targets_is_added(nominal_state):
     push = np.linspace(-2.0, 2.0, 8)
-    plain, pushing = (ArmServo()(UpperBody.targets(REACHING, tau=tau), nominal_state, DT) for tau in (None, push))
+    plain, pushing = (
+        ArmServo(load_robot())(UpperBody.targets(REACHING, tau=tau), nominal_state, DT) for tau in (None, push)
+    )
     assert pushing.tau - plain.tau == pytest.approx(push)
 
 
 def test_it_has_no_memory_and_only_the_planned_acceleration_counts(robot, nominal_state):
     """A target that jumps after the measured body must not be fed forward as an acceleration."""
-    servo, faster = ArmServo(), np.full(8, 5.0)
+    servo, faster = ArmServo(robot), np.full(8, 5.0)
     first = servo(UpperBody.targets(REACHING), nominal_state, DT)
     servo(UpperBody.targets(REACHING, faster), nominal_state, DT)
     again = servo(UpperBody.targets(REACHING), nominal_state, DT)
@@ -83,7 +87,7 @@ def test_it_has_no_memory_and_only_the_planned_acceleration_counts(robot, nomina
 def test_friction_is_that_of_the_robot_it_is_given(robot, nominal_state):
     dq, none = np.full(8, 1.0), np.zeros(19)
     ideal = ArmServo(robot=dataclasses.replace(robot, friction=none, viscous=none))
-    with_friction, without = (s(UpperBody.targets(REACHING, dq), nominal_state, DT) for s in (ArmServo(), ideal))
+    with_friction, without = (s(UpperBody.targets(REACHING, dq), nominal_state, DT) for s in (ArmServo(robot), ideal))
     lost = robot.friction_torque(np.ones(19))[robot.arms]
     assert with_friction.tau - without.tau == pytest.approx(lost) and np.all(lost > 0.0)
 
@@ -91,7 +95,7 @@ def test_friction_is_that_of_the_robot_it_is_given(robot, nominal_state):
 @pytest.mark.parametrize("pitch", [0.0, 0.3])
 def test_soft_arms_rest_where_they_should(robot, pitch):
     sag = {}
-    for servo in (None, ArmServo()):
+    for servo in (None, ArmServo(robot)):
         rig = Hanging(pitch)
         state = rig.step(driven(servo, robot, REACHING, rig.state), 6.0)
         sag[servo is not None] = np.abs(state.q[robot.arms] - REACHING).max()
@@ -102,20 +106,20 @@ def test_soft_arms_rest_where_they_should(robot, pitch):
 
 
 def test_gains_are_worth_the_torque_they_say(robot, nominal_state):
-    servo = ArmServo()
+    servo = ArmServo(robot)
     command = driven(servo, robot, np.zeros(8), nominal_state)
     arms = robot.arms
     assert command.kp[arms] == pytest.approx(np.full(8, 140.0))
     assert command.kd[arms] == pytest.approx([10.0, 10.0, 3.0, 3.0] * 2), "shoulders move the whole arm"
     moving = dataclasses.replace(nominal_state, dq=np.where(np.isin(np.arange(19), arms), 1.0, 0.0))
-    again = driven(ArmServo(), robot, np.zeros(8), moving)
+    again = driven(ArmServo(robot), robot, np.zeros(8), moving)
     assert again.tau == pytest.approx(command.tau), "the measured speed of an arm only counts in its damping"
 
 
 def test_a_pushed_arm_comes_to_rest_sooner(robot):
     """Called at 50 Hz, as the learned controller is."""
     left = {}
-    for servo in (None, ArmServo()):
+    for servo in (None, ArmServo(robot)):
         rig = Hanging()
         rig.simulation.data.qvel[6 + robot.arms[:2]] = 3.0
         for _ in range(40):
@@ -126,7 +130,7 @@ def test_a_pushed_arm_comes_to_rest_sooner(robot):
 
 
 def test_damped_arms_do_not_chatter(robot):
-    servo, rig, speeds = ArmServo(), Hanging(), []
+    servo, rig, speeds = ArmServo(robot), Hanging(), []
     for _ in range(120):
         speeds.append(np.abs(rig.step(driven(servo, robot, np.zeros(8), rig.state), DT).dq[robot.arms]).max())
     assert max(speeds[-20:]) < 0.02
@@ -135,7 +139,7 @@ def test_damped_arms_do_not_chatter(robot):
 @pytest.mark.parametrize("period", [0.002, 0.02])
 def test_arms_follow_a_sine_alike_at_every_control_period(robot, period):
     """0.4 rad at 1 Hz, real drives: the tracking does not depend on which controller calls the servo."""
-    rig, servo, errors = Hanging(actuators=Actuators()), ArmServo(), []
+    rig, servo, errors = Hanging(actuators=Actuators()), ArmServo(robot), []
     for tick in range(round(2.0 / period)):
         phase = 2.0 * math.pi * tick * period
         q, dq = REACHING + 0.4 * np.sin(phase), np.full(8, 0.8 * math.pi * np.cos(phase))
@@ -158,7 +162,7 @@ def hand_points(robot, q):
 
 def test_payload_and_force_do_the_work_of_the_hands(robot, nominal_state):
     """Virtual work: the torques of a small motion are worth the force times the way of the hand."""
-    servo, force, masses = ArmServo(), np.array([[5.0, -3.0, 2.0], [0.0, 7.0, -4.0]]), np.array([3.0, 1.0])
+    servo, force, masses = ArmServo(robot), np.array([[5.0, -3.0, 2.0], [0.0, 7.0, -4.0]]), np.array([3.0, 1.0])
     at = dataclasses.replace(nominal_state, q=nominal_state.q.copy())
     at.q[robot.arms] = REACHING  # no gap, so that nothing is released
     plain = servo(UpperBody.targets(REACHING), at, DT)
@@ -240,12 +244,12 @@ def test_a_soft_hand_is_a_spring_of_its_stiffness(robot, stiffness):
 
 def test_more_stiffness_than_the_servo_has_is_the_servos(robot, nominal_state):
     body = dataclasses.replace(UpperBody.targets(REACHING), stiffness=1e5)
-    command = ArmServo()(body, nominal_state, DT)
+    command = ArmServo(robot)(body, nominal_state, DT)
     assert command.kp is not None and command.kp.max() <= 140.0 + 1e-9
 
 
 def test_random_motions_and_loads_give_finite_torques_within_the_limits(robot, nominal_state):
-    rng, servo = np.random.default_rng(1), ArmServo()
+    rng, servo = np.random.default_rng(1), ArmServo(robot)
     limit = robot.torque_limit[robot.arms]
     for _ in range(300):
         q = rng.uniform(robot.lower[robot.arms], robot.upper[robot.arms])

@@ -9,7 +9,7 @@ from hugwbc.mirror import AXIAL_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirr
 from tests.conftest import make_state
 
 ROBOT = load_robot()
-MIRROR = load_mirror()
+MIRROR = load_mirror(load_robot())
 
 
 def test_signs_are_the_papers() -> None:

@@ -53,23 +53,49 @@ def test_unknown_joint_suggests_the_nearest() -> None:
         load_robot().indices(["torso_joint", "tail"])
 
 
-def test_missing_table_field_is_named(tmp_path, monkeypatch) -> None:
-    (tmp_path / "h1.yaml").write_text("joints: []\narmature: 0.01\n")
-    monkeypatch.setattr(robot_module, "model_dir", lambda: tmp_path)
-    with pytest.raises(ModelError, match=r"h1.yaml lacks the field 'drives'; restore it"):
-        robot_module._load_robot.__wrapped__("h1")
+def test_missing_table_field_is_named(tmp_path) -> None:
+    (tmp_path / "mine.yaml").write_text("joints: []\narmature: 0.01\n")
+    with pytest.raises(ModelError, match=r"mine.yaml lacks the field 'drives'; models/h1/h1.yaml shows all fields"):
+        load_robot(str(tmp_path / "mine.yaml"))
+
+
+def test_a_robot_of_ones_own_is_the_path_of_its_table(tmp_path) -> None:
+    """A copy of the G1's folder under another name is the same robot, with its own files."""
+    folder = load_robot("g1").xml_path.parent
+    for suffix in ("yaml", "xml", "urdf"):
+        (tmp_path / f"mine.{suffix}").write_bytes((folder / f"g1.{suffix}").read_bytes())
+    mine = load_robot(str(tmp_path / "mine.yaml"))
+    assert load_robot(mine.name) is mine
+    assert (mine.xml_path, mine.mass) == (tmp_path / "mine.xml", load_robot("g1").mass)
+    with pytest.raises(UnknownNameError, match=r"unknown robot '.*Valid: h1, h1-2023, g1, the path of a"):
+        load_robot(str(tmp_path / "other.yaml"))
+
+
+def test_parts_of_the_g1() -> None:
+    """29 joints: two legs of six, a waist of three, two arms of seven, of which four are led and the wrists held."""
+    robot = load_robot("g1")
+    assert len(robot.joint_names) == 29 and robot.mass == pytest.approx(33.34, abs=0.01)
+    assert (robot.legs.size, robot.arms.size, robot.held.size) == (12, 8, 8)
+    assert [robot.joint_names[i] for i in robot.pair("ankle_roll")] == [
+        "left_ankle_roll_joint",
+        "right_ankle_roll_joint",
+    ]
+    assert (robot.foot_links[1], robot.hand_links[0]) == ("right_ankle_roll_link", "left_wrist_yaw_link")
+    assert robot.imu_turn(np.ones(29), np.ones(29)) == (0.0, 0.0)
+    with pytest.raises(UnknownNameError, match=r"unknown part of h1 'ankle_roll'. Did you mean"):
+        load_robot("h1").pair("ankle_roll")
 
 
 def test_robots_by_name() -> None:
     """Masses: the maker's corrected description, and the earlier one of the paper."""
-    assert robot_names() == ("h1", "h1-2023")
+    assert robot_names() == ("h1", "h1-2023", "g1")
     new, earlier = load_robot("h1"), load_robot("h1-2023")
     assert (new.name, earlier.name) == ("h1", "h1-2023")
     assert load_robot("h1-2023") is earlier
     assert (new.mass, earlier.mass) == (pytest.approx(59.338), pytest.approx(51.649896))
     assert new.joint_names == earlier.joint_names
     np.testing.assert_array_equal(earlier.armature, np.full(19, 0.01))
-    with pytest.raises(UnknownNameError, match=r"unknown robot 'h2'. Valid: h1, h1-2023"):
+    with pytest.raises(UnknownNameError, match=r"unknown robot 'h2'. Valid: h1, h1-2023, g1, the path"):
         load_robot("h2")
 
 
@@ -96,17 +122,24 @@ def test_ideal_drives_have_no_friction_and_everything_else_is_the_same(robot) ->
     np.testing.assert_array_equal(ideal.armature, robot.armature)
 
 
-def test_dimensions_follow_from_the_joints() -> None:
+@pytest.mark.parametrize(
+    ("name", "ankle", "leg"), [("h1", "left_ankle_link", 0.8), ("g1", "left_ankle_pitch_link", 0.6366)]
+)
+def test_dimensions_follow_from_the_joints(name, ankle, leg) -> None:
     """The shoulder roll joint, the straight leg and the stretched arm, as the kinematics has them."""
-    robot, kinematics = load_robot(), Kinematics()
-    kinematics.update(RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)))
+    robot = load_robot(name)
+    kinematics, zeros = Kinematics(robot), np.zeros(len(robot.joint_names))
+    kinematics.update(RobotState(zeros, zeros, np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)))
     at = kinematics.position
     np.testing.assert_allclose(at("left_shoulder_roll_link"), robot.shoulder, atol=1e-12)
     assert np.linalg.norm(at("left_elbow_link") - at("left_shoulder_roll_link")) == pytest.approx(robot.upper_arm)
-    np.testing.assert_allclose(at("left_hand") - at("left_elbow_link"), robot.hand, atol=1e-12)
-    leg = np.linalg.norm(at("left_ankle_link") - at("left_hip_pitch_link"))
-    assert leg == pytest.approx(robot.leg_length) == 0.8
-    assert at("left_ankle_link")[2] - at("left_sole")[2] == pytest.approx(robot.sole_depth)
+    assert np.linalg.norm(at("left_hand") - at("left_elbow_link")) == pytest.approx(robot.forearm)
+    in_link = kinematics.rotation(robot.hand_links[0]).T @ (at("left_hand") - at(robot.hand_links[0]))
+    np.testing.assert_allclose(in_link, robot.hand, atol=1e-12)
+    assert robot.leg_length == pytest.approx(leg, abs=1e-4)
+    knee = [np.linalg.norm((at(upper) - at("left_knee_link"))[::2]) for upper in ("left_hip_pitch_link", ankle)]
+    assert sum(knee) == pytest.approx(robot.leg_length)
+    assert at(ankle)[2] - at("left_sole")[2] == pytest.approx(robot.sole_depth)
     for posture in robot.arm_postures.values():
         arm = robot.arms[:4]
         assert np.all((robot.lower[arm] <= posture) & (posture <= robot.upper[arm]))
@@ -115,4 +148,4 @@ def test_dimensions_follow_from_the_joints() -> None:
 def test_missing_models_folder_says_what_to_do(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(robot_module, "__file__", str(tmp_path / "hugwbc" / "robot.py"))
     with pytest.raises(ModelError, match="reinstall hugwbc with its models"):
-        robot_module.model_dir()
+        robot_module.models_dir()

@@ -54,7 +54,7 @@ def strange_states(ticks: int, seed: int) -> None:
     """Time the QP at random states under random commands, and print a line for each kind of state."""
     robot, gaits = load_robot(), list(Gait)
     for kind, draw in (("absurd", absurd_state), ("hard", hard_state)):
-        rng, controller, outputs = np.random.default_rng(seed), WholeBodyController(), collections.Counter[str]()
+        rng, controller, outputs = np.random.default_rng(seed), WholeBodyController(robot), collections.Counter[str]()
         times = np.zeros(ticks)  # [ms] of the processor
         for tick in range(ticks):
             state = draw(rng, robot)

@@ -28,7 +28,6 @@ from hugwbc.runtime.rollout import rollout
 from hugwbc.scripts.script_file import load_script
 from hugwbc.sim import Simulation
 from hugwbc.sim.batch import BatchSimulation
-from hugwbc.state import RobotState
 from hugwbc.tasks import load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
 
@@ -147,7 +146,8 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
         command: command to follow.
         duration: simulated time [s].
     """
-    simulation, controller = Simulation(), WholeBodyController()
+    simulation = Simulation()
+    controller = WholeBodyController(simulation.robot)
     state, arms = simulation.reset(), UpperBody.none()
     controller.reset(state)
     wall, cpu = [], []
@@ -258,8 +258,8 @@ def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:
 def ik_tick(calls: int) -> dict[str, float | None]:
     """Return median and 99th percentile of a call of the hand IK on moving targets [ms]."""
     script, dt = load_script("loco_manipulation"), 0.02
-    source = UpperBodySource()
-    state: RobotState = Simulation().state()
+    simulation = Simulation()
+    source, state = UpperBodySource(simulation.robot), simulation.state()
     targets = [script.hands_at(2.0 + i * dt % 10.0) for i in range(WARM_UP_STEPS + calls)]
     return percentiles(_times(lambda i: source.update(state, targets[i], Command(), dt), calls))
 

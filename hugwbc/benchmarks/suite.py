@@ -80,7 +80,9 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
     }
     policy_tick, ik_tick = speed.policy_tick(policy, settings.calls), speed.ik_tick(settings.calls)
     advance(0.6)
-    workspace = measure_workspace(settings.spacing, on_progress=lambda fraction: advance(0.6 + 0.4 * fraction))
+    workspace = measure_workspace(
+        policy.robot, settings.spacing, on_progress=lambda fraction: advance(0.6 + 0.4 * fraction)
+    )
     return BenchFigures(
         training,
         qp,

@@ -50,7 +50,7 @@ class DeployOptions:
     policy: str | None = None
     net: str = "lo"  # Network interface to the robot, such as eth0; lo for a simulated robot on this machine
     domain: int | None = None  # DDS domain; by default 1 on lo (a simulated robot), else 0 (a real one)
-    robot: str = DEFAULT_ROBOT  # Robot as the controller and the estimator know it: h1, or h1-2023
+    robot: str = DEFAULT_ROBOT  # Robot as the controller and the estimator know it, or the path of its table
     # Play this script, with its hand targets, once the controller runs: a shipped script's name, or a file (.yaml). By
     # default the sticks of the remote control give the commands.
     script: str | None = None

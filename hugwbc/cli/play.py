@@ -118,7 +118,7 @@ def run(words: Sequence[str]) -> int:
     controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
     simulation = options.arena.simulation(seed=options.seed, scene=scene)
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
-    draw = None if page is None else page(controller.name, simulation.scene)
+    draw = None if page is None else page(controller.name, simulation.robot, simulation.scene)
     behaviour = source if isinstance(source, BehaviourSource) else None
     score = MotionScore(source, simulation.robot) if isinstance(source, WholeBodyMotion) else None
     watch = TaskWatch(simulation) if simulation.scene is not None else None
@@ -172,7 +172,7 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     page = None if viewer == "none" else open_page(say)
     controller = ControllerSpec(options.controller, options.policy).told(arena).build()
     simulation = arena.simulation(seed=options.seed, scene=task.scene)
-    draw = None if page is None else at_real_time(page(controller.name, simulation.scene), simulation)
+    draw = None if page is None else at_real_time(page(controller.name, simulation.robot, simulation.scene), simulation)
     run = run_task(task, controller, simulation, on_moment=draw)
     verdict, settled = run.verdict, run.trace.time >= SETTLE
     say(f"{task.name} with {controller.name}, seed {options.seed}: {verdict.words} after {simulation.time:.1f} s")

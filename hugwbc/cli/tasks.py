@@ -129,7 +129,9 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
                 episode = demonstrate(task, controller, simulation, seed=seed, on_progress=on_progress)
                 images = {}
                 if options.cameras:
-                    found = render_films(simulation.model, episode.qpos, options.cameras, FPS, pathlib.Path(films))
+                    found = render_films(
+                        simulation.model, simulation.robot, episode.qpos, options.cameras, FPS, pathlib.Path(films)
+                    )
                     images = {name: (pathlib.Path(films) / f"{name}.mp4", of_it) for name, of_it in found.items()}
                 writer.add(episode, images)
                 done += 1

@@ -6,7 +6,6 @@ import numpy as np
 from hugwbc.sim import Simulation
 from hugwbc.state import GRAVITY
 
-_LINK = "torso_link"
 _HOOK = np.array([0.0, 0.0, 0.5])  # on the torso, between the shoulders and the head, in the link's frame [m]
 _ROPE = 1.0  # [m] from the hook up to the pulley, when the robot stands
 _STIFFNESS, _DAMPING = 5000.0, 500.0  # [N/m], [N*s/m]; the maker's 200 N/m lets an H1 sink by 3 m
@@ -27,7 +26,7 @@ class Hoist:
     def __init__(self, simulation: Simulation, height: float = LIFTED) -> None:
         """Hang up a robot that has just been reset and touches the ground; the winch first goes to a height [m]."""
         self._simulation = simulation
-        self._row = simulation.link_names.index(_LINK)
+        self._row = simulation.link_names.index(simulation.robot.trunk)
         self._pulley = self._hook() + np.array([0.0, 0.0, _ROPE])
         self._weight = simulation.robot.mass * GRAVITY
         self._distance = _ROPE
@@ -67,7 +66,7 @@ class Hoist:
 
     @property
     def _body(self) -> int:
-        return mujoco.mj_name2id(self._simulation.model, mujoco.mjtObj.mjOBJ_BODY, _LINK)
+        return mujoco.mj_name2id(self._simulation.model, mujoco.mjtObj.mjOBJ_BODY, self._simulation.robot.trunk)
 
     def _hook(self) -> np.ndarray:
         data = self._simulation.data

@@ -43,7 +43,7 @@ class Messages:
     """Packing and unpacking of a robot's messages. All joint vectors follow `Robot.joint_names`.
 
     Attributes:
-        slots: motor slot of each joint, shape (19,).
+        slots: motor slot of each joint, shape (n,).
         modes: mode in which each slot's motor follows commands, shape (20,).
     """
 
@@ -52,7 +52,7 @@ class Messages:
         table = robot_table(robot.name)["interface"]
         self.slots = np.array([table["motors"].index(name) for name in robot.joint_names])
         self.modes = np.array(table["modes"])
-        self._waist = robot.waist
+        self._robot = robot
         blank = record(COMMAND)
         blank["head"], blank["level_flag"] = _HEAD, _LEVEL
         blank["motor_cmd"]["mode"] = self.modes
@@ -94,11 +94,11 @@ class Messages:
         """Return a reading of a robot as a message with its check sum.
 
         The reading has the raw readings of the IMU and the joint torques; the temperatures are those of the motors
-        [degrees Celsius], shape (19,).
+        [degrees Celsius], shape (n,).
         """
         message, slots = record(STATE), self.slots
         assert reading.imu_gyro is not None and reading.imu_accelerometer is not None and reading.torque is not None
-        torso = rotations.from_axis_angle(_UP, float(reading.q[self._waist]))
+        torso = rotations.from_axis_angle(_UP, self._robot.imu_turn(reading.q, reading.dq)[0])
         attitude = rotations.multiply(reading.orientation, torso)
         imu, motors = message["imu_state"], message["motor_state"]
         imu["quaternion"], imu["gyroscope"], imu["accelerometer"] = (
@@ -124,7 +124,7 @@ class Messages:
         length = math.sqrt(float(attitude @ attitude))
         # A quaternion of single precision is a unit one to 1e-7; what is far from that stays as it is, to be seen.
         attitude = attitude / length if 0.9 < length < 1.1 else attitude
-        orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
+        orientation, rate = pelvis_from_torso_imu(attitude, gyro, *self._robot.imu_turn(q, dq))
         tick = int(content["tick"])
         state = RobotState(
             q=q,

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.settings import one_of, settings
 from hugwbc.sim import Arena, Engine, Scene, Simulation, Variation, rough_terrain
@@ -31,7 +32,7 @@ _LONGEST_ON_GROUND = 200.0  # [s]; the height field for it spans a kilometre and
 class Conditions:
     """Physics, ground, robot, sensors and external control of the arms in an episode."""
 
-    robot: str = Arena.robot  # Robot: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)
+    robot: str = Arena.robot  # Robot: h1, h1-2023 (the maker's earlier description), g1, or the path of a table
     drives: str = Arena.drives  # Drives of the joints: real (torque-speed limit, friction and delay), or ideal
     # Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or exact (the true
     # state)
@@ -161,4 +162,4 @@ class Conditions:
             motions_seed=GENERATED_MOTIONS_SEED,
             generator=generator,
         )
-        return ArmIntervention(targets)
+        return ArmIntervention(targets, load_robot(self.chosen.robot))

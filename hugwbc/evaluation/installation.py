@@ -63,7 +63,8 @@ def check_agreement() -> str:
     from hugwbc.robot import SIDES
     from hugwbc.sim import Simulation
 
-    simulation, kinematics, rng = Simulation(), Kinematics(), np.random.default_rng(0)
+    simulation, rng = Simulation(), np.random.default_rng(0)
+    kinematics = Kinematics(simulation.robot)
     mass = float(simulation.model.body_mass.sum())
     worst = abs(sum(inertia.mass for inertia in kinematics.model.inertias) - mass)
     for _ in range(SAMPLES):

@@ -166,9 +166,8 @@ def places(trace: Trace, frames: Sequence[str], kept: np.ndarray) -> np.ndarray:
     kinematics = Kinematics(load_robot(trace.robot))
     found = np.empty((np.count_nonzero(kept), len(frames), 3))
     for row, qpos in zip(found, trace.qpos[kept], strict=True):
-        state = RobotState(
-            q=qpos[7:], dq=np.zeros(19), orientation=qpos[3:7], angular_velocity=np.zeros(3), position=qpos[:3]
-        )
+        q = qpos[7:]
+        state = RobotState(q, np.zeros_like(q), qpos[3:7], np.zeros(3), qpos[:3])
         kinematics.update(state)
         row[:] = [kinematics.position(frame) for frame in frames]
     return found

@@ -6,7 +6,7 @@ import torch
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.learned.env.arm_intervention import ArmTargets
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.motion import MOTION_FPS
 from hugwbc.state import RobotState
@@ -24,10 +24,9 @@ class ArmIntervention:
 
     solution = None
 
-    def __init__(self, source: ArmTargets) -> None:
+    def __init__(self, source: ArmTargets, robot: Robot) -> None:
         """Play a source of arm targets for one robot."""
-        self._source = source
-        robot = load_robot()
+        self._source, self._robot = source, robot
         self._nominal = robot.nominal[robot.arms]
         self.postures: list[np.ndarray] = []  # since `reset` at 50 Hz [rad], each (8,)
         self.reset()
@@ -66,6 +65,6 @@ class ArmIntervention:
         steps = min(len(self.postures), len(trace.time) - 1)
         # A sample is taken before the target of its time acts, so the next sample shows the effect.
         kept = trace.time[1 : steps + 1] >= settle
-        reached = trace.qpos[1 : steps + 1, 7:][:, load_robot().arms]
+        reached = trace.qpos[1 : steps + 1, 7:][:, self._robot.arms]
         difference = np.abs(reached - np.array(self.postures[:steps]).reshape(steps, -1))[kept]
         return float(difference.mean()) if difference.size else float("nan")

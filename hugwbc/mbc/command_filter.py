@@ -15,7 +15,7 @@ from hugwbc.mbc.reach import (
     lowest_leaping_height,
     lowest_walking_height,
 )
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 
 _HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
 _LEAPS = (Gait.JUMPING, *_HOPS)
@@ -75,8 +75,8 @@ _STILL = GaitState()
 class CommandFilter:
     """Clamps commands to their ranges and limits their rates, so that a jump does not topple the robot."""
 
-    def __init__(self, params: ControllerParams, robot: Robot | None = None) -> None:
-        self._params, self._robot = params, robot or load_robot()
+    def __init__(self, params: ControllerParams, robot: Robot) -> None:
+        self._params, self._robot = params, robot
         self._limits = (params.height_rate, params.pitch_rate, params.waist_rate)
         self._leap_limits = tuple(
             (height_rate, params.leap_pitch_rate, params.waist_rate)

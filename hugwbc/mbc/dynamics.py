@@ -52,8 +52,8 @@ class Dynamics(Kinematics):
         edge: distance from the sole's centre line at which a rolled foot touches the ground [m]; 0 for the line itself.
     """
 
-    def __init__(self, model: pin.Model | None = None, robot: Robot | None = None) -> None:
-        """Use a robot's shared model, by default the H1's, or another model with the same joints and frames."""
+    def __init__(self, robot: Robot, model: pin.Model | None = None) -> None:
+        """Use a robot's shared model, or another model with the same joints and frames."""
         super().__init__(robot)
         if model is not None:
             self.model = model

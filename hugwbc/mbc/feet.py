@@ -13,7 +13,6 @@ from hugwbc.state import GRAVITY
 
 SOLES = tuple(f"{side}_sole" for side in SIDES)
 """Frames at the centres of the soles."""
-_SHANKS = tuple(f"{side}_knee_link" for side in SIDES)
 _ENDS = tuple(tuple(CONTACT_POINTS[2 * foot : 2 * foot + 2]) for foot in range(len(SIDES)))  # heel and toe of each foot
 # Share of the weight at which a foot has found the ground. Loads that are inferred from joint torques are noisy: those
 # of a swinging foot stay below 50 N in 99 % of the time. A foot that is believed to stand too early hangs in the air.
@@ -81,8 +80,9 @@ def swing_pitch(dynamics: Dynamics, foot: int, to_heading: np.ndarray, slope: fl
         to_heading: rotation from world x and y into the heading frame, shape (2, 2).
         slope: slope of the ground along the foot, positive with the toe down [rad].
     """
-    lean = math.asin(min(max(-float(dynamics.rotation(_SHANKS[foot])[2, 0]), -1.0), 1.0))
-    return toe_down(lean, float(to_heading[1].dot(dynamics.velocity(_SHANKS[foot])[3:5])), slope, dynamics.robot)
+    shank = dynamics.robot.moved["knee"][foot]
+    lean = math.asin(min(max(-float(dynamics.rotation(shank)[2, 0]), -1.0), 1.0))
+    return toe_down(lean, float(to_heading[1].dot(dynamics.velocity(shank)[3:5])), slope, dynamics.robot)
 
 
 class Ground:

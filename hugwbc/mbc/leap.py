@@ -13,7 +13,7 @@ from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.rigid_body_mpc import ForcePlan, RigidBody, RigidBodyMpc, Stance, TakeOff
 from hugwbc.mbc.swing import SwingTrajectory
 from hugwbc.mbc.tasks import CentreOfMassMotionTask, SwingFootTask
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY
 
 _DAMPING = 1e-3  # [m^2], regularises the inverse of a leg's Jacobian, so that a straight knee does no harm
@@ -30,14 +30,12 @@ class Leap:
         failures: number of force plans since the reset that were not solved.
     """
 
-    def __init__(
-        self, params: ControllerParams, plan: GaitPlan, references: References, robot: Robot | None = None
-    ) -> None:
+    def __init__(self, params: ControllerParams, plan: GaitPlan, references: References, robot: Robot) -> None:
         """Set up for a gait plan and its references, which the caller updates first in every tick."""
         self._params, self._plan, self._references = params, plan, references
-        robot = robot or load_robot()
-        ankle = float(robot.torque_limit[robot.index("left_ankle_joint")])
+        ankle = float(robot.torque_limit[robot.pair("ankle_pitch")[0]])
         self._mpc = {legs: RigidBodyMpc(params, 2 * legs, ankle) for legs in (1, 2)}
+        self._ankles = robot.moved["ankle_pitch"]
         self._legs = robot.legs.reshape(len(SIDES), -1)
         self.motion = CentreOfMassMotionTask(params)
         self.trajectories = tuple(SwingTrajectory(params) for _ in SIDES)
@@ -91,7 +89,7 @@ class Leap:
         turn = tick.command.omega * (time_left + 0.5 * flight)
         horizontal = np.zeros(2) if landing else rotations.rotation_z(turn)[:2, :2] @ tick.velocity
         to_heading = self._to_heading()
-        pelvis = dynamics.frame("pelvis")
+        pelvis = dynamics.frame(dynamics.robot.base)
         target = TakeOff(
             float(self._references.height.target + dynamics.com[2] - pelvis.position[2]),
             np.array([*horizontal, 0.5 * GRAVITY * flight]),  # rises and falls for half of the flight each
@@ -116,7 +114,7 @@ class Leap:
             tilt: rotation from the desired to the actual orientation of the pelvis, heading frame [rad], shape (3,).
         """
         base = np.zeros((dynamics.nv, 6))
-        rotation = dynamics.frame("pelvis").rotation
+        rotation = dynamics.frame(dynamics.robot.base).rotation
         base[:3, :3] = base[3:6, 3:] = rotation.T @ to_heading.T
         for foot in self._plan.legs:
             sole, columns = dynamics.frame(f"{SIDES[foot]}_sole"), dynamics.columns[self._legs[foot]]
@@ -144,7 +142,7 @@ class Leap:
         """Return where the ground can push until take-off, in the heading frame."""
         legs = self._plan.legs
         points = [dynamics.point(CONTACT_POINTS[2 * foot + end]) for foot in legs for end in (0, 1)]
-        ankles = [dynamics.point(f"{SIDES[foot]}_ankle_link") for foot in legs]
+        ankles = [dynamics.point(self._ankles[foot]) for foot in legs]
         lateral = [dynamics.frame(f"{SIDES[foot]}_sole").rotation[:, 1] for foot in legs]
         return Stance(
             np.array(points) @ to_heading.T,

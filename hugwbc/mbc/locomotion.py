@@ -72,7 +72,7 @@ class Locomotion:
         self.references.reset(dynamics)
         self.contact = np.ones(2, dtype=bool)
         self.footholds = np.full((2, 2), np.nan)
-        self._position = dynamics.frame("pelvis").position
+        self._position = dynamics.frame(dynamics.robot.base).position
         self._excess = 0.0
 
     def tasks(self) -> list[Task]:
@@ -211,7 +211,7 @@ class Locomotion:
         return np.array(pushes)
 
     def _measure(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
-        velocity = self.references.to_heading.dot(dynamics.frame("pelvis").velocity[:2])
+        velocity = self.references.to_heading.dot(dynamics.frame(dynamics.robot.base).velocity[:2])
         self._trim.measure(velocity, command.velocity, dt)
         self._excess += (float(velocity[0] - command.velocity[0]) - self._excess) * min(dt / _STRAY_TIME, 1.0)
 

@@ -58,7 +58,7 @@ class QpSolution(NamedTuple):
         iterations: iterations of the solver.
         acceleration: dv/dt in the order of the dynamics, shape (nv,).
         forces: forces of the ground on `CONTACT_POINTS`, world axes [N], shape (4, 3).
-        torque: joint torques in the robot's joint order [N*m], shape (19,).
+        torque: joint torques in the robot's joint order [N*m], shape (n,).
     """
 
     status: QpStatus
@@ -75,7 +75,7 @@ class WholeBodyQp:
         \min_{\dot v, f}\; & \sum_i \| J_i \dot v + \dot J_i v - a_i^* \|^2_{W_i}
             + \epsilon_v \|\dot v\|^2 + \epsilon_f \|f - f^*\|^2 \\
         \text{s.t. } & M_b \dot v + h_b = J_b^T f \quad\text{(base, 6 rows)} \\
-        & |M_j \dot v + h_j - J_j^T f| \le \tau_{max} \quad\text{(joints, 19 rows)} \\
+        & |M_j \dot v + h_j - J_j^T f| \le \tau_{max} \quad\text{(joints, n rows)} \\
         & |f_x|, |f_y| \le \tfrac{\mu}{\sqrt 2} f_z, \quad 0 \le f_z \le f_{max} \quad\text{(4 points)} \\
         & \dot v_j^{min}(q, v) \le \dot v_j \le \dot v_j^{max}(q, v) \quad\text{(joint range and speed)}
 
@@ -96,7 +96,7 @@ class WholeBodyQp:
             params: gains, weights and limits.
             robot: limits of the joints.
             nv: number of generalised velocities.
-            columns: places of the robot's joints in them, shape (19,).
+            columns: places of the robot's joints in them, shape (n,).
         """
         self._params = params
         self._nv = nv

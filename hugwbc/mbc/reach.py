@@ -12,10 +12,9 @@ from hugwbc.commands import SWING_REACTION
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.swing import PEAK
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.state import GRAVITY
 
-_ANKLE, _HIP, _KNEE = "left_ankle_joint", "left_hip_pitch_joint", "left_knee_joint"
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
 
 
@@ -26,7 +25,7 @@ def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> floa
     return ys[k - 1] + (ys[k] - ys[k - 1]) * (x - xs[k - 1]) / (xs[k] - xs[k - 1])
 
 
-def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool, robot: Robot | None = None) -> float:
+def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool, robot: Robot) -> float:
     """Return the nominal centre of pressure, and of mass when standing, forward of the ankle [m].
 
     Args:
@@ -34,9 +33,8 @@ def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool
         h: pelvis height above nominal [m].
         p: pelvis pitch [rad].
         walking: whether the margin of walking holds instead of that of standing.
-        robot: gives what the ankles allow; None for the H1.
+        robot: gives what the ankles allow.
     """
-    robot = robot or load_robot()
     foremost = _interpolate(h, robot.squat_heights, robot.squat_reach) + robot.squat_reach_per_pitch * p
     return min(params.balance_ahead, foremost - params.balance_margin[walking])
 
@@ -46,13 +44,11 @@ def cop_reach(params: ControllerParams, robot: Robot) -> float:
 
     A foot that carries the robot's weight holds it there by the torque of the ankle; the heel is the nearer end.
     """
-    torque = params.torque_fraction * float(robot.torque_limit[robot.index(_ANKLE)])
+    torque = params.torque_fraction * float(robot.torque_limit[robot.pair("ankle_pitch")[0]])
     return min(torque / (robot.mass * GRAVITY), -robot.sole_x[0])
 
 
-def lowest_walking_height(
-    params: ControllerParams, speed: float, step_time: float, p: float, robot: Robot | None = None
-) -> float:
+def lowest_walking_height(params: ControllerParams, speed: float, step_time: float, p: float, robot: Robot) -> float:
     """Return the lowest h at which the stance ankle still lets the body pass over a level foot [m].
 
     The centre of mass travels half a step to either side of the pivot, and a squat leaves no room for that.
@@ -62,16 +58,15 @@ def lowest_walking_height(
         speed: speed along the heading [m/s].
         step_time: duration of a step [s].
         p: pelvis pitch [rad].
-        robot: gives what the ankles allow; None for the H1.
+        robot: gives what the ankles allow.
     """
-    robot = robot or load_robot()
     # Backwards the landing foot is behind the body, where the shank leans most.
     stride = 0.5 * step_time * speed if speed > 0.0 else -(0.5 * step_time + params.backward_room) * speed
     ahead = stride + params.walking_room - robot.squat_reach_per_pitch * p
     return _interpolate(ahead, robot.squat_reach, robot.squat_heights)
 
 
-def highest_clearance(params: ControllerParams, h: float, f: float, speed: float, robot: Robot | None = None) -> float:
+def highest_clearance(params: ControllerParams, h: float, f: float, speed: float, robot: Robot) -> float:
     """Return the highest swing apex that the leg reaches in time and whose reaction a narrow foot can bear [m].
 
     Knee and ankle bound the apex by the height of the pelvis, the hips by their torque (`highest_lift`). The reaction
@@ -82,7 +77,7 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
         h: pelvis height above nominal [m].
         f: stride frequency [Hz].
         speed: speed along the heading [m/s].
-        robot: gives torque, geometry and inertia of the legs; None for the H1.
+        robot: gives torque, geometry and inertia of the legs.
     """
     excess = max(abs(speed) - params.clearance_speed, 0.0)
     reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
@@ -90,7 +85,7 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
     return max(params.min_clearance, min(reach, reaction, highest_lift(params, h, f, robot, speed=speed)))
 
 
-def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None) -> float:
+def fastest_walk(params: ControllerParams, f: float, robot: Robot) -> float:
     r"""Return the highest speed along the heading for which the hips can swing the legs [m/s].
 
     A foot travels 2 v T in a step of T = 1 / (2 f), so that its acceleration peaks at :math:`a\, 4 v f` with the factor
@@ -100,16 +95,13 @@ def fastest_walk(params: ControllerParams, f: float, robot: Robot | None = None)
     Args:
         params: share of the hips' torque.
         f: stride frequency [Hz].
-        robot: gives torque, length and inertia of the legs; None for the H1.
+        robot: gives torque, length and inertia of the legs.
     """
-    robot = robot or load_robot()
-    torque = params.swing_torque * params.torque_fraction * float(robot.torque_limit[robot.index(_HIP)])
+    torque = params.swing_torque * params.torque_fraction * float(robot.torque_limit[robot.pair("hip_pitch")[0]])
     return torque * robot.leg_length / (4.0 * PEAK * f * _leg(robot).swung)
 
 
-def highest_lift(
-    params: ControllerParams, h: float, f: float, robot: Robot | None = None, *, speed: float = 0.0
-) -> float:
+def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot, *, speed: float = 0.0) -> float:
     r"""Return the highest swing apex to which the hips can lift a leg in time [m].
 
     A knee of angle k puts the ankle :math:`L \cos(k / 2)` below the hip, L being the length of the straight leg, if the
@@ -126,14 +118,13 @@ def highest_lift(
         params: share of the hips' torque.
         h: pelvis height above nominal [m].
         f: stride frequency [Hz].
-        robot: gives torque, geometry and inertia of the legs; None for the H1.
+        robot: gives torque, geometry and inertia of the legs.
         speed: speed along the heading [m/s].
     """
-    robot = robot or load_robot()
     leg, straight = _leg(robot), robot.leg_length
     swings = params.swing_torque * abs(speed) / fastest_walk(params, f, robot)
     share = params.torque_fraction * max(min(params.lift_torque, params.hip_torque - swings), 0.0)
-    torque = share * float(robot.torque_limit[robot.index(_HIP)])
+    torque = share * float(robot.torque_limit[robot.pair("hip_pitch")[0]])
     stands = min(max(leg.hip_height + h, 0.0), straight)  # an absurd height must not stop the loop
     bent = 2.0 * math.acos(stands / straight) + torque / (leg.lifted * 96.0 * f**2)
     return stands - straight * math.cos(0.5 * min(bent, math.pi))
@@ -160,10 +151,11 @@ def _leg(robot: Robot) -> _Leg:
     data, columns = model.createData(), joint_columns(model, robot)
     q = pin.neutral(model)
     q[columns + 1] = robot.nominal
-    hip, knee, ankle = (columns[robot.index(name)] for name in (_HIP, _KNEE, _ANKLE))
+    hip, knee, ankle = (columns[robot.pair(part)[0]] for part in ("hip_pitch", "knee", "ankle_pitch"))
     mass = np.array(pin.crba(model, data, q))
     pin.forwardKinematics(model, data, q)
-    drop = -float(data.oMi[model.getJointId(_HIP)].translation[2])  # the neutral base is at the origin
+    joint = model.getJointId(robot.joint_names[robot.pair("hip_pitch")[0]])
+    drop = -float(data.oMi[joint].translation[2])  # the neutral base is at the origin
     # The sole stays level: the ankle turns back by half of the knee's angle.
     lifted = 0.5 * mass[hip, hip] - mass[hip, knee] + 0.5 * mass[hip, ankle]
     return _Leg(robot.nominal_height - drop - robot.sole_depth, float(mass[hip, hip]), float(lifted))
@@ -205,13 +197,13 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> floa
     return max(params.min_clearance, min(params.clearance_at_nominal + h + rise, rise + params.leap_tuck / f**2))
 
 
-def toe_down(shank_pitch: float, shank_rate: float, slope: float = 0.0, robot: Robot | None = None) -> float:
+def toe_down(shank_pitch: float, shank_rate: float, slope: float, robot: Robot) -> float:
     """Return the pitch of a lifted sole [rad]: that of the ground, until the ankle's range forces the toe down.
 
     Args:
         shank_pitch: lean of the shank, forward positive [rad].
         shank_rate: rate of the lean [rad/s].
         slope: slope of the ground, positive with the toe down [rad].
-        robot: gives the range of the ankle; None for the H1.
+        robot: gives the range of the ankle.
     """
-    return max(shank_pitch + _LEAD * shank_rate - (robot or load_robot()).level_shank, slope)
+    return max(shank_pitch + _LEAD * shank_rate - robot.level_shank, slope)

@@ -14,12 +14,10 @@ from hugwbc.mbc.gait_plan import GaitPlan, Mode
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import balance_point
 from hugwbc.mbc.tasks import PelvisHeightTask, PelvisOrientationTask
-from hugwbc.robot import SIDES
 
 _MAX_YAW_LEAD = 0.3  # [rad], lead of the yaw reference over the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], rate at which the reference returns to the feet's heading when standing
 _GROUND_TIME = 0.1  # [s], time constant of the ground height from one stance foot to the next
-_HIPS = tuple(f"{side}_hip_pitch_link" for side in SIDES)
 
 
 class Tick(NamedTuple):
@@ -105,7 +103,7 @@ class References:
         if plan.airborne:
             return self.ground
         if plan.stance is not None:
-            sole, pelvis = dynamics.frame(feet.SOLES[plan.stance]), dynamics.frame("pelvis")
+            sole, pelvis = dynamics.frame(feet.SOLES[plan.stance]), dynamics.frame(dynamics.robot.base)
             return float(sole.position[2]) + ground.rise(sole.position, pelvis.position)
         standing = plan.legs or (0, 1)
         return sum(feet.sole_height(dynamics, foot) for foot in standing) / len(standing)
@@ -168,11 +166,11 @@ class Crouch:
         x, y = (step.foothold - pendulum.pivot).tolist()
         if math.hypot(x, y) <= self._params.long_step:
             return
-        pelvis = dynamics.position("pelvis")
+        pelvis = dynamics.position(dynamics.robot.base)
         # The hips travel with the centre of mass until the foot comes down; a leg's length then bounds their height.
         travel = pendulum.com_after(step.cop, remaining) - pendulum.com
         for foot, pivot in ((1 - swing, pendulum.pivot), (swing, step.foothold)):
-            hip = dynamics.position(_HIPS[foot])
+            hip = dynamics.position(dynamics.robot.moved["hip_pitch"][foot])
             above = height + float(hip[2] - pelvis[2]) - dynamics.robot.sole_depth
             allowed = self._hip_height(hip[:2] + travel - pivot, dynamics.robot.leg_length)
             self._needed = max(self._needed, above - allowed)
@@ -185,7 +183,7 @@ class Crouch:
 
 
 def _measured_yaw(dynamics: Dynamics) -> float:
-    forward = dynamics.frame("pelvis").rotation[:2, 0]
+    forward = dynamics.frame(dynamics.robot.base).rotation[:2, 0]
     return math.atan2(forward[1], forward[0])
 
 

@@ -25,7 +25,7 @@ class LegOdometry:
     standing sole on ground at z = 0. While no foot stands, the centre of mass falls freely and the pelvis follows it.
     """
 
-    def __init__(self, robot: Robot | None = None) -> None:
+    def __init__(self, robot: Robot) -> None:
         self._kinematics = Kinematics(robot)
         self.reset()
 

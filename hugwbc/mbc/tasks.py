@@ -196,7 +196,7 @@ class PelvisHeightTask:
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Return one row, along the world's z."""
-        pelvis = dynamics.frame("pelvis")
+        pelvis = dynamics.frame(dynamics.robot.base)
         kp, kd = self._gains
         error = self.target - pelvis.position[2]
         acceleration = kp * error + kd * (self.rate - pelvis.velocity[2])
@@ -232,7 +232,7 @@ class PelvisOrientationTask:
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Return three rows: roll, pitch and yaw in the heading frame."""
-        pelvis = dynamics.frame("pelvis")
+        pelvis = dynamics.frame(dynamics.robot.base)
         to_heading = rotations.rotation_z(-self.yaw)
         kp, kd = self._gains
         # R log(R^T R_d) equals log(R_d R^T), which saves a product.
@@ -272,7 +272,7 @@ class PelvisTravelTask:
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Return one row, along the heading."""
-        pelvis = dynamics.frame("pelvis")
+        pelvis = dynamics.frame(dynamics.robot.base)
         forward = np.array([[math.cos(self.heading), math.sin(self.heading)]])
         error = self.speed - float(forward[0].dot(pelvis.velocity[:2]))
         return TaskTerms(

@@ -111,27 +111,26 @@ class WholeBodyController:
 
     def __init__(
         self,
+        robot: Robot,
         params: ControllerParams | None = None,
         *,
         period: float = 0.004,
         dynamics: Dynamics | None = None,
-        robot: Robot | None = None,
     ) -> None:
         """Set up the controller.
 
         Args:
+            robot: robot that the controller is told, which may differ from the one that moves.
             params: gains, weights and limits; None for the defaults.
             period: time between two calls of `act` [s]: 0.002 to 0.01, or 0.02 with reduced tracking.
             dynamics: robot model; None for the shared one of `robot`.
-            robot: robot that the controller is told, which may differ from the one that moves; None for that of
-                `dynamics`, or the H1.
         """
         if not 0.0 < period < math.inf:
             raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
         self.params = params or ControllerParams()
         self.period = period
-        self.dynamics = dynamics or Dynamics(robot=robot)
-        self._robot = robot or self.dynamics.robot
+        self.dynamics = dynamics or Dynamics(robot)
+        self._robot = robot
         self._nominal_arms = self._robot.nominal[self._robot.arms]
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
@@ -190,7 +189,7 @@ class WholeBodyController:
 
     @property
     def planned_acceleration(self) -> np.ndarray | None:
-        """Joint accelerations that the last command should cause [rad/s^2], shape (19,); None for a fallback."""
+        """Joint accelerations that the last command should cause [rad/s^2], shape (n,); None for a fallback."""
         outcome = self._outcome
         if outcome is None or outcome.solution is None or outcome.output is not Output.SOLUTION:
             return None
@@ -206,7 +205,7 @@ class WholeBodyController:
         self._qp.reset()
         self._slip.reset()
         self._locomotion.plan.reset()
-        if state.is_usable:
+        if self._fits(state):
             self._start(state)
 
     def _start(self, state: RobotState) -> None:
@@ -216,7 +215,7 @@ class WholeBodyController:
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
         ground = min(self.dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
-        pelvis = self.dynamics.frame("pelvis")
+        pelvis = self.dynamics.frame(self._robot.base)
         height = float(pelvis.position[2] - ground - self._robot.nominal_height)
         pitch = float(np.arcsin(np.clip(-pelvis.rotation[2, 0], -1.0, 1.0)))
         self._filter.reset(height, pitch, float(state.q[self._robot.waist]))
@@ -233,7 +232,7 @@ class WholeBodyController:
             command: command to follow.
             upper_body: targets of the arm joints under external control.
         """
-        if not state.is_usable:
+        if not self._fits(state):
             return self._fall_back(None, ("the state is not finite, or has no orientation",))
         implausible = self._implausible(state)
         if implausible:
@@ -276,6 +275,10 @@ class WholeBodyController:
             self._slip.update(velocities, state.foot_force * self._locomotion.contact[:, None], self.period)
         if self._slip.friction != self._qp.friction:  # also after a reset
             self._qp.friction = self._slip.friction
+
+    def _fits(self, state: RobotState) -> bool:
+        """Return whether a state can be used, and is of this robot's joints."""
+        return state.is_usable and state.q.size == self._kp.size
 
     def _implausible(self, state: RobotState) -> str:
         """Return why a state cannot belong to a balanced robot; empty if it is plausible."""

@@ -143,13 +143,14 @@ def hand_clouds(level: float, samples: int = SAMPLES) -> tuple[np.ndarray, np.nd
     # The robots change targets at different times. After two intervals, none of them is at its nominal start any more.
     for _ in range(2 * NOISE_INTERVAL):
         source.step()
-    robot, kinematics = load_robot(), Kinematics()
+    robot = load_robot()
+    kinematics = Kinematics(robot)
     nominal = robot.nominal[robot.arms]
     postures = level * source.targets().double().numpy() + (1.0 - level) * nominal
     hands = np.empty((len(SIDES), samples, 3))
     for index, posture in enumerate(postures):
         q = robot.nominal.copy()
         q[robot.arms] = posture
-        kinematics.update(RobotState(q, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)))
+        kinematics.update(RobotState(q, np.zeros_like(q), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)))
         hands[:, index] = [kinematics.position(f"{side}_hand") for side in SIDES]
     return hands[0], hands[1]

@@ -55,18 +55,16 @@ class ContactObserver:
         sole_velocity: of the last reading [m/s, rad/s], shape (2, 6).
     """
 
-    def __init__(
-        self, robot: Robot | None = None, kinematics: Kinematics | None = None, base_weight: float = BASE_WEIGHT
-    ) -> None:
+    def __init__(self, robot: Robot, kinematics: Kinematics | None = None, base_weight: float = BASE_WEIGHT) -> None:
         """Set up for a robot; call `reset` before `update`.
 
         Args:
-            robot: robot that the observer knows; None for the H1.
+            robot: robot that the observer knows.
             kinematics: of that robot, shared with an owner that updates it and calls `infer`; None for one of its own.
             base_weight: of the floating base, see `BASE_WEIGHT`.
         """
         self._kinematics = kinematics or Kinematics(robot)
-        model, robot = self._kinematics.model, self._kinematics.robot
+        model = self._kinematics.model
         self._columns = in_place(self._kinematics.columns)
         self._robot = robot
         self.hands = HandForceObserver(self._kinematics)
@@ -100,7 +98,7 @@ class ContactObserver:
 
         Args:
             state: with estimates of the pelvis's orientation and velocity.
-            torque: joint torques since the last reading [N*m], shape (19,).
+            torque: joint torques since the last reading [N*m], shape (n,).
             dt: since the last reading [s].
 
         Returns:

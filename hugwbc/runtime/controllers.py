@@ -25,7 +25,7 @@ from hugwbc.controller import Controller, JointCommand, UpperBody, check_control
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.files import digest
 from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
-from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
+from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.settings import check_each_once
 from hugwbc.sim.arena import DEFAULT_DRIVES, Arena, known_robot
 from hugwbc.state import RobotState
@@ -48,8 +48,8 @@ class HoldController:
     name = "hold"
     period = 0.02
 
-    def __init__(self, robot: Robot | None = None) -> None:
-        self.robot = robot or load_robot()
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
 
     def reset(self, state: RobotState) -> None:
         """Do nothing; there is no past to forget."""
@@ -209,10 +209,8 @@ class ControllerSpec:
         return dataclasses.replace(self, robot=robot, drives=drives)
 
     @property
-    def _known_robot(self) -> Robot | None:
-        """What the controller is told of the robot; None for the default."""
-        if self.robot is None and self.drives is None:
-            return None
+    def _known_robot(self) -> Robot:
+        """What the controller is told of the robot."""
         return known_robot(self.robot or DEFAULT_ROBOT, self.drives or DEFAULT_DRIVES)
 
     @property

@@ -13,7 +13,7 @@ from eigenpy import LLT
 
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.contact import BASE_WEIGHT, ContactObserver
 from hugwbc.runtime.reading_guard import GYRO_JUMP, LARGEST_READING, ReadingGuard
 from hugwbc.sim.engine import Engine
@@ -61,7 +61,7 @@ class JointFilter:
     """A Kalman filter of the position and velocity of every joint, driven by an unknown or planned acceleration.
 
     Attributes:
-        q, dq: estimates [rad], [rad/s], shape (19,).
+        q, dq: estimates [rad], [rad/s], shape (n,).
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -83,10 +83,10 @@ class JointFilter:
         """Predict over `dt` [s], then correct by a reading of positions and velocities.
 
         Args:
-            q: reading [rad], shape (19,).
-            dq: reading [rad/s], shape (19,).
+            q: reading [rad], shape (n,).
+            dq: reading [rad/s], shape (n,).
             dt: since the last reading [s].
-            planned: accelerations that a controller planned for this time [rad/s^2], shape (19,).
+            planned: accelerations that a controller planned for this time [rad/s^2], shape (n,).
         """
         kind = round(dt, 6), planned is None
         if kind != self._steady:
@@ -146,12 +146,12 @@ class StateEstimator:
         guard: refuses readings that cannot be true, and fills the gaps.
     """
 
-    def __init__(self, robot: Robot | None = None, base_weight: float = BASE_WEIGHT) -> None:
-        """Set up for a robot, by default the H1; call `reset` before `update`. The weight is `ContactObserver`'s."""
-        self._robot = robot or load_robot()
+    def __init__(self, robot: Robot, base_weight: float = BASE_WEIGHT) -> None:
+        """Set up for a robot; call `reset` before `update`. The weight is `ContactObserver`'s."""
+        self._robot = robot
         self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
         self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
-        self._pelvis_frame = kinematics.frame_id("pelvis")
+        self._pelvis_frame = kinematics.frame_id(robot.base)
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
         self._lever = pin.skew(self._imu_in_torso)
@@ -198,7 +198,7 @@ class StateEstimator:
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
         soles = np.array([self._placement(frame) for frame in self._sole_frames])
-        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), float(state.q[self._robot.waist]))
+        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), self._robot.imu_turn(state.q, state.dq)[0])
         self._R = rotations.to_matrix(rotations.multiply(state.orientation, torso))
         # Velocity, position and feet are rows of one array, since all corrections turn them alike.
         self._rows = np.zeros((2 + _FEET, 3))
@@ -216,7 +216,7 @@ class StateEstimator:
         self._time, self._gyro = state.time, np.zeros(3) if state.imu_gyro is None else state.imu_gyro
         self._touch_down, self._turning = [-math.inf] * _FEET, [0.0] * _FEET
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
-        self._to_pelvis = rotations.rotation_z(float(self._joints.q[self._robot.waist]))
+        self._see_waist()
         self._observer.reset(self._estimate(state))
         return self._estimate(state)
 
@@ -231,7 +231,7 @@ class StateEstimator:
 
         Args:
             state: a reading, perhaps of some time ago (`state.age`).
-            planned: joint accelerations that the controller plans at present [rad/s^2], shape (19,). They are kept
+            planned: joint accelerations that the controller plans at present [rad/s^2], shape (n,). They are kept
                 until the readings of the present arrive, and ignored if not finite, beyond `LARGEST_READING` or of
                 another shape.
             newest_gyro: the last reading of the gyro where that of `state` is a mean over some time [rad/s],
@@ -244,7 +244,7 @@ class StateEstimator:
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
         self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
-        self._to_pelvis = rotations.rotation_z(float(self._joints.q[self._robot.waist]))
+        self._see_waist()
         self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
         self._gyro = gyro
         if newest_gyro is not None and not state.coasted:
@@ -306,8 +306,8 @@ class StateEstimator:
         waist = places[self._pelvis_frame].rotation[:, 2]
         soles = np.array([places[frame].translation for frame in self._sole_frames])
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
-        # The waist turns the IMU: seen from there, the foot turns the other way about the pelvis's z axis.
-        for foot in range(_FEET):
+        # The waist turns an IMU on the trunk: seen from there, the foot turns the other way about the pelvis's z axis.
+        for foot in range(_FEET if self._robot.imu_link == self._robot.trunk else 0):
             jacobians[foot, :, self._waist_column] = rotations.cross(soles[foot] - pelvis, waist)
         self._soles = (soles - places[self._imu].translation).dot(self._R)
         noise = ENCODER_NOISE**2
@@ -371,12 +371,17 @@ class StateEstimator:
         corrected = self._P - gain.dot(spread.T)
         self._P = 0.5 * (corrected + corrected.T)
 
+    def _see_waist(self) -> None:
+        """Note how the joints turn the IMU against the pelvis."""
+        angle, self._waist_rate = self._robot.imu_turn(self._joints.q, self._joints.dq)
+        self._to_pelvis = rotations.rotation_z(angle)
+
     def _pelvis(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return orientation, angular velocity, position and velocity of the pelvis below the IMU (`RobotState`)."""
         x, y, z, w = pin.Quaternion(self._R.dot(self._to_pelvis.T)).coeffs().tolist()
         self._rate = gyro = self._gyro - self.gyro_bias
         angular = self._to_pelvis.dot(gyro)
-        angular[2] -= self._joints.dq[self._robot.waist]
+        angular[2] -= self._waist_rate
         # The torso's origin, on the waist's axis, is the pelvis's.
         position = self._p - self._R.dot(self._imu_in_torso)
         return np.array([w, x, y, z]), angular, position, self._v + self._R.dot(self._lever.dot(gyro))

@@ -35,15 +35,11 @@ class Lowering:
     def __init__(self, robot: Robot) -> None:
         """Set up for a robot that does not go down yet."""
         self._robot = robot
-        pair = {
-            name: robot.indices([f"{side}_{name}_joint" for side in SIDES])
-            for name in ("hip_pitch", "knee", "ankle", "hip_roll", "shoulder_pitch", "shoulder_roll")
-        }
-        self._legs = np.array([pair[name] for name in ("hip_pitch", "knee", "ankle", "hip_roll")])
+        self._legs = np.array([robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch", "hip_roll")])
         self._upright = robot.nominal.copy()
-        self._upright[pair["shoulder_pitch"]] = _SHOULDER_PITCH
-        self._upright[pair["shoulder_roll"]] = _SHOULDER_ROLL * _SIGNS
-        ankles = np.isin(np.arange(robot.kp.size), pair["ankle"])
+        self._upright[robot.pair("shoulder_pitch")] = _SHOULDER_PITCH
+        self._upright[robot.pair("shoulder_roll")] = _SHOULDER_ROLL * _SIGNS
+        ankles = np.isin(np.arange(robot.kp.size), robot.pair("ankle_pitch"))
         self._kp = robot.kp * np.where(ankles, _ANKLE_STIFFNESS, _STIFFNESS)
         self._kd = robot.kd * np.where(ankles, _ANKLE_DAMPING, _DAMPING)
         self._moves: list[tuple[float, float, np.ndarray]] = []  # when each begins and how long it takes [s], and where

@@ -74,5 +74,5 @@ class PlanView:
 
     @property
     def acceleration(self) -> np.ndarray | None:
-        """The planned joint accelerations [rad/s^2], shape (19,); None without a plan."""
-        return self._read("planned_acceleration", (19,))
+        """The planned joint accelerations [rad/s^2], shape (n,); None without a plan."""
+        return self._read("planned_acceleration", self._safe.robot.kp.shape)

@@ -68,7 +68,8 @@ def rollout(
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
     loop.safe.strict = strict
-    recorder = Recorder(loop, Disturber(simulation.link_names, forces) if forces else None, on_step)
+    disturber = Disturber(simulation.link_names, simulation.robot.trunk, forces) if forces else None
+    recorder = Recorder(loop, disturber, on_step)
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):

@@ -15,7 +15,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.extensions import described
 from hugwbc.kinematics import in_place
 from hugwbc.numeric import changed
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.lowering import Lowering
@@ -85,7 +85,7 @@ class SafetyReport:
 
 
 def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest position target of each joint [rad], each of shape (19,).
+    """Return the lowest and highest position target of each joint [rad], each of shape (n,).
 
     A PD joint turns the distance to its target into torque. To give its full torque at a position limit, its target
     must lie torque_limit / kp beyond that limit.
@@ -95,7 +95,7 @@ def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gain_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the highest stiffness [N*m/rad] and damping [N*m*s/rad] of each joint, each of shape (19,).
+    """Return the highest stiffness [N*m/rad] and damping [N*m*s/rad] of each joint, each of shape (n,).
 
     They give the drive's full torque for an error of 0.05 rad, or of a tenth of the joint's highest speed.
     """
@@ -188,24 +188,27 @@ class SafetyFilter:
         self,
         controller: Controller,
         *,
-        robot: Robot | None = None,
+        robot: Robot,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Wrap a controller.
 
         Args:
             controller: the controller; the filter takes over its `name` and `period`.
-            robot: limits and gains, and the weight and friction that the arms' servo makes up for; None for the H1.
+            robot: limits and gains, and the weight and friction that the arms' servo makes up for.
             clock: returns seconds, to time the controller.
         """
         self.controller = controller
-        self.robot = robot or load_robot()
+        self.robot = robot
         self.name, self.period = check_controller(controller, "the controller")
         lowest, highest = target_limits(self.robot)
         speed, torque = self.robot.velocity_limit, self.robot.torque_limit
         self._high = np.array((highest, speed, *gain_limits(self.robot), torque))
         self._low = np.array((lowest, -speed, *np.zeros((2, torque.size)), -torque))
         self._arm_limits = self.robot.lower[self.robot.arms], self.robot.upper[self.robot.arms]
+        self._nothing = RobotState(
+            np.full(torque.size, np.nan), np.full(torque.size, np.nan), np.full(4, np.nan), np.full(3, np.nan)
+        )
         self._handover = Handover(self.robot.arms)
         self.payload = PayloadObserver()
         self.motors = MotorWatch(self.robot)
@@ -234,10 +237,14 @@ class SafetyFilter:
 
     def reset(self, state: RobotState) -> None:
         """Clear the counters and start the controller from this state."""
-        state = state if isinstance(state, RobotState) else _NOTHING
+        state = self._valid_state(state)
         self._start(state.q if state.is_finite else self.robot.nominal)
         if state.is_usable:
             self.ask("failures", self.name, lambda: self._begin(state))
+
+    def _valid_state(self, state: RobotState) -> RobotState:
+        fits = isinstance(state, RobotState) and state.q.size == self.robot.kp.size
+        return state if fits else self._nothing
 
     def _begin(self, state: RobotState) -> None:
         self.controller.reset(state)
@@ -246,7 +253,7 @@ class SafetyFilter:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
         self.last_tick_s = 0.0  # of a controller that is not called
-        state = state if isinstance(state, RobotState) else _NOTHING
+        state = self._valid_state(state)
         joints = self._filtered(state, command, upper_body)
         self.motors.note(joints)
         return joints
@@ -369,8 +376,9 @@ class SafetyFilter:
         if not isinstance(output, JointCommand):
             self._count("failures", f"act of {self.name} returned a {type(output).__name__} instead of a JointCommand")
             return None
-        if not output.is_finite:
-            wrong = ", ".join(name for name in _VECTORS if not np.isfinite(getattr(output, name)).all())
+        if not output.is_finite or output.q.size != self.robot.kp.size:
+            fits = output.q.size == self.robot.kp.size
+            wrong = ", ".join(n for n in _VECTORS if not (fits and np.isfinite(getattr(output, n)).all()))
             self._count(
                 "bad_outputs",
                 f"{self.name} gave a joint command in which {wrong} are not {self.robot.kp.size} finite numbers each",
@@ -404,9 +412,6 @@ class SafetyFilter:
                     joint = self.robot.joint_names[int(np.argmax(way))]
                     self._count(counter, f"{counter.replace('_', ' ')}, first at {joint}")
         return JointCommand(*after)
-
-
-_NOTHING = RobotState(np.full(19, np.nan), np.full(19, np.nan), np.full(4, np.nan), np.full(3, np.nan))
 
 
 def _clip(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -38,13 +38,13 @@ class Trace:
         foothold: where the controller plans to put each sole next, x and y [m], shape (T, 2, 2); NaN without a plan.
         qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26).
         qvel: pelvis velocity [m/s], its angular velocity in its own frame and joint velocities [rad/s], shape (T, 25).
-        target: joint position targets of the joint command at this time [rad], shape (T, 19).
+        target: joint position targets of the joint command at this time [rad], shape (T, n).
         hand_target_world: targets of both hands [m], shape (T, 2, 3); NaN without one.
         arm_target: arm positions that the inverse kinematics asks for [rad], shape (T, 8); NaN where it does not move
             the arms.
         hand_error: distance of each hand to its target, reachable or not [m], shape (T, 2); NaN without a target.
         reachable: whether the inverse kinematics can reach each hand's target, shape (T, 2), bool.
-        torque: joint torques in the physics step before this time [N*m], shape (T, 19).
+        torque: joint torques in the physics step before this time [N*m], shape (T, n).
         tick_ms: time that each call of the controller took [ms], shape (number of calls,).
         ik_ms: time that each call of the arms' source took [ms], shape (number of calls,).
         touch_downs: times at which the left and the right foot came down after a swing of at least `SHORTEST_SWING`,

@@ -224,8 +224,8 @@ def _shoulders(robot: Robot, p: np.ndarray, w: np.ndarray) -> np.ndarray:
 class MotionScore:
     """A record of how the robot followed a whole-body motion, for the error per part."""
 
-    def __init__(self, motion: WholeBodyMotion, robot: Robot | None = None) -> None:
-        """Watch a motion on a robot, by default the H1."""
+    def __init__(self, motion: WholeBodyMotion, robot: Robot) -> None:
+        """Watch a motion on a robot."""
         self.motion = motion
         self._kinematics = Kinematics(robot)
         self._done: list[tuple[int, np.ndarray, np.ndarray]] = []

@@ -83,7 +83,7 @@ class TorqueSpeedLimit:
 
         Args:
             robot: robot with the drives.
-            torque_limit: torque limits at low speed [N*m], shape (..., 19).
+            torque_limit: torque limits at low speed [N*m], shape (..., n).
         """
         # The last axis of all: downwards and upwards, as in MuJoCo's force range.
         self._limit = np.asarray(torque_limit)[..., None] * _WAYS
@@ -94,8 +94,8 @@ class TorqueSpeedLimit:
         """Write the range of the torque at joint speeds.
 
         Args:
-            velocity: joint speeds [rad/s], shape (..., 19).
-            force_range: lowest and highest torque [N*m], shape (..., 19, 2); written in place.
+            velocity: joint speeds [rad/s], shape (..., n).
+            force_range: lowest and highest torque [N*m], shape (..., n, 2); written in place.
         """
         share = self._reserve - velocity[..., None] * self._slope
         # A diverged robot's NaN, which MuJoCo must not see in its model, becomes 1.

@@ -54,7 +54,7 @@ class Arena:
     """Robot, drives, sensors and ground of a simulation, by name; the default is an H1 as it is.
 
     Attributes:
-        robot: robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg).
+        robot: Robot: h1 (59.3 kg), h1-2023, the maker's earlier description (51.65 kg), g1, or the path of a table.
         drives: real (torque-speed limit, friction and delay), or ideal.
         sensing: Sensors: robot (those of an H1, with noise, biases and latency, the state estimated from them), or
             exact (the true state).

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from mujoco.batch import Batch
 
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
 from hugwbc.sim.ground import Ground
@@ -45,8 +45,8 @@ class RobotBatch(abc.ABC):
         layout: place of the robot in the model's state.
         count: number of robots.
         qpos, qvel: state of the robot, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
-        ctrl: position targets of the PD joints [rad], shape (count, 19); writable.
-        torque: joint torques of the last physics step [N*m], shape (count, 19).
+        ctrl: position targets of the PD joints [rad], shape (count, n); writable.
+        torque: joint torques of the last physics step [N*m], shape (count, n).
         forces: external forces and torques on the bodies in the world [N, N*m], shape (count, bodies, 6); writable.
         warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
     """
@@ -69,7 +69,7 @@ class RobotBatch(abc.ABC):
         *,
         timestep: float = TRAINING_TIMESTEP,
         terrain: HeightField | None = None,
-        robot: Robot | None = None,
+        robot: Robot,
         actuators: Actuators | None = None,
         ground: Ground | None = None,
     ) -> None:
@@ -79,12 +79,12 @@ class RobotBatch(abc.ABC):
             count: number of robots.
             timestep: physics time step [s].
             terrain: height field to stand on; None for a plane.
-            robot: robot to simulate; None for the H1.
+            robot: robot to simulate.
             actuators: drives of the joints; None for real ones. Their delay is left to the caller, who sets `ctrl`.
             ground: firmness of the ground; None for firm.
         """
         self.count, self.terrain = count, terrain
-        self.robot, actuators = robot or load_robot(), actuators or Actuators()
+        self.robot, actuators = robot, actuators or Actuators()
         self.model = load_model(timestep, terrain, lean=True, robot=self.robot, actuators=actuators, ground=ground)
         self.layout = robot_layout(self.model, self.robot)
         self._limited = actuators.torque_speed
@@ -131,7 +131,7 @@ class RobotBatch(abc.ABC):
 
         Args:
             substeps: number of physics steps.
-            targets: joint targets of every physics step [rad], shape (substeps, count, 19); None for `ctrl` in all.
+            targets: joint targets of every physics step [rad], shape (substeps, count, n); None for `ctrl` in all.
 
         Returns:
             Which robots diverged, bool, shape (count,).

@@ -27,8 +27,9 @@ from hugwbc.sim.terrain import HeightField
 from hugwbc.sim.variation import Variation
 from hugwbc.state import RobotState
 
-# A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground.
-FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45  # [rad], [rad], [m]
+# A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground:
+# below this share of its nominal height, 45 cm of the H1's 98.
+FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45 / 0.98
 _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
 
 
@@ -160,7 +161,7 @@ class Engine(abc.ABC):
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
-        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,).
+        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (n,).
 
         By default the joints are nominal, with the ankles turned so that the soles lie on the ground's mean plane.
         """
@@ -197,7 +198,7 @@ class Engine(abc.ABC):
     @property
     @abc.abstractmethod
     def torque(self) -> np.ndarray:
-        """Joint torques of the last physics step [N*m], shape (19,)."""
+        """Joint torques of the last physics step [N*m], shape (n,)."""
 
     @property
     @abc.abstractmethod
@@ -237,7 +238,7 @@ class Engine(abc.ABC):
         acts at once. A command that is not finite is counted, and the previous command is held instead.
         """
         if command is not self._command:
-            if command.is_finite:
+            if command.is_finite and command.q.size == self.robot.kp.size:
                 self._take(command)
             else:
                 self.rejected_commands += 1
@@ -260,9 +261,9 @@ class Engine(abc.ABC):
         kp, kd = gain * command.kp, gain * command.kd
         self._given = kp, kd, command.tau + kp * command.q + kd * command.dq
 
-    def apply_force(self, force: np.ndarray, duration: float, link: str = "torso_link") -> None:
-        """Pull a link with a force in the world frame [N], shape (3,), for a duration [s]."""
-        links = self.link_names[1:]
+    def apply_force(self, force: np.ndarray, duration: float, link: str | None = None) -> None:
+        """Pull a link, by default the trunk, with a force in the world frame [N], shape (3,), for a duration [s]."""
+        links, link = self.link_names[1:], link or self.robot.trunk
         if link not in links:
             raise UnknownNameError("link", link, links)
         row = self.link_names.index(link)
@@ -302,7 +303,7 @@ class Engine(abc.ABC):
             self.diverged
             or abs(rotations.pitch_of(orientation)) > FALL_PITCH
             or abs(rotations.roll_of(orientation)) > FALL_ROLL
-            or qpos[2] - self.ground_height(qpos[:2]) < FALL_HEIGHT
+            or qpos[2] - self.ground_height(qpos[:2]) < FALL_HEIGHT * self.robot.nominal_height
             or self._trunk_on_ground()
         )
 

@@ -123,7 +123,7 @@ class FaultInjector:
     def drive(
         self, time: float, drives: tuple[np.ndarray, np.ndarray, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return stiffness, damping and constant torque of the drives at a time [s], each (19,); 0 for dead ones."""
+        """Return stiffness, damping and constant torque of the drives at a time [s], each (n,); 0 for dead ones."""
         for fault in self._faults:
             if fault.kind == MOTOR_DEAD and fault.start <= time < fault.start + fault.duration:
                 for values in drives:

@@ -67,7 +67,7 @@ class Footing:
         self._heights, self._size = place(terrain.heights), terrain.size
         self._gradient = place(np.array(terrain.gradient))
         self._bodies = place(model.geom_bodyid[spheres])
-        self._pelvis = model.body("pelvis").id
+        self._pelvis = int(model.body_rootid[model.geom_bodyid[spheres[0]]])
         self._nominal = place(model.geom_pos[spheres].copy())
         self._radius = model.geom_size[spheres, 0].copy()
 

@@ -20,14 +20,14 @@ class Force:
         vector: the force [N].
         start: time at which it sets in [s].
         duration: how long it acts [s]; None if it never ends.
-        link: name of the link.
+        link: name of the link; None for the trunk.
         frame: "world", or "heading": turned by the robot's yaw when the force sets in, then constant in the world.
     """
 
     vector: tuple[float, float, float]
     start: NotNegative = 0.0
     duration: Positive | None = None
-    link: str = "torso_link"
+    link: str | None = None
     frame: Literal["world", "heading"] = "world"
 
     def acts_at(self, t: float) -> bool:
@@ -39,19 +39,20 @@ class Force:
 class Disturber:
     """Applies forces to one robot; forces that act on the same link at the same time add up."""
 
-    def __init__(self, link_names: Sequence[str], forces: Sequence[Force]) -> None:
+    def __init__(self, link_names: Sequence[str], trunk: str, forces: Sequence[Force]) -> None:
         """Find the links.
 
         Args:
             link_names: names of the rows of the array that `update` writes; the first is the world.
+            trunk: name of the trunk's link.
             forces: the planned forces.
         """
         links = {name: row for row, name in enumerate(link_names) if row > 0}
         for force in forces:
-            if force.link not in links:
+            if (force.link or trunk) not in links:
                 raise UnknownNameError("link", force.link, links)
         self._forces = tuple(forces)
-        self._rows = [links[force.link] for force in forces]
+        self._rows = [links[force.link or trunk] for force in forces]
         self._acting: dict[int, np.ndarray] = {}
 
     def update(self, t: float, qpos: np.ndarray, external_force: np.ndarray) -> None:

@@ -29,7 +29,7 @@ class HandPull:
         """
         self._vector, self._start, self._rise = np.asarray(vector, dtype=float), start, max(rise, 1e-6)
         self._simulation, self._kinematics = simulation, Kinematics(simulation.robot)
-        names = [f"{side}_elbow_link" for side in SIDES]
+        names = simulation.robot.hand_links
         self._rows = [simulation.link_names.index(name) for name in names]
         model = self._kinematics.model
         # From the link's centre of mass, at which the engine applies forces, to the hand, in the link's frame.

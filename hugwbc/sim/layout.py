@@ -46,7 +46,7 @@ def robot_layout(model: mujoco.MjModel, robot: Robot) -> Layout:
             actuators are not next to each other in the order of `Robot.joint_names`.
     """
     try:
-        root = int(model.body("pelvis").jntadr[0])
+        root = int(model.body(robot.base).jntadr[0])
         joints = [model.joint(name) for name in robot.joint_names]
         actuators = [model.actuator(name).id for name in robot.joint_names]
     except KeyError as error:
@@ -62,7 +62,7 @@ def robot_layout(model: mujoco.MjModel, robot: Robot) -> Layout:
     ):
         raise ModelError(
             f"the model does not hold {robot.name} in one piece: after the free joint of the pelvis, the joints and "
-            "actuators must follow in the order of the robot's table; generate its XML with models/h1/build.py"
+            "actuators must follow in the order of the robot's table; generate its XML with models/build.py"
         )
     return Layout(
         slice(first_q, first_q + _POSE + count), slice(first_v, first_v + _TWIST + count), slice(first, first + count)

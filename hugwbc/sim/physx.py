@@ -134,13 +134,13 @@ class PhysxSimulation(Engine):
             maker = makers[name] = builder.create_link_builder(None if joint is None else makers[joint["parent"]])
             maker.set_name(name)
             frame, moments = _principal(link)
-            mass = link["mass"] + (self.variation.payload if name == "torso_link" else 0.0)
+            mass = link["mass"] + (self.variation.payload if name == self.robot.trunk else 0.0)
             maker.set_mass_and_inertia(mass, sapien.Pose(frame), moments)
             maker.collision_groups = groups.of(name)
             if box := link.get("collision_box"):
                 half = [size / 2.0 for size in box["size"]]
                 maker.add_box_collision(sapien.Pose(box["center"]), half, self._material)
-            if name.endswith("ankle_link"):
+            if name in self.robot.foot_links:
                 self._add_sole(maker)
             if joint is not None:
                 turn = _axis_frame(np.array(joint["axis"], dtype=float))
@@ -184,12 +184,12 @@ class PhysxSimulation(Engine):
             link.max_linear_velocity = link.max_angular_velocity = _FASTEST
             for shape in link.collision_shapes:
                 shape.contact_offset, shape.rest_offset = _CONTACT_OFFSET, 0.0
-                if name.endswith("ankle_link"):
+                if name in self.robot.foot_links:
                     is_sphere = isinstance(shape, self._physx.PhysxCollisionShapeSphere)
                     shape.set_collision_groups([0, 1, 0, 0] if is_sphere else groups.of(name, on_ground=False))
-        self._feet = [self._links[f"{side}_ankle_link"] for side in SIDES]
-        self._torso = self._links["torso_link"]
-        self._pelvis = self._links["pelvis"]
+        self._feet = [self._links[name] for name in self.robot.foot_links]
+        self._torso, self._imu_link = self._links[self.robot.trunk], self._links[self.robot.imu_link]
+        self._pelvis = self._links[self.robot.base]
         self._imu = np.array(self._table["imu"]["xyz"])
 
     def _prepare_joints(self) -> None:
@@ -208,7 +208,7 @@ class PhysxSimulation(Engine):
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
-        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,)."""
+        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (n,)."""
         if self._step_count:
             self._build_world()  # PhysX keeps contacts and impulses of the last run, which a new one must not see
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
@@ -281,7 +281,7 @@ class PhysxSimulation(Engine):
         self._qpos[:3], self._qpos[3:7], self._pelvis_turn = position, orientation, turn
         self._qvel[:3], self._qvel[3:6] = velocity, spin @ turn
         self._qpos[7:], self._qvel[6:] = self._joint_state()
-        _, self._imu_orientation, turn, self._imu_velocity, spin = self._motion(self._torso, self._imu)
+        _, self._imu_orientation, turn, self._imu_velocity, spin = self._motion(self._imu_link, self._imu)
         self._imu_turn, self._imu_gyro = turn, spin @ turn
 
     def _motion(self, link: _Sapien, point: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -299,7 +299,7 @@ class PhysxSimulation(Engine):
         return np.array(pose.p, dtype=float), orientation / math.sqrt(orientation @ orientation), turn, velocity, spin
 
     def _joint_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions and velocities of the joints in the robot's order, shape (19,) each."""
+        """Return positions and velocities of the joints in the robot's order, shape (n,) each."""
         q, dq = np.empty(self._columns.size), np.empty(self._columns.size)
         q[self._columns], dq[self._columns] = self._articulation.get_qpos(), self._articulation.get_qvel()
         return q, dq
@@ -364,7 +364,7 @@ class PhysxSimulation(Engine):
 
     @property
     def torque(self) -> np.ndarray:
-        """Joint torques over the last physics step [N*m], shape (19,)."""
+        """Joint torques over the last physics step [N*m], shape (n,)."""
         return self._torque.copy()
 
     @property
@@ -375,12 +375,12 @@ class PhysxSimulation(Engine):
     @property
     def sole_velocity(self) -> np.ndarray:
         """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
-        centre = np.array([self.robot.sole_middle, 0.0, -self.robot.sole_depth])
-        return np.stack([self._motion(self._links[f"{side}_ankle_link"], centre)[3] for side in SIDES])
+        centre = np.array([self.robot.sole_middle, 0.0, self.robot.sole_z])
+        return np.stack([self._motion(self._links[name], centre)[3] for name in self.robot.foot_links])
 
     def hand_position(self, side: str) -> np.ndarray:
         """Return the position of a hand in the world [m], shape (3,)."""
-        pose = self._links[f"{side}_elbow_link"].entity_pose
+        pose = self._links[self.robot.hand_links[SIDES.index(side)]].entity_pose
         return np.array(pose.p, dtype=float) + rotations.rotate(np.array(pose.q, dtype=float), self.robot.hand)
 
     def _trunk_on_ground(self) -> bool:

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from hugwbc.errors import ConfigError, SceneError
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.footing import add_footing
 from hugwbc.sim.ground import Ground
@@ -24,7 +24,7 @@ def load_model(
     terrain: HeightField | None = None,
     *,
     lean: bool = False,
-    robot: Robot | None = None,
+    robot: Robot,
     actuators: Actuators | None = None,
     ground: Ground | None = None,
     scene: Scene | None = None,
@@ -37,20 +37,19 @@ def load_model(
         lean: leave out what does not influence the motion: visual shapes, the sensors of hands and IMU, and the search
             for contact islands (one robot is one island). The motion is the same bit by bit and takes a quarter less
             time.
-        robot: robot to simulate; None for the H1.
+        robot: robot to simulate.
         actuators: drives of the joints, whose friction and inertia the model gets; None for real ones.
         ground: firmness of the ground, and of the objects; None for firm.
         scene: objects around the robot, drawn for one episode; None for none.
     """
     check_timestep(timestep)
-    robot = robot or load_robot()
     spec = mujoco.MjSpec.from_file(str(robot.xml_path))
     spec.option.timestep = timestep
     if lean:
         _make_lean(spec)
     if terrain is not None:
         _replace_floor(spec, terrain)
-    model = spec.compile() if scene is None else _compile_with(scene, spec, terrain)
+    model = spec.compile() if scene is None else _compile_with(scene, spec, terrain, robot)
     (ground or Ground()).apply_to(model)
     if scene is not None:
         model.opt.iterations = max(model.opt.iterations, GRASP_ITERATIONS)
@@ -58,20 +57,20 @@ def load_model(
     return model
 
 
-def _compile_with(scene: Scene, spec: mujoco.MjSpec, terrain: HeightField | None) -> mujoco.MjModel:
+def _compile_with(scene: Scene, spec: mujoco.MjSpec, terrain: HeightField | None, robot: Robot) -> mujoco.MjModel:
     """Compile a robot's model with the objects of a scene, which start where the scene puts them."""
     scene.add_to(spec, terrain)
-    add_grips(spec, scene.body_names)
+    add_grips(spec, scene.body_names, robot)
     # What lies still costs nothing until something touches it. MuJoCo never lets a robot sleep, because it has drives.
     spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
     start = spec.keys[0]
-    robot = np.array(start.qpos)
+    qpos = np.array(start.qpos)
     start.qpos, start.ctrl = [], []  # MuJoCo fills what is missing with the objects' own start
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise SceneError(f"MuJoCo refuses the scene: {' '.join(str(error).split())}") from error
-    model.key_qpos[0, : robot.size] = robot  # the robot comes first, as `robot_layout` checks
+    model.key_qpos[0, : qpos.size] = qpos  # the robot comes first, as `robot_layout` checks
     return model
 
 

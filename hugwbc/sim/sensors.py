@@ -122,7 +122,7 @@ class Reading:
         imu_gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
         foot_force: ground reaction on the left and the right foot in the world [N], shape (2, 3).
         accelerometer: specific force at the IMU over the last physics step, in its own frame [m/s^2], shape (3,).
-        torque: joint torques over the last physics step [N*m], shape (19,).
+        torque: joint torques over the last physics step [N*m], shape (n,).
         hand_force: force on the left and the right forearm, of contacts and of an idealised gripper, in the world [N],
             shape (2, 3); None in an engine without it.
     """
@@ -151,7 +151,7 @@ class Sensors:
         """
         self.profile = profile
         self._rng = np.random.default_rng(seed)
-        self._waist, self._joints = robot.waist, len(robot.joint_names)
+        self._robot, self._joints = robot, len(robot.joint_names)
         # Of all that is drawn for a reading: joint positions, velocities, torques, then vectors of the IMU.
         p, joints = profile, np.ones(self._joints)
         vectors = np.repeat((p.gyro, p.attitude, p.accelerometer, p.gyro_walk, p.accelerometer_walk), 3)
@@ -195,7 +195,7 @@ class Sensors:
     def read(self, reading: Reading, now: float | None = None) -> RobotState:
         """Return what the sensors say; what the robot has no sensor for is None.
 
-        Orientation and angular velocity are those of the torso's IMU, carried over to the pelvis.
+        Orientation and angular velocity are those of the IMU, carried over to the pelvis.
 
         Args:
             reading: what perfect sensors say.
@@ -215,7 +215,7 @@ class Sensors:
         turn = np.array([1.0, *(0.5 * (self._attitude_bias + self._of_attitude)).tolist()])
         # A constant error of roll and pitch is one about the world's axes.
         attitude = rotations.multiply(_unit(turn), reading.imu_orientation)
-        orientation, rate = pelvis_from_torso_imu(attitude, gyro, float(q[self._waist]), float(dq[self._waist]))
+        orientation, rate = pelvis_from_torso_imu(attitude, gyro, *self._robot.imu_turn(q, dq))
         return RobotState(
             q=q,
             dq=dq,

@@ -33,7 +33,7 @@ _FLOOR_BODY = "world"
 
 
 class Simulation(Engine):
-    """One robot in MuJoCo with PD joints, an IMU on the torso and foot sensors, on a choice of ground, among objects.
+    """One robot in MuJoCo with PD joints, an IMU and foot sensors, on a choice of ground, among objects.
 
     Attributes:
         model, data: MuJoCo's model and data, for viewers and tests; `redraw` makes new ones.
@@ -79,12 +79,15 @@ class Simulation(Engine):
         }
         self._places_by_side = {  # of vectors
             name: np.array([np.r_[self._places[f"{side}_{name}"]] for side in SIDES])
-            for name in ("foot_force", "elbow_link_force", "sole_velocity")
+            for name in ("foot_force", "sole_velocity")
         }
+        self._places_by_side["hand_force"] = np.array(
+            [np.r_[self._places[f"{n}_force"]] for n in self.robot.hand_links]
+        )
         self._imu, self._twist = self.model.site("imu").id, np.zeros(6)
-        self._feet = [self.model.body(f"{side}_ankle_link").id for side in SIDES]
-        self._floor, self._trunk = self.model.geom("floor").id, self.model.geom("torso_link").id
-        self.variation.apply_to(self.model)
+        self._feet = [self.model.body(link).id for link in self.robot.foot_links]
+        self._floor, self._trunk = self.model.geom("floor").id, self.model.geom(self.robot.trunk).id
+        self.variation.apply_to(self.model, self.robot)
         torque_limit = self.model.actuator_forcerange[self._layout.ctrl, 1]
         self._limit = TorqueSpeedLimit(self.robot, torque_limit) if self.actuators.torque_speed else None
         self._footing = None if terrain is None else Footing(self.model, terrain)
@@ -105,8 +108,8 @@ class Simulation(Engine):
 
     def _take_objects(self, scene: Scene, seed: int) -> None:
         names, lowest = scene.body_names, 0.0 if self.terrain is None else float(self.terrain.heights.min())
-        self._scene_objects = SceneObjects(self.model, self.data, names, self.sensing, seed, lowest)
-        self.objects, self.gripper = self._scene_objects, Gripper(self.model, self.data, names)
+        self._scene_objects = SceneObjects(self.model, self.data, names, self.robot, self.sensing, seed, lowest)
+        self.objects, self.gripper = self._scene_objects, Gripper(self.model, self.data, names, self.robot)
 
     def _check_room(self, scene: Scene) -> None:
         """Refuse an object in which the robot stands at the start."""
@@ -118,7 +121,7 @@ class Simulation(Engine):
                 raise SceneError(_NO_ROOM.format(inside[0]))
         # The pelvis touches nothing: its shapes are for pictures.
         solid, points = (model.geom_contype != 0) | (model.geom_conaffinity != 0), np.zeros(6)
-        pelvis = np.flatnonzero(model.geom_bodyid == model.body("pelvis").id)
+        pelvis = np.flatnonzero(model.geom_bodyid == model.body(self.robot.base).id)
         for geom in np.flatnonzero(solid & (model.geom_type != mujoco.mjtGeom.mjGEOM_HFIELD)):
             body = model.body(int(model.geom_bodyid[geom])).name
             if body not in names:
@@ -139,7 +142,7 @@ class Simulation(Engine):
     def reset(
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
-        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (19,).
+        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (n,).
 
         By default the joints are nominal, with the ankles turned so that the soles lie on the ground's mean plane.
         """
@@ -152,7 +155,7 @@ class Simulation(Engine):
             joints[:] = q
         elif self.terrain is not None:
             rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
-            joints[self.robot.indices([f"{side}_ankle_joint" for side in SIDES])] -= math.atan(rise)
+            joints[self.robot.pair("ankle_pitch")] -= math.atan(rise)
         if self._scene_objects is not None and self.gripper is not None:
             self.gripper.reset()
         self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
@@ -253,7 +256,7 @@ class Simulation(Engine):
         data, layout, sensed = self.data, self._layout, self.data.sensordata.copy()
         # A contact sensor gives the force of the link on its surroundings; the reaction acts on the link.
         foot_force = -sensed[self._places_by_side["foot_force"]]
-        hand_force = -sensed[self._places_by_side["elbow_link_force"]]
+        hand_force = -sensed[self._places_by_side["hand_force"]]
         return Reading(
             time=data.time,
             qpos=data.qpos[layout.qpos].copy(),
@@ -283,7 +286,7 @@ class Simulation(Engine):
 
     @property
     def torque(self) -> np.ndarray:
-        """Joint torques of the last physics step [N*m], shape (19,)."""
+        """Joint torques of the last physics step [N*m], shape (n,)."""
         return self.data.actuator_force[self._layout.ctrl].copy()
 
     @property

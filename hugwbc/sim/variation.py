@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from hugwbc import rotations
-from hugwbc.robot import SIDES
+from hugwbc.robot import Robot
 from hugwbc.settings import Positive, settings
 from hugwbc.sim.footing import PLANE_NAME
 
@@ -17,11 +17,11 @@ class Variation:
     """Differences of one robot from its description; by default there are none.
 
     Attributes:
-        payload: mass added at the torso's centre of mass [kg]; negative to remove mass.
+        payload: mass added at the trunk's centre of mass [kg]; negative to remove mass.
         friction: coefficient of sliding friction between robot and ground; None for that of the description.
         gain: factor on the stiffness and damping that a controller commands.
         strength: factor on the torque that the motors deliver, including their limit.
-        hand_payload: mass in each hand, at the tip of the forearm [kg].
+        hand_payload: mass in each hand, at its frame [kg].
     """
 
     payload: Annotated[float, Field(ge=-10.0, le=50.0)] = 0.0
@@ -30,25 +30,26 @@ class Variation:
     strength: Positive = 1.0
     hand_payload: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
 
-    def apply_to(self, model: mujoco.MjModel) -> None:
-        """Change a newly compiled model.
+    def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Change a newly compiled model of a robot.
 
         Only the torque limits take `strength` here; the simulation applies `gain` and `strength` to the PD law.
         """
+        root = model.body(robot.base).id
         if self.payload:
-            model.body_mass[model.body("torso_link").id] += self.payload
+            model.body_mass[model.body(robot.trunk).id] += self.payload
             mujoco.mj_setConst(model, mujoco.MjData(model))
         if self.hand_payload:
-            for side in SIDES:
-                _add_mass(model, model.body(f"{side}_elbow_link").id, self.hand_payload, model.site(f"{side}_hand").pos)
+            for link in robot.hand_links:
+                _add_mass(model, model.body(link).id, self.hand_payload, robot.hand)
             mujoco.mj_setConst(model, mujoco.MjData(model))
         if self.friction is not None:
             # MuJoCo uses the larger of two coefficients, so the ground's must not exceed the requested one.
             ground = np.array([model.geom(i).name in ("floor", PLANE_NAME) for i in range(model.ngeom)])
-            robot = model.body_rootid[model.geom_bodyid] == model.body("pelvis").id
-            model.geom_friction[robot, 0] = self.friction
+            own = model.body_rootid[model.geom_bodyid] == root
+            model.geom_friction[own, 0] = self.friction
             model.geom_friction[ground, 0] = np.minimum(model.geom_friction[ground, 0], self.friction)
-        drives = [i for i in range(model.nu) if model.body_rootid[_body_of(model, i)] == model.body("pelvis").id]
+        drives = [i for i in range(model.nu) if model.body_rootid[_body_of(model, i)] == root]
         model.actuator_forcerange[drives] *= self.strength
 
 

@@ -9,11 +9,9 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.numeric import number
 from hugwbc.sim.scenes import Step, Table, Thing
 from hugwbc.sim.scenes.varied import settled
-from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.record import HANDS, TRUNK, TaskRecord
 from hugwbc.tasks.verdict import Milestone, at_end
 
-HANDS = ("left_elbow_link", "right_elbow_link")
-TRUNK = ("pelvis", "torso_link")
 UPRIGHT = 0.175  # [rad], 10 degrees
 AT_REST = 0.03  # [m/s]
 LIFTED = 0.05  # [m]

@@ -6,8 +6,8 @@ from hugwbc.behaviours import BoxGrip, Course, View, doing, step, wait
 from hugwbc.behaviours.course import Seconds
 from hugwbc.commands import Command
 from hugwbc.sim.scenes.varied import settled
-from hugwbc.tasks.judges import HANDS, happened, lifted
-from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.judges import happened, lifted
+from hugwbc.tasks.record import HANDS, TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone, longest
 

@@ -14,9 +14,11 @@ from hugwbc.sim.scenes import Thing
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _ROUNDING = 1e-9  # [s]
-_HANDS, _FEET = (tuple(f"{side}_{part}_link" for side in SIDES) for part in ("elbow", "ankle"))
-_WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "knee": "shank", "ankle": "foot", "torso": "trunk"}
-_WORDS |= {"shoulder_roll": "shoulder", "shoulder_yaw": "upper arm"}
+HANDS, _FEET = (tuple(f"{side}_{part}" for side in SIDES) for part in ("hand", "foot"))
+TRUNK = ("pelvis", "trunk")
+"""What a record calls the links of hands, base and trunk; others but the feet have their own names."""
+_WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "knee": "shank", "shoulder_roll": "shoulder"}
+_WORDS |= {"shoulder_yaw": "upper arm"}
 _UPRIGHT = 0.7  # vertical part of the normal of a contact on which a foot stands
 _BRIEF = 0.05  # [s], a touch that needs no duration
 
@@ -53,8 +55,7 @@ class TaskRecord:
         held: number of the object that the idealised gripper of each hand holds, its place in `Scene.body_names`;
             -1 for none. Shape (T, 2).
         touched: time of the first contact between a part of the robot and a body of the scene [s], by their names.
-            The hands (with their forearms) are "left_elbow_link" and "right_elbow_link". What a foot stands on is left
-            out.
+            Hands, base and trunk are called as in `HANDS` and `TRUNK`. What a foot stands on is left out.
         lasted: how long they touched in all [s], likewise.
         depth: how deep a hand was in each body that it touched, at most [m].
         fell: whether the robot fell, or the physics diverged.
@@ -118,7 +119,7 @@ def bumps(record: "TaskRecord | TaskWatch") -> tuple[str, ...]:
         part, long = link.removesuffix("_link"), record.lasted.get((link, body), 0.0)
         for name, word in _WORDS.items():
             part = part.replace(name, word)
-        if link not in _HANDS:
+        if link not in HANDS:
             time = f"at {begin:.1f} s" + (f", for {long:.1f} s" if long >= _BRIEF else "")
             found.append(f"the {part.replace('_', ' ')} touched '{body}' {time}")
     return tuple(found)
@@ -146,7 +147,10 @@ class TaskWatch:
         names = self._scene.body_names
         self._objects = {model.body(name).id: name for name in names}
         robot = set(simulation.link_names) - set(names) - {"world"}
-        self._links = {model.body(name).id: name for name in robot}
+        parts = simulation.robot
+        links = (*parts.hand_links, *parts.foot_links, parts.base, parts.trunk)
+        called = dict(zip(links, (*HANDS, *_FEET, *TRUNK), strict=True))
+        self._links = {model.body(name).id: called.get(name, name) for name in robot}
         self._is_object = np.zeros(model.nbody, dtype=bool)
         self._is_object[list(self._objects)] = True
         self._jointed = [name for name in names if simulation.objects[name].travel is not None]
@@ -178,7 +182,7 @@ class TaskWatch:
             if link is None or name is None or (link in _FEET and abs(contact.frame[index][2]) > _UPRIGHT):
                 continue
             self._touching.add((link, name))
-            if link in _HANDS:
+            if link in HANDS:
                 self._depth[name] = max(self._depth.get(name, 0.0), -float(contact.dist[index]))
         for pair in sorted(self._touching):
             self.touched.setdefault(pair, now)
@@ -197,7 +201,7 @@ class TaskWatch:
             "pelvis": simulation.qpos[:7],
             "hands": np.stack([simulation.hand_position(side) for side in SIDES]),
             "hand_force": np.zeros((2, 3)) if force is None else force.copy(),
-            "hand_touches": np.array([any(link == hand for link, _ in self._touching) for hand in _HANDS]),
+            "hand_touches": np.array([any(link == hand for link, _ in self._touching) for hand in HANDS]),
             "poses": simulation.objects.poses,
             "travel": np.array([simulation.objects[name].travel or 0.0 for name in self._jointed]),
             "gait": np.array(gait),

@@ -6,16 +6,14 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command, command_ranges
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.arm_solver import ArmSolver
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, HIP_NAMES, PITCH_JOINT
+from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, hip_names
 
 BODY_NAMES = ("h", "p", "w")
-_BODY_JOINTS = (HEIGHT_JOINT, PITCH_JOINT, "torso_joint")
-
 
 SPEED = (0.15, 0.3, 0.6)  # [m/s, rad/s, rad/s] of h, p and w; both controllers follow it without losing balance
 # [m^2/rad^2], pull of h, p and w towards the command, relative to 1 for the hands. It is well above the weight of the
@@ -40,23 +38,24 @@ class BodyReach:
         failures: number of steps in which the solver failed; each kept the last values.
     """
 
-    def __init__(self, robot: Robot | None = None, speed: tuple[float, float, float] = SPEED) -> None:
+    def __init__(self, robot: Robot, speed: tuple[float, float, float] = SPEED) -> None:
         """Build the virtual robot.
 
         Args:
-            robot: robot whose body reaches; None for the H1.
+            robot: robot whose body reaches.
             speed: highest speed of h, p and w [m/s, rad/s, rad/s].
         """
         self._speed, self._config = speed, ArmIKConfig()
-        self._robot = robot or load_robot()
+        self._robot = robot
+        self._body = (HEIGHT_JOINT, PITCH_JOINT, robot.joint_names[robot.waist])
         self.rejected = self.failures = 0
-        self._arms = arms = ArmSolver(self._robot, self._config, still=HIP_NAMES, on_column=True)
+        self._arms = arms = ArmSolver(self._robot, self._config, still=hip_names(robot), on_column=True)
         self.placo, self._solver = arms.placo, arms.solver
-        for name, fastest in zip(_BODY_JOINTS, speed, strict=True):
+        for name, fastest in zip(self._body, speed, strict=True):
             self.placo.set_velocity_limit(name, fastest)
-        self._columns = np.array([self.placo.get_joint_offset(name) for name in _BODY_JOINTS])
+        self._columns = np.array([self.placo.get_joint_offset(name) for name in self._body])
         self._body_task = self._solver.add_joints_task()
-        self._body_task.set_joints(dict.fromkeys(_BODY_JOINTS, 0.0))
+        self._body_task.set_joints(dict.fromkeys(self._body, 0.0))
         self._body_task.configure("body", "soft", BODY_WEIGHT)
         self.reset()
 
@@ -116,7 +115,7 @@ class BodyReach:
 
     def allow(self, ranges: np.ndarray) -> None:
         """Set the ranges of h, p and w, shape (3, 2)."""
-        for joint, (low, high) in zip(_BODY_JOINTS, ranges, strict=True):
+        for joint, (low, high) in zip(self._body, ranges, strict=True):
             # The solver needs a range with an interior, even where only one value is allowed.
             self.placo.set_joint_limits(joint, float(low) - 1e-6, float(high) + 1e-6)
 
@@ -144,7 +143,7 @@ class BodyReach:
         for task, target, on in zip(self._arms.hands, aim, given, strict=True):
             task.target_world = target
             task.configure("hand", "soft", float(on))
-        self._body_task.set_joints(dict(zip(_BODY_JOINTS, wanted.tolist(), strict=True)))
+        self._body_task.set_joints(dict(zip(self._body, wanted.tolist(), strict=True)))
         self._arms.damping.set_weight(self._config.damping + float(step.max()))
         self._solver.dt = dt
         try:
@@ -166,16 +165,14 @@ class BodyReach:
         self.values = np.array(values, dtype=float)
 
 
-def on_column(
-    hands: HandTargets, state: RobotState, values: np.ndarray, robot: Robot | None = None
-) -> np.ndarray | None:
+def on_column(hands: HandTargets, state: RobotState, values: np.ndarray, robot: Robot) -> np.ndarray | None:
     """Return hand targets in the column's frame: at the nominal height above the robot, with its heading.
 
     Args:
         hands: the targets.
         state: gives heading and position.
         values: current h, p and w, shape (3,); targets in the pelvis and the heading frame move with them.
-        robot: gives the nominal height; None for the H1.
+        robot: gives the nominal height.
 
     Returns:
         Positions [m], shape (2, 3), without meaning for a hand without a target; None if the targets are unusable.
@@ -186,7 +183,7 @@ def on_column(
     if hands.frame == "world":
         if state.position is None:
             return None
-        origin = np.array([*state.position[:2], (robot or load_robot()).nominal_height])
+        origin = np.array([*state.position[:2], robot.nominal_height])
         points = (points - origin) @ rotations.rotation_z(state.yaw)
     else:
         if hands.frame == "pelvis":

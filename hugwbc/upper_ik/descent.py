@@ -6,10 +6,10 @@ import math
 import numpy as np
 import placo
 
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.upper_ik.arm_solver import FRAMES, ArmSolver
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.self_collision import HIP_NAMES, Clearance
+from hugwbc.upper_ik.self_collision import Clearance, hip_names
 
 # A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
 STALL = 0.02
@@ -68,10 +68,10 @@ class Descent:
         without_collisions: number of steps that had to be solved without collision avoidance.
     """
 
-    def __init__(self, config: ArmIKConfig, robot: Robot | None = None) -> None:
+    def __init__(self, config: ArmIKConfig, robot: Robot) -> None:
         self.config = config
-        self._robot = robot or load_robot()
-        body = ("torso_joint", *HIP_NAMES)
+        self._robot = robot
+        body = (robot.joint_names[robot.waist], *hip_names(robot))
         self._arms = arms = ArmSolver(self._robot, config, still=body)
         self.lower, self.upper, self.velocity_limit = arms.lower, arms.upper, arms.velocity_limit
         self.placo, self._columns, self._solver = arms.placo, arms.columns, arms.solver
@@ -79,7 +79,7 @@ class Descent:
         self._body = self._robot.indices(body)
         self._body_low, self._body_high = self._robot.lower[self._body], self._robot.upper[self._body]
         self._body_columns = np.array([self.placo.get_joint_offset(name) for name in body])
-        self._elbows = [f"{side}_elbow_link" for side in SIDES]
+        self._elbows = robot.moved["elbow"]
         # A point on the axis replaces placo's own axis task, which gives NaN once the axis points as asked.
         self._elbow_tasks = [self._solver.add_position_task(frame, np.zeros(3)) for frame in self._elbows]
         for elbow, pointing in zip(self._elbows, self._elbow_tasks, strict=True):
@@ -92,7 +92,7 @@ class Descent:
         self.place(self._robot.nominal[self._robot.arms], self._robot.nominal)
 
     def place(self, q: np.ndarray, body: np.ndarray) -> None:
-        """Move to arm positions (8,) [rad], with waist and hips taken from joint positions (19,) [rad]."""
+        """Move to arm positions (8,) [rad], with waist and hips taken from joint positions (n,) [rad]."""
         self.q = np.minimum(np.maximum(q, self.lower), self.upper)
         self._put(self.q, body)
         # Near an obstacle, a hand moves only as fast as its arm can still stop.
@@ -105,7 +105,7 @@ class Descent:
         return min(max(stopping, self.config.touch_speed), self.config.hand_speed)
 
     def forward(self, q: np.ndarray, body: np.ndarray) -> np.ndarray:
-        """Return both hands' positions [m], shape (2, 3), at arms (8,) and body (19,); overwrites the posture."""
+        """Return both hands' positions [m], shape (2, 3), at arms (8,) and body (n,); overwrites the posture."""
         self._put(q, body)
         return self.hands
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.mirror import load_mirror
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
@@ -87,13 +87,9 @@ class PostureTable:
         return np.array(found) * mirror
 
 
-def posture_table(robot: Robot | None = None) -> PostureTable:
-    """Build the table of random postures, the same in every process; the first call of a robot takes about 60 ms."""
-    return _posture_table(robot or load_robot())
-
-
 @functools.cache
-def _posture_table(robot: Robot) -> PostureTable:
+def posture_table(robot: Robot) -> PostureTable:
+    """Build the table of random postures, the same in every process; the first call of a robot takes about 60 ms."""
     descent = Descent(ArmIKConfig(), robot)
     rng = np.random.default_rng(0)
     postures, hands = [], []
@@ -118,8 +114,7 @@ class Scout:
             bool.
     """
 
-    def __init__(self, config: ArmIKConfig, robot: Robot | None = None) -> None:
-        robot = robot or load_robot()
+    def __init__(self, config: ArmIKConfig, robot: Robot) -> None:
         # Virtual arms cannot break, so steps may be large.
         self._descent = Descent(
             dataclasses.replace(config, hand_speed=4.0, hand_deceleration=1e3, touch_speed=4.0, speed_fraction=1.0),
@@ -155,7 +150,7 @@ class Scout:
             arm: 0 for the left, 1 for the right arm.
             goal: targets [m], shape (2, 3).
             q: positions of the real arms [rad], shape (8,).
-            body: joint positions of the robot [rad], shape (19,).
+            body: joint positions of the robot [rad], shape (n,).
         """
         if self.done[arm] and np.linalg.norm(goal[arm] - self._goal[arm]) > MOVED:
             self.rest(arm)
@@ -184,7 +179,7 @@ class Scout:
         self.q[joints] = self._best[arm] if self.done[arm] else self._starts[arm].pop(0)
 
     def advance(self, goal: np.ndarray, body: np.ndarray) -> None:
-        """Let both arms descend towards the targets (2, 3) [m] on a body (19,) [rad], fast while they search.
+        """Let both arms descend towards the targets (2, 3) [m] on a body (n,) [rad], fast while they search.
 
         Raises:
             RuntimeError: if placo cannot solve a step.
@@ -209,10 +204,10 @@ class Detours:
         count: number of detours that were started.
     """
 
-    def __init__(self, config: ArmIKConfig, descent: Descent, robot: Robot | None = None) -> None:
+    def __init__(self, config: ArmIKConfig, descent: Descent, robot: Robot) -> None:
         self._config = config
         self._descent = descent
-        self._seeds = seeds(robot or load_robot())
+        self._seeds = seeds(robot)
         self._ways = ways(self._seeds.shape[1])
         self._tried = [0, 0]
         self._vias: list[list[np.ndarray]] = [[], []]
@@ -262,7 +257,7 @@ class Detours:
             q: current arm positions [rad], shape (8,).
             direct: arm positions of the direct way [rad], shape (8,).
             postures: postures to which the detours lead [rad], shape (8,).
-            body: joint positions of the robot [rad], shape (19,).
+            body: joint positions of the robot [rad], shape (n,).
             dt: length of the tick [s].
         """
         target = direct.copy()

@@ -13,12 +13,17 @@ from hugwbc.robot import SIDES, Robot
 
 _WIDEST = 0.07  # [m]; a box that is wider gets several capsules side by side
 _ROUND = 1.03  # ratio of a capsule's radius to that of the box's corners: a little wider, but shorter at its ends
-HIP_NAMES = tuple(f"{side}_hip_{part}_joint" for side in SIDES for part in ("yaw", "roll", "pitch"))
 HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 
 
+def hip_names(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the six hip joints, those of the left leg first."""
+    pairs = [robot.pair(part) for part in ("hip_yaw", "hip_roll", "hip_pitch")]
+    return tuple(robot.joint_names[pair[side]] for side in range(len(SIDES)) for pair in pairs)
+
+
 def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
-    """Build placo's model of the robot with arms, waist and hips; knees and ankles are fixed.
+    """Build placo's model of the robot with arms, waist and hips; knees, ankles and held joints are fixed.
 
     Its shapes are capsules around the collision boxes of the simulated robot, and the robot's capsules around what has
     none. (Flat faces would do without the difference, but the nearest points of two parallel ones jump from edge to
@@ -32,22 +37,22 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     for link in root.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
-    stiff = {robot.joint_names[index] for index in robot.legs} - set(HIP_NAMES)
+    stiff = {robot.joint_names[index] for index in (*robot.legs, *robot.held)} - set(hip_names(robot))
     for joint in root.findall("joint"):
         if joint.get("name") in stiff:
             joint.set("type", "fixed")
     if on_column:
-        _put_on_column(root)
+        _put_on_column(root, robot.base)
     wrapper = placo.RobotWrapper(robot.name, 0, ElementTree.tostring(root, encoding="unicode"))
     place_frames(wrapper.model, robot)
     _set_shapes(wrapper, robot)
     return wrapper
 
 
-def _put_on_column(root: ElementTree.Element) -> None:
+def _put_on_column(root: ElementTree.Element, base: str) -> None:
     for parent, child, name, kind, axis in (
         ("column", "carriage", HEIGHT_JOINT, "prismatic", "0 0 1"),
-        ("carriage", "pelvis", PITCH_JOINT, "revolute", "0 1 0"),
+        ("carriage", base, PITCH_JOINT, "revolute", "0 1 0"),
     ):
         ElementTree.SubElement(root, "link", name=parent)
         joint = ElementTree.SubElement(root, "joint", name=name, type=kind)

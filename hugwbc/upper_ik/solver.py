@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.config import ArmIKConfig
@@ -63,10 +63,10 @@ class ArmIK:
         acceleration_limit: joint acceleration limit of the solution [rad/s^2].
     """
 
-    def __init__(self, config: ArmIKConfig | None = None, robot: Robot | None = None) -> None:
-        """Build the kinematics of a robot, by default the H1, from its URDF, at the nominal arm posture."""
+    def __init__(self, robot: Robot, config: ArmIKConfig | None = None) -> None:
+        """Build the kinematics of a robot from its URDF, at the nominal arm posture."""
         self.config = config or ArmIKConfig()
-        self.robot = robot or load_robot()
+        self.robot = robot
         self.rejected = 0
         self.failures = 0
         self._descent = Descent(self.config, self.robot)

@@ -100,9 +100,9 @@ class UpperBodySource:
         solution: the solver's last answer; None while the arms are released or follow joint targets.
     """
 
-    def __init__(self, *, robot: Robot | None = None) -> None:
-        """Build the solver for a robot, by default the H1."""
-        self.ik = ArmIK(robot=robot)
+    def __init__(self, robot: Robot) -> None:
+        """Build the solver for a robot."""
+        self.ik = ArmIK(robot)
         self.takeover = Takeover(robot)
         self.watch, self._held = TargetWatch(), HeldTargets()
         self._loads = HandLoads()

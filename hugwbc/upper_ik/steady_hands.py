@@ -50,7 +50,7 @@ class SteadyHands:
 
     def __init__(self, robot: Robot) -> None:
         kinematics = Kinematics(robot)
-        self._waist = robot.waist
+        self._robot = robot
         self._imu = kinematics.model.frames[kinematics.frame_id("imu")].placement.translation.copy()
         self._order = np.arange(1, _MOST + 1)
         self.reset()
@@ -90,7 +90,7 @@ class SteadyHands:
         pelvis = rotations.to_matrix(state.orientation)
         origin, felt = np.zeros(3) if state.position is None else state.position, np.zeros(3)
         if state.imu_accelerometer is not None and dt < COARSE:
-            torso = rotations.rotation_z(float(state.q[self._waist]))
+            torso = rotations.rotation_z(self._robot.imu_turn(state.q, state.dq)[0])
             origin = -pelvis @ torso @ self._imu
             felt = pelvis @ torso @ state.imu_accelerometer
         roll, pitch = rotations.roll_of(state.orientation), rotations.pitch_of(state.orientation)

@@ -6,7 +6,7 @@ import numpy as np
 
 from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.upper_ik.limiter import JointLimiter
 
 TAKE_TIME = 0.5  # [s], of the blend from the arms' own position to the external targets
@@ -36,8 +36,7 @@ class Takeover:
             braked.
     """
 
-    def __init__(self, robot: Robot | None = None) -> None:
-        robot = robot or load_robot()
+    def __init__(self, robot: Robot) -> None:
         arms = robot.arms
         self.velocity_limit = robot.velocity_limit[arms] * SPEED_SHARE
         # These are the position limits of the safety filter. A controller without feed-forward torque may command its

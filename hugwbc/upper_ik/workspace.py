@@ -8,7 +8,7 @@ import numpy as np
 
 from hugwbc.commands import command_ranges
 from hugwbc.gait import Gait
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.upper_ik.body_reach import BODY_NAMES, BodyReach
 from hugwbc.upper_ik.detour import seeds
 
@@ -57,17 +57,17 @@ def shoulder_shift(robot: Robot) -> float:
     return 2.0 * (radius * math.sin(pitch / 2.0) + across * math.sin(waist / 2.0))
 
 
-def measure_workspace(spacing: float, on_progress: Callable[[float], None] | None = None) -> Workspace:
+def measure_workspace(robot: Robot, spacing: float, on_progress: Callable[[float], None] | None = None) -> Workspace:
     """Try every grid point of a 2 m cube on the ground with the left hand; the right hand reaches the mirror image.
 
     Args:
+        robot: robot with the hands.
         spacing: distance between grid points [m], at most `SIDE`.
         on_progress: called with the fraction done.
     """
     half = int(SIDE / 2.0 / spacing + 1e-9)
     ticks = spacing * np.arange(-half, half + 1)
     grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1)
-    robot = load_robot()
     points = (grid + np.array([0.0, 0.0, SIDE / 2.0 - robot.nominal_height])).reshape(-1, 3)
     # Nothing moves that could lose its balance, so steps may be large.
     reach = BodyReach(robot, speed=(2.0, 3.0, 6.0))

@@ -18,11 +18,12 @@ import mujoco
 import numpy as np
 
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.robot import Robot, load_robot
 from hugwbc.viz.video import HINT, renderer_environment
 
 SIZE = 224  # pixels in height and width
 CAMERAS = ("head", "front")
-_PLACE, _DOWN = np.array([0.14, 0.0175, 0.6932]), math.radians(40.0)  # of the head's camera in the torso [m]; its pitch
+_BEFORE, _DOWN = np.array([0.0315, 0.0, 0.0]), math.radians(40.0)  # of the head's camera: out of the shell [m]; pitch
 _FIELDS = {"head": math.radians(69.0), "front": math.radians(50.0)}  # of view, both ways; 69 is a D435's horizontal one
 _AHEAD, _HEIGHT = 2.8, 2.5  # of the front camera: before the pelvis in the first heading, and above the ground [m]
 _LIGHT = 0.3  # ambient light: sides in the shade stay visible
@@ -39,12 +40,13 @@ def check_cameras(names: Sequence[str]) -> None:
 
 
 def render_films(
-    model: mujoco.MjModel, qpos: np.ndarray, cameras: Sequence[str], fps: int, folder: pathlib.Path
+    model: mujoco.MjModel, robot: Robot, qpos: np.ndarray, cameras: Sequence[str], fps: int, folder: pathlib.Path
 ) -> dict[str, dict[str, Any]]:
     """Write a film of each camera as NAME.mp4 into a folder.
 
     Args:
         model: the robot and what is around it.
+        robot: the robot.
         qpos: positions of all joints in each frame, shape (T, model.nq).
         cameras: names in `CAMERAS`.
         fps: frames per second.
@@ -59,7 +61,7 @@ def render_films(
         told, positions = pathlib.Path(place) / "model.mjb", pathlib.Path(place) / "qpos.npy"
         mujoco.mj_saveModel(model, str(told))
         np.save(positions, qpos, allow_pickle=False)
-        words = [str(told), str(positions), str(folder.absolute()), str(fps), *cameras]
+        words = [str(told), str(positions), str(folder.absolute()), str(fps), robot.name, *cameras]
         command = [sys.executable, "-m", "hugwbc.viz.cameras", *words]
         done = subprocess.run(command, capture_output=True, text=True, env=renderer_environment(), cwd=place)
     if done.returncode:
@@ -68,29 +70,34 @@ def render_films(
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def view_of(name: str, model: mujoco.MjModel, data: mujoco.MjData, heading: np.ndarray) -> list[np.ndarray]:
+def view_of(
+    name: str, model: mujoco.MjModel, robot: Robot, data: mujoco.MjData, heading: np.ndarray
+) -> list[np.ndarray]:
     """Return place, forward and upward direction of a camera in the world, shape (3,) each.
 
     Args:
         name: one of `CAMERAS`.
         model: the robot and what is around it.
+        robot: the robot.
         data: positions of all bodies.
         heading: horizontal direction of the robot at the first frame, shape (3,).
     """
     if name == "head":
-        torso = model.body("torso_link").id
+        torso = model.body(robot.trunk).id
         turn = data.xmat[torso].reshape(3, 3)
         cosine, sine = math.cos(_DOWN), math.sin(_DOWN)
         ahead, above = np.array([cosine, 0.0, -sine]), np.array([sine, 0.0, cosine])
-        return [data.xpos[torso] + turn @ _PLACE, turn @ ahead, turn @ above]
-    pelvis = data.xpos[model.body("pelvis").id]
+        return [data.xpos[torso] + turn @ (robot.camera + _BEFORE), turn @ ahead, turn @ above]
+    pelvis = data.xpos[model.body(robot.base).id]
     place = np.array([*(pelvis + _AHEAD * heading)[:2], _HEIGHT])
     forward = (pelvis - place) / np.linalg.norm(pelvis - place)
     upward = np.array([0.0, 0.0, 1.0]) - forward[2] * forward
     return [place, forward, upward / np.linalg.norm(upward)]
 
 
-def _render(model: mujoco.MjModel, qpos: np.ndarray, cameras: Sequence[str], fps: int, folder: pathlib.Path) -> None:
+def _render(
+    model: mujoco.MjModel, robot: Robot, qpos: np.ndarray, cameras: Sequence[str], fps: int, folder: pathlib.Path
+) -> None:
     """Render all films, and write their statistics to standard output."""
     data, options, heading = mujoco.MjData(model), mujoco.MjvOption(), np.zeros(3)
     options.geomgroup[3] = 0
@@ -104,11 +111,11 @@ def _render(model: mujoco.MjModel, qpos: np.ndarray, cameras: Sequence[str], fps
             mujoco.mj_comPos(model, data)
             mujoco.mj_camlight(model, data)
             if not number:
-                x, y, _ = data.xmat[model.body("pelvis").id].reshape(3, 3)[:, 0]
+                x, y, _ = data.xmat[model.body(robot.base).id].reshape(3, 3)[:, 0]
                 heading[:] = np.array([x, y, 0.0]) / math.hypot(x, y)
             for name in cameras:
                 renderer.update_scene(data, mujoco.MjvCamera(), options)
-                place, forward, upward = view_of(name, model, data, heading)
+                place, forward, upward = view_of(name, model, robot, data, heading)
                 for eye in renderer.scene.camera:
                     eye.pos, eye.forward, eye.up = place, forward, upward
                     edge = eye.frustum_near * math.tan(0.5 * _FIELDS[name])
@@ -129,6 +136,6 @@ def _statistics(pictures: Sequence[np.ndarray]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    path, positions, out, rate, *names = sys.argv[1:]
+    path, positions, out, rate, of, *names = sys.argv[1:]
     recorded = np.load(positions, allow_pickle=False)
-    _render(mujoco.MjModel.from_binary_path(path), recorded, names, int(rate), pathlib.Path(out))
+    _render(mujoco.MjModel.from_binary_path(path), load_robot(of), recorded, names, int(rate), pathlib.Path(out))

@@ -13,7 +13,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.moment import Moment
 from hugwbc.sim.layout import robot_layout
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z, homogeneous
@@ -66,16 +66,14 @@ HIDDEN = Mark(visible=False)
 class Marks:
     """The marks around one robot, found from a moment by the robot's kinematics."""
 
-    def __init__(self, model: mujoco.MjModel, robot: Robot | None = None) -> None:
-        """Set up for a robot, by default the H1, and a model that holds it."""
+    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Set up for a robot and a model that holds it."""
         self._model = model
         self._data, self._ghost = mujoco.MjData(model), mujoco.MjData(model)
-        self._robot = robot or load_robot()
+        self._robot = robot
         self._layout = robot_layout(model, self._robot)
-        self._pelvis = model.body("pelvis").id
-        length, middle = np.diff(self._robot.sole_x)[0], np.mean(self._robot.sole_x)
-        self._half_sole = np.array([0.5 * length, 0.0, 0.0])
-        self.sole = np.array([middle, 0.0, float(model.site("left_sole").pos[2])])
+        self._pelvis = model.body(robot.base).id
+        self._half_sole = np.array([0.5 * np.diff(robot.sole_x)[0], 0.0, 0.0])
 
     def at(self, moment: Moment) -> dict[str, Mark]:
         """Return all marks by their path below the robot; the first part of a path is the layer, one of `LAYERS`."""
@@ -117,8 +115,8 @@ class Marks:
             self._ghost.qpos[self._layout.qpos] = moment.qpos
             self._ghost.qpos[self._layout.joints][self._robot.arms] = moment.arm_target
             mujoco.mj_kinematics(self._model, self._ghost)
-        for side in SIDES:
-            body = self._ghost.body(f"{side}_elbow_link")
+        for side, link in zip(SIDES, self._robot.hand_links, strict=True):
+            body = self._ghost.body(link)
             mark = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy()) if wanted else HIDDEN
             marks[f"hands/ghost_{side}"] = mark
         return marks
@@ -167,7 +165,7 @@ class Marks:
         marks = {}
         stance = in_stance(moment.phase, moment.gait, moment.foot_contact)
         for foot, side in enumerate(SIDES):
-            body = self._data.body(f"{side}_ankle_link")
+            body = self._data.body(self._robot.foot_links[foot])
             marks[f"phases/{side}"] = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy())
             marks[f"phases/{side}/stance"] = Mark(bool(stance[foot]))
             marks[f"phases/{side}/swing"] = Mark(not stance[foot])
@@ -239,22 +237,21 @@ def _about_z(yaw: float) -> np.ndarray:
     return rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
 
 
-def mark_shapes(shapes: Sequence[Shape], label: str, sole: np.ndarray) -> dict[str, list[Shape]]:
+def mark_shapes(shapes: Sequence[Shape], label: str, robot: Robot) -> dict[str, list[Shape]]:
     """Return the shapes of every mark, by the mark's path below the robot.
 
-    The shapes are the robot's, for the ghosts of its forearms; the label is its colour as "#rrggbb"; the sole is the
-    centre of a sole in the ankle link's frame [m].
+    The shapes are the robot's, for the ghosts of its hands; the label is its colour as "#rrggbb".
     """
     parts: dict[str, list[Shape]] = {}
-    for side in SIDES:
+    for side, hand in zip(SIDES, robot.hand_links, strict=True):
         parts[f"hands/target_{side}"] = [Shape(geometry.Sphere(TARGET_RADIUS), label, opacity=0.75)]
-        forearm = [shape for shape in shapes if shape.body == f"{side}_elbow_link"]
+        forearm = [shape for shape in shapes if shape.body == hand]
         parts[f"hands/ghost_{side}"] = [Shape(shape.primitive, label, shape.placement, 0.3) for shape in forearm]
-        parts[f"steps/planned_{side}"] = [footprint(label, 0.35)]
+        parts[f"steps/planned_{side}"] = [footprint(robot, label, 0.35)]
         parts[f"forces/{side}"] = _arrow()
         parts[f"forces/{side}_hand"] = _arrow()
         for name, colour in (("stance", STANCE), ("swing", SWING)):
-            parts[f"phases/{side}/{name}"] = [_slab(colour, sole)]
+            parts[f"phases/{side}/{name}"] = [_slab(robot, colour)]
     parts["balance/centre"] = [Shape(geometry.Sphere(CENTRE_RADIUS), BALANCE)]
     parts["balance/plumb"] = [Shape(_rod(1.0, 0.5 * LINE_RADIUS), BALANCE, along_z(0.5) @ CYLINDER_TO_Z)]
     parts["balance/ground"] = [Shape(_rod(0.004, GROUND_RADIUS), BALANCE, along_z(0.004) @ CYLINDER_TO_Z)]
@@ -264,20 +261,19 @@ def mark_shapes(shapes: Sequence[Shape], label: str, sole: np.ndarray) -> dict[s
     return parts
 
 
-def footprint(colour: str, opacity: float) -> Shape:
+def footprint(robot: Robot, colour: str, opacity: float) -> Shape:
     """Return a sole's print on the ground, in a frame at the sole's centre."""
-    return Shape(_sole_box(STEP_THICKNESS), colour, along_z(0.5 * STEP_THICKNESS), opacity)
+    return Shape(_sole_box(robot, STEP_THICKNESS), colour, along_z(0.5 * STEP_THICKNESS), opacity)
 
 
-def _slab(colour: str, sole: np.ndarray) -> Shape:
+def _slab(robot: Robot, colour: str) -> Shape:
     low, high = SLAB_HEIGHT
     placement = along_z(0.5 * (low + high))
-    placement[:3, 3] += sole
-    return Shape(_sole_box(high - low), colour, placement)
+    placement[:3, 3] += (robot.sole_middle, 0.0, robot.sole_z)
+    return Shape(_sole_box(robot, high - low), colour, placement)
 
 
-def _sole_box(height: float) -> geometry.Box:
-    robot = load_robot()
+def _sole_box(robot: Robot, height: float) -> geometry.Box:
     length, width = float(np.diff(robot.sole_x)[0]), float(np.diff(robot.sole_y)[0])
     return geometry.Box([length + 2 * SOLE_EDGE, width + 2 * SOLE_EDGE, height])
 

@@ -49,7 +49,7 @@ class RobotView:
         model: mujoco.MjModel,
         label: str,
         offset: float,
-        robot: Robot | None,
+        robot: Robot,
         scene: scenes.Scene | None,
     ) -> None:
         """Put the shapes of the robot, of its marks, and of the objects around it into the world.
@@ -58,7 +58,7 @@ class RobotView:
         "#rrggbb", and the offset to the left sets robots side by side [m].
         """
         self.path, self.marks = path, Marks(model, robot)
-        self._node, self._label = node[path], label
+        self._node, self._robot, self._label = node[path], robot, label
         self._node.set_transform(homogeneous(np.array([0.0, offset, 0.0]), UPRIGHT))
         shapes = shapes_of(model)
         for index, shape in enumerate(shapes):
@@ -67,7 +67,7 @@ class RobotView:
                 f"links/{shape.body}/{index}", shape, geometry.MeshPhongMaterial(color=_hex(colour), shininess=40)
             )
         self._links = [(f"links/{name}", model.body(name).id) for name in dict.fromkeys(s.body for s in shapes)]
-        for name, parts in mark_shapes(shapes, label, self.marks.sole).items():
+        for name, parts in mark_shapes(shapes, label, robot).items():
             for index, part in enumerate(parts):
                 self._add(f"{name}/{index}", part)
         self._steps, self._on_ground = 0, np.zeros(2, dtype=bool)
@@ -104,7 +104,7 @@ class RobotView:
     def add_footprint(self, number: int, mark: Mark) -> str:
         """Put footprint `number` on the ground, in place of an earlier one; return its path below the robot."""
         path = f"steps/placed_{number}"
-        self._add(f"{path}/0", footprint(self._label, 0.8))
+        self._add(f"{path}/0", footprint(self._robot, self._label, 0.8))
         self.place(path, mark)
         return path
 
@@ -150,7 +150,7 @@ class Scene:
         self,
         visualizer: meshcat.Visualizer,
         names: Sequence[str],
-        robot: Robot | None = None,
+        robot: Robot,
         around: Sequence[scenes.Scene | None] = (),
     ) -> None:
         """Build the scene of robots by their names, the first leftmost, each with the objects around it."""

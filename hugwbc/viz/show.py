@@ -17,6 +17,7 @@ from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, Command
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
+from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
@@ -72,12 +73,12 @@ class RealTime:
         self._shown += duration
 
 
-def open_view(name: str, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
+def open_view(name: str, robot: Robot, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
     """Open a live meshcat page with one robot, which only this machine can reach; return what draws a moment."""
-    return open_page(tell)(name, scene)
+    return open_page(tell)(name, robot, scene)
 
 
-def open_page(tell: Tell) -> Callable[[str, Scene | None], Draw]:
+def open_page(tell: Tell) -> Callable[[str, Robot, Scene | None], Draw]:
     """Open an empty page; return what puts a robot there, by its name and what is around it."""
     from hugwbc.viz import meshcat_scene
     from hugwbc.viz.server import open_visualizer
@@ -87,8 +88,8 @@ def open_page(tell: Tell) -> Callable[[str, Scene | None], Draw]:
     if webbrowser.open(address):
         time.sleep(PAGE_LOAD_TIME)
 
-    def put(name: str, scene: Scene | None) -> Draw:
-        picture = meshcat_scene.Scene(visualizer, [name], around=[scene])
+    def put(name: str, robot: Robot, scene: Scene | None) -> Draw:
+        picture = meshcat_scene.Scene(visualizer, [name], robot, around=[scene])
 
         def draw(moment: Moment) -> None:
             picture.robots[0].show(moment)
@@ -130,7 +131,7 @@ def watch(
         The record of the run.
     """
     simulation = simulation or Simulation()
-    draw = open_view(controller.name, scene=simulation.scene, tell=tell) if show else live
+    draw = open_view(controller.name, simulation.robot, scene=simulation.scene, tell=tell) if show else live
     in_time = None if draw is None else at_real_time(draw, simulation)
     trace = rollout(controller, source, simulation, upper_body, duration=duration, forces=forces, on_moment=in_time)
     if replay is not None:

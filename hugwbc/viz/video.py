@@ -148,7 +148,7 @@ def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, lay
     marks = Marks(model, robot)
     parts = {
         name: pieces
-        for name, pieces in mark_shapes(shapes_of(model), label, marks.sole).items()
+        for name, pieces in mark_shapes(shapes_of(model), label, robot).items()
         if name.split("/")[0] in layers
     }
     prints = _footprints(trace, marks, label) if "steps" in layers else []
@@ -168,7 +168,7 @@ def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, lay
 
 def _footprints(trace: Trace, marks: Marks, label: str) -> list[tuple[float, np.ndarray]]:
     """Return the footprints as geoms, each with the time at which it appears [s]."""
-    part, prints = footprint(label, PRINT_OPACITY), []
+    part, prints = footprint(load_robot(trace.robot), label, PRINT_OPACITY), []
     for foot in range(2):
         for time in trace.touch_downs[foot]:
             if time <= trace.time[-1]:
@@ -258,7 +258,7 @@ def _stage(traces: Sequence[Trace]) -> mujoco.MjModel:
     stage.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], material="tiles")
     stage.worldbody.add_light(pos=[0, 0, 6], dir=[-0.3, 0.4, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
     for index in range(len(traces)):
-        robot = mujoco.MjSpec.from_file(str(load_robot().xml_path))
+        robot = mujoco.MjSpec.from_file(str(load_robot(traces[index].robot).xml_path))
         for element in (robot.geom("floor"), *robot.lights, *robot.keys, *robot.sensors, *robot.actuators):
             robot.delete(element)
         for finish in robot.materials:

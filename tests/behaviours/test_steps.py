@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from behaviour_helpers import objects, view
 
-from hugwbc import rotations
+from hugwbc import load_robot, rotations
 from hugwbc.behaviours import (
     Action,
     Behaviour,
@@ -37,7 +37,12 @@ def _play(
 ) -> tuple[BehaviourSource, Simulation]:
     source, simulation = BehaviourSource(behaviour), Simulation(scene=scene, seed=seed)
     trace = rollout(
-        load_controller(controller), source, simulation, UpperBodySource(), duration=seconds, until=lambda: source.done
+        load_controller(controller),
+        source,
+        simulation,
+        UpperBodySource(load_robot()),
+        duration=seconds,
+        until=lambda: source.done,
     )
     assert not trace.fell and trace.problems == ()
     return source, simulation

@@ -197,7 +197,7 @@ def test_from_the_hoist_to_a_stand(monkeypatch) -> None:
     """The robot side brings a simulated robot to its start pose, refuses too early a run, runs the QP and damps."""
     monkeypatch.setattr(state_machine, "START_TIME", 0.4)
     schedule = "0.02 Start, 0.1 lower, 0.3 A, 1.3 A, 1.6 release, 2.3 Select"
-    pair = Pair(WholeBodyController(), schedule)
+    pair = Pair(WholeBodyController(load_robot()), schedule)
     pair.run(2.3)
     assert pair.pilot.mode is Mode.RUN and not pair.robot.simulation.fallen
     height = float(pair.robot.simulation.qpos[2])

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.behaviours import Failure, wait
 from hugwbc.evaluation.comparison import compare, figure_table, summarise
 from hugwbc.evaluation.segment_figures import headline
@@ -39,7 +39,9 @@ def test_an_outcome_holds_the_figures_of_its_trace(synthetic_trace):
 
 
 def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targets():
-    traces = [run.trace for run in compare({"one": HoldController(), "two": HoldController()}, SCRIPT)]
+    traces = [
+        run.trace for run in compare({"one": HoldController(load_robot()), "two": HoldController(load_robot())}, SCRIPT)
+    ]
     assert [trace.name for trace in traces] == ["one", "two"]
     for trace in traces:
         assert trace.time[-1] == pytest.approx(SCRIPT.duration - 0.02)
@@ -50,7 +52,7 @@ def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targ
 
 
 def test_the_qp_brings_both_hands_to_their_targets():
-    trace = compare({"qp": WholeBodyController()}, SCRIPT)[0].trace
+    trace = compare({"qp": WholeBodyController(load_robot())}, SCRIPT)[0].trace
     assert not trace.fell
     assert trace.hand_error[-5:].max() < 0.02
     assert np.nanmax(trace.hand_error) > 0.1, "the hands start far from their targets"
@@ -61,7 +63,7 @@ def test_how_a_behaviour_ended_is_told():
         yield from wait(view, 0.1)
         raise Failure("out of breath")
 
-    (run,) = compare({"hold": HoldController()}, tire)
+    (run,) = compare({"hold": HoldController(load_robot())}, tire)
     assert run.outcome["ending"] == "not done: out of breath"
     outcomes = {"hold": run.outcome}
     assert ("behaviour", "not done: out of breath") in figure_table(outcomes).rows
@@ -69,7 +71,7 @@ def test_how_a_behaviour_ended_is_told():
 
 
 def test_noise_follows_the_seed():
-    first, again, other = (compare({"hold": HoldController()}, SCRIPT, seed=s)[0].trace for s in (1, 1, 2))
+    first, again, other = (compare({"hold": HoldController(load_robot())}, SCRIPT, seed=s)[0].trace for s in (1, 1, 2))
     np.testing.assert_array_equal(first.qpos, again.qpos)
     assert not np.array_equal(first.qpos[-1], other.qpos[-1]), "the IK sees the noise and moves the arms accordingly"
 

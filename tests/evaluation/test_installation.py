@@ -1,6 +1,6 @@
 import pytest
 
-from hugwbc import kinematics
+from hugwbc import kinematics, load_robot
 from hugwbc.evaluation import installation
 from hugwbc.sim.arena import Arena
 
@@ -23,7 +23,7 @@ def test_a_missing_package_is_named(monkeypatch):
 
 
 def test_different_masses_are_noticed(monkeypatch):
-    heavier = kinematics.pinocchio_model().copy()
+    heavier = kinematics.pinocchio_model(load_robot()).copy()
     heavier.inertias[1] = heavier.inertias[1] + heavier.inertias[1]
     monkeypatch.setattr(kinematics, "pinocchio_model", lambda robot: heavier)
     with pytest.raises(installation.CheckError, match="differ by up to"):

@@ -4,7 +4,7 @@ import pickle
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import Settings, simulate
@@ -48,7 +48,7 @@ def test_plans_are_values():
 
 def run(*plans: Plan, **settings):
     config = Settings(duration=0.3, settle=0.1, **settings)
-    return [simulate(HoldController(), config, plan).trace for plan in plans]
+    return [simulate(HoldController(load_robot()), config, plan).trace for plan in plans]
 
 
 def test_the_forces_of_a_plan_push_the_robot():

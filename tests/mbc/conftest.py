@@ -40,7 +40,7 @@ def _reflected(inertia: pin.Inertia) -> pin.Inertia:
 @pytest.fixture(scope="session")
 def symmetric_model() -> pin.Model:
     """The H1 with every link's inertia averaged with its mirror image's: the real table is a little lopsided."""
-    model = pinocchio_model().copy()
+    model = pinocchio_model(load_robot()).copy()
     original = [inertia.copy() for inertia in model.inertias]
     for index, name in enumerate(model.names):
         other = name.replace("left_", "x_").replace("right_", "left_").replace("x_", "right_")
@@ -66,7 +66,7 @@ def dynamics_of(standing_state: RobotState) -> Callable[..., Dynamics]:
         for name, value in (joints or {}).items():
             q[load_robot().index(f"{name}_joint")] += value
         turned = {"q": q, "orientation": rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)}
-        dynamics = Dynamics()
+        dynamics = Dynamics(load_robot())
         dynamics.update(dataclasses.replace(standing_state, **(turned | changes)))
         return dynamics
 

@@ -15,7 +15,7 @@ DT = 0.002
 LIGHT = load_robot("h1-2023")
 
 
-def _history(command, seconds, start=(0.0, 0.0, 0.0), robot=None):
+def _history(command, seconds, start=(0.0, 0.0, 0.0), robot=load_robot()):  # noqa: B008
     command_filter = CommandFilter(PARAMS, robot)
     command_filter.reset(*start)
     return [command_filter.update(command, DT)[0] for _ in range(round(seconds / DT))]
@@ -23,7 +23,7 @@ def _history(command, seconds, start=(0.0, 0.0, 0.0), robot=None):
 
 def _after(ticks, command, gait=None, commands=None):
     """The command and the report after so many ticks, of a filter that is new unless it is given."""
-    commands = commands or CommandFilter(PARAMS)
+    commands = commands or CommandFilter(PARAMS, load_robot())
     for _ in range(ticks):
         result = commands.update(command, DT, gait or GaitState())
     return result
@@ -47,7 +47,7 @@ def test_posture_arrives_within_its_rates_and_without_overshoot():
 
 
 def test_a_posture_arrives_exactly_and_what_does_not_move_is_not_worked_out_again():
-    command_filter, command = CommandFilter(PARAMS), Command(h=-0.2, p=0.4, w=-1.0)
+    command_filter, command = CommandFilter(PARAMS, load_robot()), Command(h=-0.2, p=0.4, w=-1.0)
     command_filter.reset(0.0, 0.0, 0.0)
     ticks = [command_filter.update(command, DT) for _ in range(round(4.0 / DT))]
     last = ticks[-1][0]
@@ -66,7 +66,7 @@ def test_velocities_ramp():
 
 
 def test_bad_values_are_replaced_and_reported():
-    command_filter = CommandFilter(PARAMS)
+    command_filter = CommandFilter(PARAMS, load_robot())
     command = Command(v_x=math.nan, v_y=9.0, h=math.inf, p=-math.inf, gait=Gait.WALKING)
     smooth, report = command_filter.update(command, DT)
     assert np.all(np.isfinite([*smooth.velocity, smooth.omega, smooth.f, smooth.l, smooth.h, smooth.p, smooth.w]))
@@ -110,7 +110,7 @@ def test_the_report_names_the_height_that_is_used(v_x):
 def test_a_squat_that_strays_is_as_high_as_the_speed_that_it_has_needs():
     command, heights = Command(h=-0.3, gait=Gait.WALKING), {}
     for v_x, stray in ((0.0, 0.0), (0.0, -0.6), (-0.6, 0.0)):
-        command_filter = CommandFilter(PARAMS)
+        command_filter = CommandFilter(PARAMS, load_robot())
         asked = dataclasses.replace(command, v_x=v_x)
         heights[v_x, stray] = _after(1000, asked, GaitState(stray=stray), command_filter)[0].h
     assert heights[0.0, -0.6] == pytest.approx(heights[-0.6, 0.0]) and heights[0.0, -0.6] > heights[0.0, 0.0] + 0.05
@@ -128,7 +128,7 @@ def test_fast_walking_lowers_the_pelvis():
 def test_a_walk_is_no_faster_than_the_hips_can_swing_the_legs():
     command = Command(v_x=2.0, gait=Gait.WALKING)
     smooth, report = _after(1000, command)
-    fastest = fastest_walk(PARAMS, 2.0)
+    fastest = fastest_walk(PARAMS, 2.0, robot=load_robot())
     assert smooth.velocity[0] == pytest.approx(fastest) and 1.5 < fastest < 2.0
     assert any(line.startswith("v_x = 2 m/s is too fast") for line in report)
 
@@ -152,7 +152,7 @@ def test_jumps_are_slower_than_a_walk():
 @pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
 def test_a_hop_is_lowered_slowly_and_less_where_it_travels_or_turns(gait):
     hops, deep = GaitState(running=gait), Command(h=-0.3, gait=gait)
-    commands = CommandFilter(PARAMS)
+    commands = CommandFilter(PARAMS, load_robot())
     before = _after(1000, Command(gait=gait), GaitState(running=gait, waiting=True), commands)[0].h
     assert before - _after(100, deep, hops, commands)[0].h < 0.012, "0.2 s, in which a walk gets 0.07 m lower"
     lowest = _after(2000, deep, hops, commands)[0].h
@@ -170,7 +170,7 @@ def test_a_jump_from_a_squat_does_not_travel():
 
 
 def test_the_last_leap_keeps_its_posture():
-    commands, leaps = CommandFilter(PARAMS), GaitState(running=Gait.JUMPING)
+    commands, leaps = CommandFilter(PARAMS, load_robot()), GaitState(running=Gait.JUMPING)
     _after(1000, Command(p=0.2, w=0.3, gait=Gait.JUMPING), leaps, commands)
     for gait in (Gait.WALKING, Gait.STANDING):
         command, _ = _after(300, Command(w=-0.5, gait=gait), leaps, commands)
@@ -180,7 +180,7 @@ def test_the_last_leap_keeps_its_posture():
 
 
 def test_it_comes_to_rest_before_it_changes_gait():
-    commands = CommandFilter(PARAMS)
+    commands = CommandFilter(PARAMS, load_robot())
     walk, jump = (Command(v_x=0.5, gait=gait) for gait in (Gait.WALKING, Gait.JUMPING))
     _after(1000, walk, GaitState(running=Gait.WALKING), commands)
     smooth, _ = _after(1000, jump, GaitState(running=Gait.WALKING), commands)
@@ -202,7 +202,7 @@ def test_a_lower_command_never_walks_higher(v_x):
 
 
 def test_a_gait_that_comes_to_rest_keeps_its_frequency_and_its_limits():
-    commands, hopping = CommandFilter(PARAMS), GaitState(running=Gait.HOPPING_LEFT)
+    commands, hopping = CommandFilter(PARAMS, load_robot()), GaitState(running=Gait.HOPPING_LEFT)
     hop, _ = _after(2000, Command(gait=Gait.HOPPING_LEFT), hopping, commands)
     walk = Command(f=3.5, gait=Gait.WALKING)
     smooth, _ = _after(1000, walk, hopping, commands)
@@ -212,7 +212,7 @@ def test_a_gait_that_comes_to_rest_keeps_its_frequency_and_its_limits():
 
 
 def test_a_hop_gathers_speed_only_once_it_hops():
-    commands, command = CommandFilter(PARAMS), Command(v_x=0.6, omega=-0.6, gait=Gait.HOPPING_RIGHT)
+    commands, command = CommandFilter(PARAMS, load_robot()), Command(v_x=0.6, omega=-0.6, gait=Gait.HOPPING_RIGHT)
     smooth, _ = _after(500, command, GaitState(running=Gait.HOPPING_RIGHT, waiting=True), commands)
     assert smooth.velocity == pytest.approx([0.0, 0.0]) and smooth.omega == 0.0
     smooth, _ = _after(100, command, GaitState(running=Gait.HOPPING_RIGHT), commands)
@@ -223,7 +223,7 @@ def test_a_hop_gathers_speed_only_once_it_hops():
 @pytest.mark.parametrize(("gait", "outwards"), [(Gait.HOPPING_LEFT, 1.0), (Gait.HOPPING_RIGHT, -1.0)])
 def test_a_sideways_hop_is_slow_where_the_leg_crosses_over(gait, outwards):
     for side, most in ((outwards, 0.6), (-outwards, PARAMS.hop_inward_speed)):
-        commands, velocities = CommandFilter(PARAMS), []
+        commands, velocities = CommandFilter(PARAMS, load_robot()), []
         for _ in range(1000):
             smooth, report = commands.update(Command(v_y=0.6 * side, gait=gait), DT, GaitState(running=gait))
             velocities.append(smooth.velocity[1])

@@ -17,7 +17,7 @@ def test_equation_of_motion_agrees_with_mujoco_inverse_dynamics(random_state):
     model = mujoco.MjModel.from_xml_path(str(load_robot().xml_path))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data = mujoco.MjData(model)
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     rng = np.random.default_rng(0)
     for _ in range(20):
         state = random_state(rng)
@@ -42,7 +42,7 @@ def test_equation_of_motion_agrees_with_mujoco_inverse_dynamics(random_state):
 
 
 def test_mass_and_weight_are_the_table_s(standing_state):
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     dynamics.update(standing_state)
     assert dynamics.mass == pytest.approx(load_robot().mass, abs=0.01)
     # At rest the bias of the base's vertical is the weight.
@@ -50,7 +50,7 @@ def test_mass_and_weight_are_the_table_s(standing_state):
 
 
 def test_two_line_contacts_have_full_rank_where_two_full_contacts_do_not(standing_state):
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     straight = standing_state.q.copy()
     straight[load_robot().hip_yaw_roll] = 0.0
     dynamics.update(dataclasses.replace(standing_state, q=straight))
@@ -71,7 +71,7 @@ def _base_freedom(jacobian):
 
 
 def test_point_is_the_frame_without_its_velocity(random_state):
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     dynamics.update(random_state(np.random.default_rng(1)))
     position, jacobian = dynamics.point("left_toe"), dynamics.point_jacobian("left_toe")
     frame = dynamics.frame("left_toe")
@@ -82,7 +82,7 @@ def test_point_is_the_frame_without_its_velocity(random_state):
 
 @pytest.mark.parametrize("roll", [-0.2, 0.2])
 def test_a_foot_that_rolls_stands_on_its_lower_edge(standing_state, roll):
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     dynamics.edge = 0.015
     state = dataclasses.replace(
         standing_state,

@@ -60,7 +60,7 @@ def standing_on_a_slope():
 
 
 def _updated(state):
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     dynamics.update(state)
     return dynamics
 

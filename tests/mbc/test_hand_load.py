@@ -12,6 +12,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum
 from hugwbc.mbc.hand_load import HandLoad
 from hugwbc.mbc.qp import QpStatus
+from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
@@ -99,7 +100,7 @@ def test_a_broken_estimate_leaves_the_last_force(load, standing_state, bad):
 
 
 def test_the_bias_has_the_forces_on_the_hands(standing_state):
-    free, loaded = Dynamics(), Dynamics()
+    free, loaded = Dynamics(load_robot()), Dynamics(load_robot())
     loaded.hand_force = PULL
     free.update(standing_state)
     loaded.update(standing_state)
@@ -110,7 +111,7 @@ def test_the_bias_has_the_forces_on_the_hands(standing_state):
 
 
 def test_the_balance_shifts_by_the_moment_over_the_weight(standing_state):
-    dynamics, pivot = Dynamics(), np.array([0.05, 0.0, 0.0])
+    dynamics, pivot = Dynamics(load_robot()), np.array([0.05, 0.0, 0.0])
     dynamics.update(standing_state)
     assert dynamics.hand_shift(pivot).tolist() == [0.0, 0.0]
     plain = Pendulum.about(pivot, dynamics)
@@ -126,7 +127,7 @@ def test_the_balance_shifts_by_the_moment_over_the_weight(standing_state):
 
 
 def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state):
-    controller = WholeBodyController()
+    controller = WholeBodyController(load_robot())
     controller.reset(standing_state)
     targets = dataclasses.replace(
         UpperBody.targets(standing_state.q[controller.robot.arms]), hand_force=np.tile((0.0, -150.0, 0.0), (2, 1))
@@ -150,7 +151,7 @@ def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state
 def test_a_stand_holds_a_steady_force_on_its_hands(direction):
     """60 N for 3 s on what the estimator and the sensors of a robot tell; the robot may step, but must not go along."""
     simulation = Simulation(seed=2)
-    loop = ControlLoop(WholeBodyController(), Constant(Command()), simulation, None)
+    loop = ControlLoop(WholeBodyController(load_robot()), Constant(Command()), simulation, None)
     loop.reset()
     pull = HandPull(simulation, 60.0 * np.array(direction), 1.0, 1.0)
     while simulation.time < 5.0 and not simulation.fallen:

@@ -21,14 +21,14 @@ LEG = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
 
 
 def _command(gait):
-    return CommandFilter(PARAMS).update(Command(gait=gait), DT, GaitState(running=gait))[0]
+    return CommandFilter(PARAMS, load_robot()).update(Command(gait=gait), DT, GaitState(running=gait))[0]
 
 
 def _foothold(dynamics, gait, plan, velocity, foot, yaw=0.0):
     """Where a foot should land on ground at a height of zero, with the robot heading along a yaw."""
     references = References(PARAMS, plan, Ground())
     references.yaw, references.ground = yaw, GROUND
-    return Leap(PARAMS, plan, references).foothold(Tick(dynamics, _command(gait), velocity, DT), foot)
+    return Leap(PARAMS, plan, references, load_robot()).foothold(Tick(dynamics, _command(gait), velocity, DT), foot)
 
 
 def _flying(gait, left):
@@ -41,7 +41,7 @@ def _flying(gait, left):
 
 def _dynamics(state, left, stance, horizontal, turning):
     """The robot turning as one piece, such that it lands with the vertical speed that a stance takes back [s], [s]."""
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     fall = np.array([*horizontal, GRAVITY * (left - 0.5 * stance)])
     moving = dataclasses.replace(state, velocity=fall, angular_velocity=np.array(turning))
     dynamics.update(moving)
@@ -110,14 +110,14 @@ def test_the_single_body_has_the_angular_momentum_of_the_robot_on_feet_that_stay
     plan = GaitPlan()
     while not plan.legs:
         plan.advance(gait, 2.0, DT, may_start=True, may_stop=False)
-    yaw, rng, dynamics = 0.5, np.random.default_rng(0), Dynamics()
+    yaw, rng, dynamics = 0.5, np.random.default_rng(0), Dynamics(load_robot())
     bent = standing_state.q.copy()
     for side in ("left", "right"):
         bent[ROBOT.indices([f"{side}_{part}_joint" for part in ("hip_pitch", "knee", "ankle")])] += [-0.3, 0.6, -0.3]
     still = dataclasses.replace(standing_state, q=bent, orientation=rotations.from_yaw_pitch_roll(yaw, 0.1, 0.0))
     dynamics.update(still)
     to_heading = rotations.rotation_z(-yaw)
-    leap = Leap(PARAMS, plan, References(PARAMS, plan, Ground()))
+    leap = Leap(PARAMS, plan, References(PARAMS, plan, Ground()), load_robot())
     body = leap._body(dynamics, to_heading, np.zeros(3))
     for _ in range(3):
         velocity, spin = rng.uniform(-0.5, 0.5, (2, 3))  # world, pelvis

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, UpperBody
+from hugwbc import Command, Gait, UpperBody, load_robot
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import Output, WholeBodyController
 from hugwbc.sim import Simulation
@@ -20,8 +20,8 @@ class Run:
         self, command, seconds, *, period=0.002, since=0.0, xy=(0.0, 0.0), yaw=0.0, arms=None, push=None, push_at=1.0
     ):
         self.simulation = Simulation()
-        self.controller = WholeBodyController(period=period)
-        self.kinematics = Kinematics()
+        self.controller = WholeBodyController(load_robot(), period=period)
+        self.kinematics = Kinematics(load_robot())
         state = self.simulation.reset(xy=xy, yaw=yaw)
         self.controller.reset(state)
         self.rows, self.arm_errors, self.lift_offs = [], [], [[], []]
@@ -182,7 +182,7 @@ def test_it_hops_on_one_leg_and_lands_on_both(gait):
 @pytest.mark.parametrize("seed", range(20))
 def test_it_hops_twenty_times_from_any_start_and_under_a_nudge(seed):
     rng = np.random.default_rng(seed)
-    simulation, controller = Simulation(), WholeBodyController()
+    simulation, controller = Simulation(), WholeBodyController(load_robot())
     state = simulation.reset(yaw=rng.uniform(-3, 3), q=simulation.robot.nominal + rng.uniform(-0.05, 0.05, 19))
     controller.reset(state)
     hops, was_up = 0, False
@@ -277,7 +277,7 @@ def test_walking_it_takes_the_long_and_the_early_steps_that_a_push_asks_for(push
 def _survived_pushes(command, seed, count):
     """How many pushes of 0.6 m/s, direction after direction of eight and 2.2 to 2.7 s apart, it stays up after."""
     rng, period, survived = np.random.default_rng(seed), 0.002, 0
-    simulation, controller = Simulation(), WholeBodyController(period=period)
+    simulation, controller = Simulation(), WholeBodyController(load_robot(), period=period)
     controller.reset(simulation.reset())
     state = simulation.state()
     for index in range(count + 1):

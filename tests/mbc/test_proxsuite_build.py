@@ -1,6 +1,6 @@
 import numpy as np
 
-from hugwbc import Command, Gait, UpperBody
+from hugwbc import Command, Gait, UpperBody, load_robot
 from hugwbc.mbc import WholeBodyController
 from hugwbc.mbc.proxsuite_build import proxqp
 from hugwbc.sim import Simulation
@@ -14,7 +14,7 @@ def test_controllers_whose_memory_lies_elsewhere_give_the_same_torques():
     between, controllers = [], []
     for index in range(4):
         between.append(bytearray(17 * index + 1))
-        controllers.append(WholeBodyController())
+        controllers.append(WholeBodyController(load_robot()))
     simulation = Simulation()
     state, command = simulation.state(), Command(v_x=0.5, gait=Gait.WALKING)
     for controller in controllers:

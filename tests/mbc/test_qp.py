@@ -45,7 +45,7 @@ def test_the_pyramid_lies_in_the_cone_and_touches_it_at_its_edges():
 
 def test_solutions_obey_physics_and_limits(random_state):
     rng = np.random.default_rng(0)
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     qp = _qp(dynamics)
     for _ in range(40):
         dynamics.update(random_state(rng))
@@ -100,7 +100,7 @@ def test_a_joint_brakes_before_its_limit(dynamics_of):
 
 
 def test_infeasible_joint_limits_are_dropped_and_said_so(standing_state):
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     # Far beyond the limit and speeding outwards with all joints: no torque within the limits brakes that at once.
     dynamics.update(dataclasses.replace(standing_state, q=ROBOT.upper + 0.5, dq=np.full(19, 100.0)))
     qp = _qp(dynamics)
@@ -137,7 +137,7 @@ def _solve_with_daqp(qp):
 
 def test_another_algorithm_agrees_where_limits_bind(random_state):
     """Friction, torque limits and joint ranges at their bounds, as a fast swing has them."""
-    rng, dynamics, bound = np.random.default_rng(0), Dynamics(), 0
+    rng, dynamics, bound = np.random.default_rng(0), Dynamics(load_robot()), 0
     qp = _qp(dynamics, qp_tolerance=1e-9, qp_max_iterations=200)
     for _ in range(40):
         dynamics.update(random_state(rng))

@@ -63,24 +63,28 @@ def test_the_ankle_holds_the_weight_less_far_away_the_heavier_the_robot():
 
 
 def test_upright_balance_is_in_the_middle_of_what_the_ankle_holds():
-    assert balance_point(PARAMS, 0.0, 0.0, walking=True) == PARAMS.balance_ahead
+    assert balance_point(PARAMS, 0.0, 0.0, walking=True, robot=load_robot()) == PARAMS.balance_ahead
 
 
 def test_walking_needs_more_height_the_faster_and_more_so_backwards():
-    still, forward, backward = (lowest_walking_height(PARAMS, v, 0.25, 0.0) for v in (0.0, 0.5, -0.5))
+    still, forward, backward = (
+        lowest_walking_height(PARAMS, v, 0.25, 0.0, robot=load_robot()) for v in (0.0, 0.5, -0.5)
+    )
     assert -0.3 < still < forward < backward <= 0.0
-    assert lowest_walking_height(PARAMS, 0.0, 0.25, 0.3) < still
+    assert lowest_walking_height(PARAMS, 0.0, 0.25, 0.3, robot=load_robot()) < still
 
 
 def test_clearance_shrinks_with_height_frequency_and_speed_but_a_foot_is_always_lifted():
-    upright = highest_clearance(PARAMS, 0.0, 2.0, 0.0)
-    assert upright - highest_clearance(PARAMS, -0.1, 2.0, 0.0) == pytest.approx(0.1)
-    assert highest_clearance(PARAMS, -0.3, 2.0, 0.0) == PARAMS.min_clearance
-    assert highest_clearance(PARAMS, 0.0, 2.5, 0.0) >= 0.15
-    assert highest_clearance(PARAMS, 0.0, 3.5, 0.0) == pytest.approx(0.083, abs=1e-3)  # documented in docs/mbc.md
-    assert highest_clearance(PARAMS, 0.0, 2.5, 1.2) < 0.22, "the hips swing the leg as well"
-    assert highest_clearance(PARAMS, -0.06, 2.0, 1.5) >= 0.15, "it lowers no single command of v_x"
-    assert highest_clearance(PARAMS, 0.0, 3.0, 0.0) < upright
+    upright = highest_clearance(PARAMS, 0.0, 2.0, 0.0, robot=load_robot())
+    assert upright - highest_clearance(PARAMS, -0.1, 2.0, 0.0, robot=load_robot()) == pytest.approx(0.1)
+    assert highest_clearance(PARAMS, -0.3, 2.0, 0.0, robot=load_robot()) == PARAMS.min_clearance
+    assert highest_clearance(PARAMS, 0.0, 2.5, 0.0, robot=load_robot()) >= 0.15
+    assert highest_clearance(PARAMS, 0.0, 3.5, 0.0, robot=load_robot()) == pytest.approx(
+        0.083, abs=1e-3
+    )  # documented in docs/mbc.md
+    assert highest_clearance(PARAMS, 0.0, 2.5, 1.2, robot=load_robot()) < 0.22, "the hips swing the leg as well"
+    assert highest_clearance(PARAMS, -0.06, 2.0, 1.5, robot=load_robot()) >= 0.15, "it lowers no single command of v_x"
+    assert highest_clearance(PARAMS, 0.0, 3.0, 0.0, robot=load_robot()) < upright
 
 
 def test_lighter_legs_and_a_lower_frequency_walk_faster():
@@ -106,9 +110,9 @@ def test_a_leg_is_lifted_as_high_as_the_hip_bends_it_in_half_a_step():
 
 
 def test_the_sole_stays_level_until_the_ankle_ends():
-    assert toe_down(0.7, 0.0) == 0.0
+    assert toe_down(0.7, 0.0, 0.0, load_robot()) == 0.0
     # Shank at 1.0 rad: the ankle's 0.87 rad leave at least 0.13 rad of slope.
-    assert toe_down(1.0, 0.0) >= 1.0 - 0.87
+    assert toe_down(1.0, 0.0, 0.0, load_robot()) >= 1.0 - 0.87
 
 
 def test_a_leap_rises_as_a_ballistic_flight_of_half_a_stride():
@@ -127,5 +131,5 @@ def test_feet_rise_with_the_body_and_are_drawn_in_less_the_faster_the_leap():
 
 
 def test_a_sloping_sole_turns_with_the_ground_as_far_as_the_ankle_allows():
-    assert toe_down(0.5, 0.0, slope=-0.1) == -0.1
-    assert toe_down(0.75, 0.0, slope=-0.1) == pytest.approx(-0.05)
+    assert toe_down(0.5, 0.0, -0.1, load_robot()) == -0.1
+    assert toe_down(0.75, 0.0, -0.1, load_robot()) == pytest.approx(-0.05)

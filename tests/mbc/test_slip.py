@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.mbc import WholeBodyController
 from hugwbc.mbc.slip import SlipWatch
 from hugwbc.runtime import Constant, Simulation, rollout
@@ -69,7 +69,7 @@ def test_a_slip_lowers_the_friction_and_the_speed_until_the_ground_holds() -> No
 
 @pytest.mark.parametrize("friction", [0.8, 0.3])
 def test_it_walks_on_good_and_on_slippery_ground(friction: float) -> None:
-    controller = WholeBodyController()
+    controller = WholeBodyController(load_robot())
     simulation = Simulation(variation=Variation(friction=friction), seed=5)
     trace = rollout(controller, Constant(Command(v_x=0.5, gait=Gait.WALKING)), simulation, duration=3.0)
     assert not trace.fell

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Gait, rotations
+from hugwbc import Gait, load_robot, rotations
 from hugwbc.mbc import feet
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum
@@ -22,7 +22,7 @@ def stand(standing_state):
     """A stand in a gait's shift of the weight, or none, with a velocity in the heading frame; and its dynamics."""
 
     def make(velocity=(0.0, 0.0), gait=Gait.STANDING, elapsed=0.0):
-        dynamics, plan = Dynamics(), GaitPlan()
+        dynamics, plan = Dynamics(load_robot()), GaitPlan()
         references = References(PARAMS, plan, feet.Ground())
         moving = dataclasses.replace(
             standing_state,

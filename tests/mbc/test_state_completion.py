@@ -15,13 +15,13 @@ PERIOD = 0.002
 
 
 def test_a_complete_state_is_left_alone(standing_state):
-    assert LegOdometry().complete(standing_state, BOTH, 0.002) is standing_state
+    assert LegOdometry(load_robot()).complete(standing_state, BOTH, 0.002) is standing_state
 
 
 def test_height_comes_from_the_standing_soles(standing_state):
     blind = dataclasses.replace(standing_state, position=None, velocity=None)
-    found = LegOdometry().complete(blind, BOTH, 0.002)
-    kinematics = Kinematics()
+    found = LegOdometry(load_robot()).complete(blind, BOTH, 0.002)
+    kinematics = Kinematics(load_robot())
     kinematics.update(standing_state)
     assert found.position[2] == pytest.approx(0.98 - kinematics.position("left_sole")[2], abs=2e-3)
     assert found.velocity == pytest.approx(np.zeros(3), abs=1e-12)
@@ -32,14 +32,14 @@ def test_velocity_is_that_which_keeps_the_standing_foot_still(standing_state):
     moving = dataclasses.replace(standing_state, dq=rng.uniform(-1, 1, 19), angular_velocity=rng.uniform(-1, 1, 3))
     blind = dataclasses.replace(moving, position=None, velocity=None)
     for contact, side in (([True, False], "left"), ([False, True], "right")):
-        found = LegOdometry().complete(blind, np.array(contact), 0.002)
-        kinematics = Kinematics()
+        found = LegOdometry(load_robot()).complete(blind, np.array(contact), 0.002)
+        kinematics = Kinematics(load_robot())
         kinematics.update(found)
         assert kinematics.velocity(f"{side}_sole")[:3] == pytest.approx(np.zeros(3), abs=1e-12)
 
 
 def test_in_flight_the_centre_of_mass_falls_freely_however_the_joints_move(standing_state):
-    rng, odometry, kinematics, dt = np.random.default_rng(1), LegOdometry(), Kinematics(), 0.002
+    rng, odometry, kinematics, dt = np.random.default_rng(1), LegOdometry(load_robot()), Kinematics(load_robot()), 0.002
     moving = dataclasses.replace(standing_state, dq=rng.uniform(-1, 1, 19), position=None, velocity=None)
     found = odometry.complete(moving, np.array([True, False]), dt)
     track = []
@@ -56,7 +56,7 @@ def test_in_flight_the_centre_of_mass_falls_freely_however_the_joints_move(stand
 
 
 def test_of_two_feet_the_one_that_slides_tells_nothing(standing_state):
-    odometry, kinematics = LegOdometry(), Kinematics()
+    odometry, kinematics = LegOdometry(load_robot()), Kinematics(load_robot())
     moving = dataclasses.replace(
         standing_state, angular_velocity=np.array([0.0, 0.3, 0.0]), position=None, velocity=None
     )
@@ -72,7 +72,7 @@ def test_of_two_feet_the_one_that_slides_tells_nothing(standing_state):
 
 def _run_blind(gait, seconds):
     """Forward speeds after two seconds of a command of 0.4 m/s."""
-    simulation, controller = Simulation(sensing="exact"), WholeBodyController()
+    simulation, controller = Simulation(sensing="exact"), WholeBodyController(load_robot())
     state = simulation.reset(xy=(3.0, 1.0), yaw=1.0)
 
     def blind(true):
@@ -101,7 +101,7 @@ def _aged(predictor, state, age):
 
 def test_a_present_state_and_one_without_history_come_back_as_they_are(random_state):
     state = random_state(np.random.default_rng(0))
-    predictor = Predictor(Kinematics(), PERIOD)
+    predictor = Predictor(Kinematics(load_robot()), PERIOD)
     old = dataclasses.replace(state, age=0.01)
     assert predictor.predict(old) is old
     predictor.record(np.zeros(25))
@@ -112,7 +112,7 @@ def test_a_present_state_and_one_without_history_come_back_as_they_are(random_st
 
 def test_constant_joint_accelerations_give_parabolas(standing_state):
     rng = np.random.default_rng(1)
-    kinematics = Kinematics()
+    kinematics = Kinematics(load_robot())
     predictor = Predictor(kinematics, PERIOD)
     dq, acceleration = rng.normal(size=19), rng.normal(size=19)
     full = np.zeros(25)
@@ -127,7 +127,7 @@ def test_constant_joint_accelerations_give_parabolas(standing_state):
 
 
 def test_the_base_flies_on_and_turns_on(standing_state):
-    predictor = Predictor(Kinematics(), PERIOD)
+    predictor = Predictor(Kinematics(load_robot()), PERIOD)
     for _ in range(10):
         predictor.record(np.zeros(25))
     yawed = dataclasses.replace(standing_state, orientation=rotations.from_yaw_pitch_roll(1.0, 0.0, 0.0))
@@ -140,7 +140,7 @@ def test_the_base_flies_on_and_turns_on(standing_state):
 
 
 def test_only_the_latest_accelerations_count_and_old_readings_are_not_trusted_for_ever(standing_state):
-    kinematics = Kinematics()
+    kinematics = Kinematics(load_robot())
     predictor = Predictor(kinematics, PERIOD)
     for value in (100.0, 1.0, 2.0):
         full = np.zeros(25)
@@ -157,7 +157,10 @@ def test_late_readings_cost_nothing_where_the_plan_foresees_the_motion():
     """Walking on exact sensors that are 10 ms late: the yaw is as steady as without latency."""
     wobble = {}
     for latency in (0.0, 0.01):
-        simulation, controller = Simulation(sensing="exact", latency=latency), WholeBodyController(period=PERIOD)
+        simulation, controller = (
+            Simulation(sensing="exact", latency=latency),
+            WholeBodyController(load_robot(), period=PERIOD),
+        )
         simulation.reset()
         controller.reset(simulation.sense())
         rates = []

@@ -46,7 +46,7 @@ def _upright(state):
 
 def test_errors_fall_at_the_rate_of_the_jacobian(random_state, moved):
     rng = np.random.default_rng(0)
-    here, there = Dynamics(), Dynamics()
+    here, there = Dynamics(load_robot()), Dynamics(load_robot())
     for _ in range(5):
         state = _upright(random_state(rng))
         here.update(state)
@@ -62,7 +62,7 @@ def test_errors_fall_at_the_rate_of_the_jacobian(random_state, moved):
 
 def test_task_velocities_change_by_jacobian_times_acceleration_plus_drift(random_state, moved):
     rng = np.random.default_rng(1)
-    here, there = Dynamics(), Dynamics()
+    here, there = Dynamics(load_robot()), Dynamics(load_robot())
     for _ in range(5):
         state = random_state(rng)
         here.update(state)
@@ -86,7 +86,7 @@ def test_task_velocities_change_by_jacobian_times_acceleration_plus_drift(random
 
 
 def test_shapes_and_units_are_consistent(random_state):
-    dynamics = Dynamics()
+    dynamics = Dynamics(load_robot())
     state = random_state(np.random.default_rng(2))
     dynamics.update(state)
     names = set()

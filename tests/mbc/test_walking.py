@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.mbc.command_filter import CommandFilter
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.feet import Ground
@@ -22,11 +22,11 @@ class Step:
     """The first step of a walk in place, of the left foot, by the clock alone: the robot's state is given."""
 
     def __init__(self, state):
-        self.plan, self.ground, self.dynamics = GaitPlan(), Ground(), Dynamics()
+        self.plan, self.ground, self.dynamics = GaitPlan(), Ground(), Dynamics(load_robot())
         self.references = References(PARAMS, self.plan, self.ground)
         self.walking = Walking(PARAMS, self.plan, self.references, self.ground)
         self.task = SwingFootTask(PARAMS, "left")
-        self.smooth, _ = CommandFilter(PARAMS).update(Command(gait=Gait.WALKING), DT)
+        self.smooth, _ = CommandFilter(PARAMS, load_robot()).update(Command(gait=Gait.WALKING), DT)
         self.dynamics.update(state)
         self.references.reset(self.dynamics)
         while self.plan.mode is not Mode.WALKING:

@@ -46,7 +46,7 @@ def _walk(change=None, *, period=0.002, latency=0.0, seconds=5.0):
     if change is not None:
         change(simulation)
     simulation.reset()
-    controller = WholeBodyController(period=period)
+    controller = WholeBodyController(load_robot(), period=period)
     controller.reset(simulation.sense())
     speeds = []
     for tick in range(round(seconds / period)):
@@ -82,7 +82,7 @@ def test_it_walks_at_lower_rates(period):
 
 
 def _stays_up(terrain, command, seconds):
-    simulation, controller = Simulation(sensing="exact", terrain=terrain), WholeBodyController()
+    simulation, controller = Simulation(sensing="exact", terrain=terrain), WholeBodyController(load_robot())
     controller.reset(simulation.sense())
     for _ in range(round(seconds / controller.period)):
         simulation.step(controller.act(simulation.sense(), command, UpperBody.none()), controller.period)
@@ -120,7 +120,7 @@ def test_it_steps_down_to_ground_lower_than_it_knew():
 def test_a_position_that_jumps_changes_nothing_of_what_it_does(gait):
     """As an estimator's may, with a foot in the air and stances in memory."""
     simulation, command = Simulation(sensing="exact"), Command(gait=gait)
-    controllers = WholeBodyController(), WholeBodyController()
+    controllers = WholeBodyController(load_robot()), WholeBodyController(load_robot())
     for controller in controllers:
         controller.reset(simulation.state())
     offset, since = np.zeros(3), 0
@@ -177,7 +177,7 @@ def test_random_and_absurd_states_give_solutions_or_named_fallbacks(count):
     Printed: the ticks above 5 ms of processor time.
     """
     slow: list[float] = []
-    rng, controller, outputs = np.random.default_rng(0), WholeBodyController(), collections.Counter()
+    rng, controller, outputs = np.random.default_rng(0), WholeBodyController(load_robot()), collections.Counter()
     limit = controller.params.torque_fraction * ROBOT.torque_limit
     gaits = list(Gait)
     for index in range(count):
@@ -215,7 +215,7 @@ def test_random_and_absurd_states_give_solutions_or_named_fallbacks(count):
     ],
 )
 def test_what_no_balanced_robot_does_is_refused_without_a_solve(values, why):
-    controller, state = WholeBodyController(), _random_state(np.random.default_rng(0), absurd=False)
+    controller, state = WholeBodyController(load_robot()), _random_state(np.random.default_rng(0), absurd=False)
     state = dataclasses.replace(state, dq=np.zeros(19), angular_velocity=np.zeros(3), velocity=np.zeros(3))
     controller.reset(state)
     controller.act(state, Command(), UpperBody.none())
@@ -229,7 +229,7 @@ def test_what_no_balanced_robot_does_is_refused_without_a_solve(values, why):
 @pytest.mark.slow
 def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
     """Every tick of 60 s, standing, walking, turning, squatting, jumping, hopping and stopping in turn."""
-    simulation, controller = Simulation(sensing="exact"), WholeBodyController()
+    simulation, controller = Simulation(sensing="exact"), WholeBodyController(load_robot())
     controller.reset(simulation.reset())
     params = controller.params
     limit = params.torque_fraction * ROBOT.torque_limit
@@ -266,7 +266,7 @@ def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
 
 def _survives(push, params):
     """Whether a walk at 0.5 m/s outlasts a push after 1.6 s by 2 s."""
-    simulation, controller = Simulation(sensing="exact"), WholeBodyController(params)
+    simulation, controller = Simulation(sensing="exact"), WholeBodyController(load_robot(), params)
     controller.reset(simulation.reset())
     for tick in range(round(3.6 / controller.period)):
         if tick == round(1.6 / controller.period):

@@ -19,7 +19,7 @@ DT = 0.002  # [s]
 
 
 def test_a_stand_at_rest_is_known_from_the_start():
-    simulation, observer = Simulation(sensing="exact"), ContactObserver()
+    simulation, observer = Simulation(sensing="exact"), ContactObserver(load_robot())
     state = simulation.reset()
     observer.reset(state)
     weight = 9.81 * load_robot().mass
@@ -29,7 +29,7 @@ def test_a_stand_at_rest_is_known_from_the_start():
 
 def test_a_fall_shows_from_the_first_reading():
     """Without ground reaction the residual decays by exp(-rate dt) a reading, also at the first one after the reset."""
-    observer = ContactObserver()
+    observer = ContactObserver(load_robot())
     state = Simulation(sensing="exact").reset()
     assert state.velocity is not None
     observer.reset(state)
@@ -43,7 +43,7 @@ def test_a_fall_shows_from_the_first_reading():
 
 def test_soles_that_part_do_not_both_stand():
     """The residual of a stand loads both feet; a left leg that swings takes its foot's load away, and gives it back."""
-    robot, observer = load_robot(), ContactObserver()
+    robot, observer = load_robot(), ContactObserver(load_robot())
     still = Simulation(sensing="exact").reset()
     lean, velocity = np.zeros(19), np.zeros(19)
     lean[robot.index("right_ankle_joint")] = 1.0  # so that the right foot bears a little more

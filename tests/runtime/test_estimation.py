@@ -20,7 +20,7 @@ ROBOT = load_robot()
 
 def _standing_torque(q, orientation):
     """Joint torques of a robot at rest whose feet carry half of its weight each."""
-    kinematics = Kinematics()
+    kinematics = Kinematics(load_robot())
     state = RobotState(q=q, dq=np.zeros(19), orientation=orientation, angular_velocity=np.zeros(3))
     kinematics.update(state)
     model, data = kinematics.model, kinematics.data
@@ -54,7 +54,10 @@ def _angle(a, b):
 
 
 def test_a_plan_moves_the_joints_when_the_readings_of_its_time_arrive():
-    estimator, still = StateEstimator(), dataclasses.replace(_at_rest(np.array([1.0, 0.0, 0.0, 0.0])), age=0.01)
+    estimator, still = (
+        StateEstimator(load_robot()),
+        dataclasses.replace(_at_rest(np.array([1.0, 0.0, 0.0, 0.0])), age=0.01),
+    )
     plan = np.zeros(19)
     plan[ROBOT.waist] = 50.0
     estimator.reset(still)
@@ -69,7 +72,11 @@ def test_a_plan_moves_the_joints_when_the_readings_of_its_time_arrive():
 
 @pytest.mark.parametrize("absurd", [np.full(19, np.nan), np.full(19, np.inf), np.full(19, 1e12), np.zeros(8)])
 def test_an_absurd_plan_is_ignored(absurd):
-    with_plan, without, reading = StateEstimator(), StateEstimator(), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
+    with_plan, without, reading = (
+        StateEstimator(load_robot()),
+        StateEstimator(load_robot()),
+        _at_rest(np.array([1.0, 0.0, 0.0, 0.0])),
+    )
     with_plan.reset(reading)
     without.reset(reading)
     for k in range(1, 5):
@@ -82,7 +89,7 @@ def test_an_absurd_plan_is_ignored(absurd):
 def test_a_robot_at_rest_stays_where_it_is(waist):
     orientation = rotations.from_yaw_pitch_roll(2.0, 0.1, -0.05)
     reading = dataclasses.replace(_at_rest(orientation, waist), position=np.array([10.0, -5.0, 1.0]))
-    estimator = StateEstimator()
+    estimator = StateEstimator(load_robot())
     first = estimator.reset(reading)
     assert first.position == pytest.approx([10.0, -5.0, 1.0], abs=1e-12)
     for k in range(1, 500):
@@ -97,7 +104,7 @@ def test_a_robot_at_rest_stays_where_it_is(waist):
 def test_gravity_and_still_feet_correct_a_wrong_tilt_but_not_the_heading():
     upright = rotations.from_yaw_pitch_roll(1.0, 0.0, 0.0)
     reading = _at_rest(upright)
-    estimator = StateEstimator()
+    estimator = StateEstimator(load_robot())
     tilted = rotations.from_yaw_pitch_roll(1.2, 0.04, -0.04)
     estimator.reset(dataclasses.replace(reading, orientation=tilted))
     for k in range(1, 1000):
@@ -109,9 +116,9 @@ def test_gravity_and_still_feet_correct_a_wrong_tilt_but_not_the_heading():
 
 
 def test_without_a_position_it_starts_with_the_soles_on_the_ground():
-    estimator = StateEstimator()
+    estimator = StateEstimator(load_robot())
     estimate = estimator.reset(_at_rest(rotations.from_yaw_pitch_roll(0.0, 0.0, 0.0)))
-    kinematics = Kinematics()
+    kinematics = Kinematics(load_robot())
     kinematics.update(estimate)
     assert kinematics.position("left_sole")[2] == pytest.approx(0.0, abs=1e-3)
     assert estimate.position[:2] == pytest.approx([0.0, 0.0])
@@ -121,7 +128,7 @@ def test_a_foot_in_the_air_is_not_observed_and_enters_where_it_lands(monkeypatch
     """Both feet leave the ground, a fall of 0.1 s with the accelerometer at zero, and come down again."""
     reading = _at_rest(rotations.from_yaw_pitch_roll(0.0, 0.0, 0.0))
     monkeypatch.setattr(reading_guard, "ACCELEROMETER", 1e3)  # the impact takes one reading
-    estimator = StateEstimator()
+    estimator = StateEstimator(load_robot())
     start = estimator.reset(reading)
     falling = dataclasses.replace(reading, torque=np.zeros(19), imu_accelerometer=np.zeros(3))
     for k in range(1, 51):
@@ -140,7 +147,7 @@ def test_a_foot_in_the_air_is_not_observed_and_enters_where_it_lands(monkeypatch
 
 def test_readings_that_are_incomplete_are_passed_on_and_broken_ones_replaced():
     reading = _at_rest(rotations.from_yaw_pitch_roll(0.0, 0.0, 0.0))
-    estimator = StateEstimator()
+    estimator = StateEstimator(load_robot())
     estimator.reset(reading)
     for incomplete in (dataclasses.replace(reading, imu_gyro=None), dataclasses.replace(reading, torque=None)):
         assert estimator.update(incomplete) is incomplete
@@ -183,7 +190,9 @@ def test_it_follows_the_walking_robot(sensing):
 
 def test_qp_walks_on_the_estimate():
     simulation, walk = Simulation(sensing="robot", seed=1), Constant(Command(v_x=0.5, gait=Gait.WALKING))
-    trace = rollout(WholeBodyController(), walk, simulation, duration=4.0, estimator=StateEstimator())
+    trace = rollout(
+        WholeBodyController(load_robot()), walk, simulation, duration=4.0, estimator=StateEstimator(load_robot())
+    )
     assert not trace.fell
     assert trace.measured[75:, 0].mean() == pytest.approx(0.5, abs=0.05)
     assert trace.safety.failures == 0
@@ -191,7 +200,7 @@ def test_qp_walks_on_the_estimate():
 
 @pytest.mark.parametrize(("newest", "expected"), [([0.0, 0.0, 0.4], 0.4), ([0.0, 0.0, 90.0], 0.2)])
 def test_the_newest_gyro_reading_moves_the_pelvis_if_it_can_be_true(newest, expected):
-    estimator, reading = StateEstimator(), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
+    estimator, reading = StateEstimator(load_robot()), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
     estimator.reset(reading)
     turning = dataclasses.replace(reading, imu_gyro=np.array([0.0, 0.0, 0.2]), time=0.01)
     estimate = estimator.update(turning, None, np.array(newest))
@@ -206,8 +215,10 @@ def test_the_loop_tells_the_estimator_what_the_controller_plans():
             told.append(planned)
             return super().update(state, planned, newest_gyro)
 
-    controller = WholeBodyController()
-    loop = ControlLoop(controller, Constant(Command()), Simulation(sensing="robot", seed=0), estimator=Listening())
+    controller = WholeBodyController(load_robot())
+    loop = ControlLoop(
+        controller, Constant(Command()), Simulation(sensing="robot", seed=0), estimator=Listening(load_robot())
+    )
     loop.reset()
     loop.step(loop.decide(0.0), loop.period)
     np.testing.assert_array_equal(told[-1], controller.planned_acceleration)

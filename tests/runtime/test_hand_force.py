@@ -22,7 +22,7 @@ REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
 
 @pytest.fixture
 def kinematics():
-    robot, found = load_robot(), Kinematics()
+    robot, found = load_robot(), Kinematics(load_robot())
     q = robot.nominal.copy()
     q[robot.arms] = REACHING
     found.update(make_state(q, position=[0.0, 0.0, 0.98]))

@@ -53,7 +53,7 @@ class _Swinging(HoldController):
 
 
 def test_what_fades_after_a_hand_back_does_not_push_the_arms_beyond_the_limits():
-    loop = ControlLoop(_Swinging(), Constant(Command()), Simulation(sensing="exact"), _Taken())
+    loop = ControlLoop(_Swinging(load_robot()), Constant(Command()), Simulation(sensing="exact"), _Taken())
     loop.reset()
     commands = np.array([loop.decide(tick * loop.period).q[ROBOT.arms] for tick in range(40)])
     low, high = (limit[ROBOT.arms] for limit in target_limits(ROBOT))
@@ -66,7 +66,7 @@ def test_what_fades_after_a_hand_back_does_not_push_the_arms_beyond_the_limits()
 
 
 def test_the_filter_is_not_asked_twice_where_nothing_fades():
-    loop = ControlLoop(_Swinging(), Constant(Command()), Simulation(sensing="exact"))
+    loop = ControlLoop(_Swinging(load_robot()), Constant(Command()), Simulation(sensing="exact"))
     loop.reset()
     for tick in range(3):
         loop.decide(tick * loop.period)
@@ -81,8 +81,8 @@ def test_a_controller_reads_the_estimate_where_there_is_an_estimator():
             self.seen = state
             return super().act(state, command, upper_body)
 
-    controller, simulation = Seeing(), Simulation(sensing="exact")
-    loop = ControlLoop(controller, Constant(Command()), simulation, estimator=StateEstimator())
+    controller, simulation = Seeing(load_robot()), Simulation(sensing="exact")
+    loop = ControlLoop(controller, Constant(Command()), simulation, estimator=StateEstimator(load_robot()))
     loop.reset()
     for tick in range(5):
         loop.step(loop.decide(tick * loop.period), loop.period)
@@ -134,8 +134,8 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
             lost = dataclasses.replace(low, left=np.full(3, np.nan))
             return lost if 0.7 < t < 0.8 else self.hands
 
-    source = UpperBodySource()
-    loop = ControlLoop(HoldController(), Stream(), Simulation(sensing="exact"), source)
+    source = UpperBodySource(load_robot())
+    loop = ControlLoop(HoldController(load_robot()), Stream(), Simulation(sensing="exact"), source)
     loop.reset()
     heights = []
     for tick in range(round(4.0 / loop.period)):
@@ -178,7 +178,9 @@ def _raise(error):
     ],
 )
 def test_a_source_that_raises_or_gives_something_else_leads_to_a_stand_and_is_told(what, words):
-    loop = ControlLoop(HoldController(), _Stubborn(**what), Simulation(sensing="exact"), UpperBodySource())
+    loop = ControlLoop(
+        HoldController(load_robot()), _Stubborn(**what), Simulation(sensing="exact"), UpperBodySource(load_robot())
+    )
     loop.reset()
     commands = []
     for tick in range(60):
@@ -192,7 +194,12 @@ def test_a_source_that_raises_or_gives_something_else_leads_to_a_stand_and_is_to
 
 def test_hand_targets_of_two_numbers_move_no_arm_and_can_be_shown():
     hands = HandTargets((0.3, 0.2), [0.3, -0.2, 0.1])  # type: ignore[arg-type]
-    loop = ControlLoop(HoldController(), Constant(Command(), hands), Simulation(sensing="exact"), UpperBodySource())
+    loop = ControlLoop(
+        HoldController(load_robot()),
+        Constant(Command(), hands),
+        Simulation(sensing="exact"),
+        UpperBodySource(load_robot()),
+    )
     loop.reset()
     for tick in range(3):
         assert loop.decide(tick * loop.period).q == pytest.approx(ROBOT.nominal)
@@ -208,7 +215,7 @@ class _Unruly(HoldController):
 
 
 def test_plans_that_raise_or_have_another_form_are_none_and_are_told():
-    loop = ControlLoop(_Unruly(), Constant(Command()), Simulation())
+    loop = ControlLoop(_Unruly(load_robot()), Constant(Command()), Simulation())
     loop.reset()
     loop.step(loop.decide(0.0), loop.period)
     moment = loop.moment()
@@ -224,7 +231,9 @@ def test_hands_that_become_soft_during_the_takeover_never_have_negative_stiffnes
         def hands_at(self, t):
             return HandTargets.of((0.3, 0.3, 0.1), (0.3, -0.3, 0.1), stiffness=50.0 if t >= 0.1 else None)
 
-    loop = ControlLoop(HoldController(), Softer(Command()), Simulation(sensing="exact"), UpperBodySource())
+    loop = ControlLoop(
+        HoldController(load_robot()), Softer(Command()), Simulation(sensing="exact"), UpperBodySource(load_robot())
+    )
     loop.reset()
     least = min(loop.decide(tick * loop.period).kp.min() for tick in range(40))
     assert 0.0 < least < 20.0 and loop.safe.report().gains_limited == 0

@@ -58,7 +58,7 @@ def test_neither_a_gap_between_readings_nor_the_same_reading_again_is_evidence()
 
 
 def test_the_robot_kneels_when_a_motor_is_dead():
-    safe = SafetyFilter(HoldController(H1))
+    safe = SafetyFilter(HoldController(H1), robot=load_robot())
     state = make_state()
     safe.reset(state)
     safe.act(state, Command(), UpperBody.none())

@@ -141,7 +141,7 @@ def test_what_does_not_come_back_is_lost(walked, values, why):
 def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
     controller = HoldController(H1)
     controller.period = PERIOD
-    safe, state = SafetyFilter(controller), reading(0, np.random.default_rng(0), walking=False)
+    safe, state = SafetyFilter(controller, robot=load_robot()), reading(0, np.random.default_rng(0), walking=False)
     safe.reset(state)
     lost = dataclasses.replace(state, coasted=(IMU,), lost="the IMU failed for 300 ms")
     commands = [safe.act(lost, Command(), UpperBody.none())]

@@ -51,7 +51,7 @@ class Reaching:
 
 
 def test_the_record_has_one_row_every_20_ms_and_agrees_with_the_simulator(simulation):
-    trace = rollout(HoldController(), Constant(Command(w=0.1)), simulation, duration=0.5)
+    trace = rollout(HoldController(load_robot()), Constant(Command(w=0.1)), simulation, duration=0.5)
     assert trace.name == "hold" and not trace.fell and trace.survived_s == 0.5 and trace.steps == 25
     np.testing.assert_allclose(trace.time, np.arange(25) * 0.02)
     for name, shape in {
@@ -72,14 +72,14 @@ def test_the_record_has_one_row_every_20_ms_and_agrees_with_the_simulator(simula
 
 
 def test_two_runs_are_equal_and_a_command_is_a_source(simulation):
-    first = rollout(HoldController(), Constant(Command()), simulation, duration=0.4)
-    second = rollout(HoldController(), Command(), simulation, duration=0.4)
+    first = rollout(HoldController(load_robot()), Constant(Command()), simulation, duration=0.4)
+    second = rollout(HoldController(load_robot()), Command(), simulation, duration=0.4)
     np.testing.assert_array_equal(first.qpos, second.qpos)
 
 
 def test_hand_targets_of_the_pelvis_frame_are_recorded_in_the_world(simulation):
     arms = FixedArms()
-    trace = rollout(HoldController(), Reaching(), simulation, arms, duration=0.8)
+    trace = rollout(HoldController(load_robot()), Reaching(), simulation, arms, duration=0.8)
     assert arms.commanded[0] is None
     np.testing.assert_array_equal(arms.commanded[5], ROBOT.nominal[ROBOT.arms])
     # These targets do not start at the controller's arm command: the step fades over half a second.
@@ -101,13 +101,13 @@ def test_a_fall_ends_the_run_and_is_reported(simulation):
             output = super().act(state, command, upper_body)
             return dataclasses.replace(output, kp=0 * output.kp, kd=0 * output.kd)
 
-    trace = rollout(Limp(), Constant(Command()), simulation, duration=5.0)
+    trace = rollout(Limp(load_robot()), Constant(Command()), simulation, duration=5.0)
     assert trace.fell and 0.1 < trace.survived_s < 3.0
     assert trace.steps == pytest.approx(trace.survived_s / 0.02 + 1, abs=1e-6)
 
 
 def test_out_of_range_commands_are_recorded_as_clamped_and_reported(simulation):
-    trace = rollout(HoldController(), Constant(Command(w=5.0, h=float("nan"))), simulation, duration=0.1)
+    trace = rollout(HoldController(load_robot()), Constant(Command(w=5.0, h=float("nan"))), simulation, duration=0.1)
     assert (trace.command[:, 7] == 1.0).all() and (trace.command[:, 5] == 0.0).all()
     assert trace.safety.commands_clamped == {"w": 5, "h": 5}
 
@@ -116,13 +116,13 @@ def test_a_fast_controller_is_called_at_its_own_period_and_recorded_at_50_hz(sim
     class Fast(HoldController):
         period = 0.002
 
-    trace = rollout(Fast(), Constant(Command()), simulation, duration=0.2)
+    trace = rollout(Fast(load_robot()), Constant(Command()), simulation, duration=0.2)
     assert trace.steps == trace.tick_ms.size == 100 and trace.time.size == 10
 
 
 def test_only_calls_of_the_controller_are_timed():
     simulation = Simulation(faults=(Fault.parse("imu-gone@0.1"),))
-    trace = rollout(HoldController(), Command(), simulation, duration=0.8, past_falls=True)
+    trace = rollout(HoldController(load_robot()), Command(), simulation, duration=0.8, past_falls=True)
     assert 0 < trace.safety.lowered == trace.steps - trace.tick_ms.size
 
 
@@ -137,7 +137,7 @@ def test_touch_downs_are_timed_and_bounces_ignored(simulation):
                 q[left] += np.array([-0.4, 0.8, -0.4])
             return JointCommand.position(self.robot, q)
 
-    trace = rollout(Tuck(), Constant(Command(gait=Gait.WALKING)), simulation, duration=0.7)
+    trace = rollout(Tuck(load_robot()), Constant(Command(gait=Gait.WALKING)), simulation, duration=0.7)
     left, right = trace.touch_downs
     assert left.size == 1 and 0.3 < left[0] < 0.7
     assert right.size == 0
@@ -147,16 +147,18 @@ def test_touch_downs_are_timed_and_bounces_ignored(simulation):
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_bad_duration_is_refused(simulation, duration):
     with pytest.raises(ConfigError, match="give a finite time above 0"):
-        rollout(HoldController(), Constant(Command()), simulation, duration=duration)
+        rollout(HoldController(load_robot()), Constant(Command()), simulation, duration=duration)
 
 
 def test_a_time_step_that_does_not_divide_the_period_is_refused():
     with pytest.raises(ConfigError, match="not a multiple of the physics time step"):
-        rollout(HoldController(), Constant(Command()), Simulation(sensing="exact", timestep=0.003), duration=0.1)
+        rollout(
+            HoldController(load_robot()), Constant(Command()), Simulation(sensing="exact", timestep=0.003), duration=0.1
+        )
 
 
 def test_a_run_shorter_than_a_control_period_has_one_step():
-    trace = rollout(HoldController(), Constant(Command()), Simulation(sensing="exact"), duration=0.005)
+    trace = rollout(HoldController(load_robot()), Constant(Command()), Simulation(sensing="exact"), duration=0.005)
     assert trace.steps == 1 and len(trace.time) == 1 and not trace.fell
 
 
@@ -169,7 +171,7 @@ def test_touch_downs_have_the_speed_before_and_the_peak_after(timestep):
         def reset(self, state):
             simulation.data.qpos[2] += 0.05
 
-    trace = rollout(Dropped(), Constant(Command()), simulation, duration=0.3)
+    trace = rollout(Dropped(load_robot()), Constant(Command()), simulation, duration=0.3)
     assert trace.mass == ROBOT.mass
     for foot in range(2):
         (velocity,), (peak,) = trace.touch_down_velocity[foot], trace.stance_peak[foot]
@@ -180,11 +182,11 @@ def test_touch_downs_have_the_speed_before_and_the_peak_after(timestep):
 def test_a_record_holds_objects_and_hand_forces_of_a_scene_alone():
     scene = Scene((Box(name="parcel", position=(2.0, Uniform(-1.0, 1.0), 0.3), size=(0.2, 0.2, 0.2)),))
     simulation = Simulation(sensing="exact", scene=scene, seed=3)
-    trace = rollout(HoldController(), Constant(Command()), simulation, duration=0.3)
+    trace = rollout(HoldController(load_robot()), Constant(Command()), simulation, duration=0.3)
     assert trace.object_pose.shape == (15, 1, 7) and trace.hand_force.shape == (15, 2, 3)
     assert trace.object_pose[0, 0, 2] == pytest.approx(0.4) and trace.object_pose[-1, 0, 2] < 0.2  # it fell
     assert trace.scene == scene.draw(3) and trace.problems == ()
-    alone = rollout(HoldController(), Constant(Command()), Simulation(sensing="exact"), duration=0.1)
+    alone = rollout(HoldController(load_robot()), Constant(Command()), Simulation(sensing="exact"), duration=0.1)
     assert alone.object_pose.size == alone.hand_force.size == 0 and alone.scene is None
 
 
@@ -192,7 +194,7 @@ def test_a_record_says_that_an_object_left_the_world():
     scene = Scene((Box(name="parcel", position=(2.0, 0.0, 9.0), size=(0.2, 0.2, 0.2)),))
     simulation = Simulation(sensing="exact", scene=scene)
     simulation.model.opt.gravity[2] = 200.0  # everything falls upwards
-    trace = rollout(HoldController(), Constant(Command()), simulation, duration=0.5)
+    trace = rollout(HoldController(load_robot()), Constant(Command()), simulation, duration=0.5)
     assert len(trace.problems) == 1 and trace.problems[0].startswith("object 'parcel' left the world at 0.3")
 
 

@@ -46,7 +46,7 @@ def bad_state():
 @pytest.fixture
 def filtered():
     recorder = Recorder()
-    safe = SafetyFilter(recorder)
+    safe = SafetyFilter(recorder, robot=load_robot())
     safe.reset(make_state())
     return recorder, safe
 
@@ -91,7 +91,7 @@ def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explain
 )
 def test_any_eight_numbers_reach_the_controller_in_range(values, gait):
     recorder = Recorder()
-    safe = SafetyFilter(recorder)
+    safe = SafetyFilter(recorder, robot=load_robot())
     safe.act(make_state(), Command(**dict(zip(COMMAND_NAMES, values, strict=True)), gait=gait), UpperBody.none())
     passed = recorder.seen[-1][1]
     for name, limits in command_ranges(gait).items():
@@ -187,7 +187,7 @@ def test_velocity_targets_are_limited_to_the_joints_speeds(filtered):
 
 def test_overruns_are_counted():
     times = iter([0.0, 0.03, 1.0, 1.01])
-    safe = SafetyFilter(Recorder(), clock=lambda: next(times))
+    safe = SafetyFilter(Recorder(), clock=lambda: next(times), robot=load_robot())
     safe.act(make_state(), Command(), UpperBody.none())
     safe.act(make_state(), Command(), UpperBody.none())
     assert safe.report().overruns == 1
@@ -237,7 +237,7 @@ def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(
     """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
     rng = np.random.default_rng(0)
     recorders = Recorder(), Recorder()
-    safe, plain = (SafetyFilter(recorder, clock=lambda: 0.0) for recorder in recorders)
+    safe, plain = (SafetyFilter(recorder, clock=lambda: 0.0, robot=load_robot()) for recorder in recorders)
     plain._handover.__class__ = type("NoHandover", (Handover,), {"__call__": unchanged})
     behind = Handover(ROBOT.arms)
     arms, faded = UpperBody.none(), 0
@@ -362,4 +362,4 @@ def test_a_controller_without_a_period_is_refused(period):
     recorder = Recorder()
     recorder.period = period
     with pytest.raises(ConfigError, match="give the time between two calls of act"):
-        SafetyFilter(recorder)
+        SafetyFilter(recorder, robot=load_robot())

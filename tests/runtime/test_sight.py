@@ -83,7 +83,7 @@ def _scene(**place: object) -> Scene:
 def test_a_view_is_near_the_truth_in_a_scene() -> None:
     watcher = Watcher()
     simulation = Simulation(scene=_scene(position=(1.0, 0.5)), seed=4)
-    loop = ControlLoop(load_controller("learned"), watcher, simulation, UpperBodySource())
+    loop = ControlLoop(load_controller("learned"), watcher, simulation, UpperBodySource(load_robot()))
     loop.reset()
     truth = simulation.state()
     for tick in range(50):
@@ -115,7 +115,7 @@ def test_objects_that_come_and_go_are_told_apart() -> None:
 
 def test_with_exact_sensors_a_view_is_the_truth() -> None:
     watcher, simulation = Watcher(), Simulation(sensing="exact", scene=_scene(position=(1.0, 0.5)))
-    loop = ControlLoop(HoldController(), watcher, simulation, UpperBodySource())
+    loop = ControlLoop(HoldController(load_robot()), watcher, simulation, UpperBodySource(load_robot()))
     loop.reset()
     loop.decide(0.0)
     view = watcher.views[-1]
@@ -127,7 +127,7 @@ def test_with_exact_sensors_a_view_is_the_truth() -> None:
 def test_grips_are_carried_out_and_seen() -> None:
     watcher = Watcher(Grip("left", "cube"))
     simulation = Simulation(sensing="exact", scene=_scene(position=(0.41, 0.21, 1.0)))
-    loop = ControlLoop(HoldController(), watcher, simulation, UpperBodySource())
+    loop = ControlLoop(HoldController(load_robot()), watcher, simulation, UpperBodySource(load_robot()))
     loop.reset()
     for tick in range(2):
         loop.decide(tick * loop.period)

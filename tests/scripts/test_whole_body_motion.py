@@ -72,7 +72,7 @@ def test_leaning_twisting_and_squatting(tmp_path):
 
 def test_errors_are_those_of_the_clip_the_ranges_and_the_robot(tmp_path):
     motion = load_whole_body_motion(write_bvh(tmp_path / "turn.bvh", lambda t: {"Spine": (0, 0, 80)}))
-    robot, score = load_robot(), MotionScore(load_whole_body_motion(tmp_path / "turn.bvh"))
+    robot, score = load_robot(), MotionScore(load_whole_body_motion(tmp_path / "turn.bvh"), load_robot())
     still = make_state(yaw=0.7, position=(1.0, 2.0, robot.nominal_height - 0.1), velocity=np.zeros(3))
     for t in np.arange(0.0, 5.0, 0.02):
         level = motion.hands[motion.frame_at(t)] + [0.0, 0.0, 0.05]

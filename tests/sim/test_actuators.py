@@ -194,7 +194,7 @@ def test_the_first_command_after_a_reset_acts_at_once() -> None:
 def test_many_robots_have_the_same_drives_as_one() -> None:
     """The same steps as one simulation, to the rounding of its extra forward pass."""
     one = Simulation(timestep=0.005, actuators=NO_DELAY)
-    many = BatchSimulation(2, actuators=NO_DELAY)
+    many = BatchSimulation(2, actuators=NO_DELAY, robot=load_robot())
     one.reset()
     rng, limited = np.random.default_rng(0), 0
     for _ in range(20):
@@ -210,7 +210,7 @@ def test_many_robots_have_the_same_drives_as_one() -> None:
 
 def test_every_robot_of_a_batch_can_have_drives_of_its_own() -> None:
     """What a training varies: friction, damping and inertia of single robots."""
-    batch = BatchSimulation(3, actuators=NO_DELAY)
+    batch = BatchSimulation(3, actuators=NO_DELAY, robot=load_robot())
     for field, factor in (("dof_frictionloss", 3.0), ("dof_damping", 2.0), ("dof_armature", 1.5)):
         batch.expand(field)[1, 6:] *= factor
     batch.set_const()

@@ -15,7 +15,7 @@ ROBOT = load_robot()
 
 def _disturbed(count: int, **options: object) -> BatchSimulation:
     """Robots in different poses and velocities, slightly above the ground."""
-    batch = BatchSimulation(count, **options)
+    batch = BatchSimulation(count, **options, robot=load_robot())
     rng = np.random.default_rng(0)
     batch.qpos[:, 7:] += batch.tensor(rng.uniform(-0.1, 0.1, (count, 19)))
     batch.qpos[:, 2] += 0.02
@@ -28,7 +28,7 @@ def _disturbed(count: int, **options: object) -> BatchSimulation:
 def test_every_robot_moves_as_one_alone_does() -> None:
     """Same model, same numbers: bit for bit the roll-out of plain MuJoCo."""
     batch = _disturbed(3)
-    model = load_model(TRAINING_TIMESTEP)
+    model = load_model(TRAINING_TIMESTEP, robot=load_robot())
     alone = []
     for robot in range(3):
         data = mujoco.MjData(model)
@@ -69,7 +69,10 @@ def test_a_control_that_is_not_finite_is_flagged() -> None:
 
 def test_sensors_agree_with_those_of_one_simulation() -> None:
     terrain = rough_terrain(0.02, np.random.default_rng(1))
-    batch, simulation = BatchSimulation(2, terrain=terrain), Simulation(timestep=TRAINING_TIMESTEP, terrain=terrain)
+    batch, simulation = (
+        BatchSimulation(2, terrain=terrain, robot=load_robot()),
+        Simulation(timestep=TRAINING_TIMESTEP, terrain=terrain),
+    )
     simulation.reset(xy=(1.0, 0.5))
     for _ in range(20):
         simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), TRAINING_TIMESTEP)
@@ -88,7 +91,7 @@ def test_sensors_agree_with_those_of_one_simulation() -> None:
 
 
 def test_forward_refreshes_the_given_robots() -> None:
-    batch = BatchSimulation(2)
+    batch = BatchSimulation(2, robot=load_robot())
     batch.qpos[:, 2] += 0.3
     before = batch.sole_position()[:, :, 2].clone()
     batch.forward(torch.tensor([1]))
@@ -98,7 +101,7 @@ def test_forward_refreshes_the_given_robots() -> None:
 
 
 def test_a_link_on_the_ground_shows_its_force() -> None:
-    batch = BatchSimulation(2)
+    batch = BatchSimulation(2, robot=load_robot())
     batch.qpos[1, 2] = 0.3
     batch.qpos[1, 3:7] = torch.tensor([np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0])  # face down
     for _ in range(60):

@@ -20,7 +20,9 @@ def applied(simulation: Simulation, disturber: Disturber, t: float, link: str = 
 def test_forces_begin_end_and_add_up(simulation):
     simulation.reset()
     forces = (Force((10.0, 0.0, 0.0), start=0.1, duration=0.2), Force((1.0, 2.0, 3.0), start=0.2))
-    disturber = Disturber(simulation.link_names, (*forces, Force((0.0, 5.0, 0.0), start=0.2, link="pelvis")))
+    disturber = Disturber(
+        simulation.link_names, "torso_link", (*forces, Force((0.0, 5.0, 0.0), start=0.2, link="pelvis"))
+    )
     wanted = {0.0: (0, 0, 0), 0.098: (0, 0, 0), 0.1: (10, 0, 0), 0.2: (11, 2, 3), 0.298: (11, 2, 3), 0.3: (1, 2, 3)}
     for t, force in {**wanted, 99.0: (1, 2, 3)}.items():
         np.testing.assert_array_equal(applied(simulation, disturber, t), [*force, 0, 0, 0])
@@ -29,7 +31,7 @@ def test_forces_begin_end_and_add_up(simulation):
 
 def test_a_force_in_the_heading_frame_keeps_the_heading_of_its_start(simulation):
     simulation.reset(yaw=math.pi / 2)
-    disturber = Disturber(simulation.link_names, (Force((10.0, 0.0, 4.0), frame="heading"),))
+    disturber = Disturber(simulation.link_names, "torso_link", (Force((10.0, 0.0, 4.0), frame="heading"),))
     np.testing.assert_allclose(applied(simulation, disturber, 0.0)[:3], [0.0, 10.0, 4.0], atol=1e-9)
     simulation.reset(yaw=0.0)
     assert not applied(simulation, disturber, 0.1).any(), "it does not turn later"
@@ -46,6 +48,6 @@ def test_bad_forces_are_refused(values, message):
 
 def test_unknown_names_are_refused(simulation):
     with pytest.raises(UnknownNameError, match="Did you mean 'torso_link'"):
-        Disturber(simulation.link_names, (Force((1.0, 0.0, 0.0), link="torso"),))
+        Disturber(simulation.link_names, "torso_link", (Force((1.0, 0.0, 0.0), link="torso"),))
     with pytest.raises(UnknownNameError, match="Did you mean 'world'"):
         Force((1.0, 0.0, 0.0), frame="wrld")

@@ -29,8 +29,8 @@ def _with_box(first):
 @pytest.mark.parametrize("name", robot_names())
 def test_alone_the_robot_is_the_whole_state(name):
     model = _spec(name).compile()
-    layout = robot_layout(model, load_robot(name))
-    assert (layout.qpos, layout.qvel, layout.ctrl) == (slice(0, 26), slice(0, 25), slice(0, 19))
+    layout, n = robot_layout(model, load_robot(name)), len(load_robot(name).joint_names)
+    assert (layout.qpos, layout.qvel, layout.ctrl) == (slice(0, n + 7), slice(0, n + 6), slice(0, n))
     assert np.array_equal(model.key("nominal").qpos[layout.joints], load_robot(name).nominal)
 
 

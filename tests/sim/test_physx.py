@@ -300,7 +300,7 @@ def test_a_robot_with_its_own_sensors_and_drives_stands_a_pull() -> None:
     simulation = PhysxSimulation(sensing="robot", actuators=Actuators())
     pull = (Force((20.0, 0.0, 0.0), start=0.5, duration=0.2),)
     source = Constant(Command(gait=Gait.STANDING))
-    options = {"duration": 1.5, "estimator": StateEstimator(), "forces": pull}
+    options = {"duration": 1.5, "estimator": StateEstimator(load_robot()), "forces": pull}
     trace = rollout(ControllerSpec("qp").build(), source, simulation, **options)
     assert not trace.fell
     assert abs(rotations.pitch_of(trace.qpos[-1, 3:7])) < 0.1

@@ -44,7 +44,7 @@ def test_exact_sensors_tell_the_truth() -> None:
 def test_the_accelerometer_integrates_to_the_velocity_of_the_imu() -> None:
     """Through falls, impacts and a push, which moves the pelvis at once."""
     rng, simulation = np.random.default_rng(2), Simulation(sensing="exact")
-    kinematics, gravity = Kinematics(), np.array([0.0, 0.0, -9.81])
+    kinematics, gravity = Kinematics(load_robot()), np.array([0.0, 0.0, -9.81])
     kinematics.update(simulation.reset(yaw=0.5))
     integral, turn = kinematics.velocity("imu")[:3], kinematics.rotation("imu")
     for tick in range(300):

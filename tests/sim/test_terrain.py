@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError
+from hugwbc.robot import load_robot
 from hugwbc.sim import HeightField, rough_terrain
 from hugwbc.sim.robot_model import load_model
 
@@ -44,7 +45,11 @@ FLAT, RNG = np.zeros((2, 2)), np.random.default_rng(0)
             ([0.0], [[0.0] * 5], [[0.0, np.nan], [0.0, 0.0]]),
             "2 x 2 fin",
         ),
-        (load_model, (0.0, -0.002, 0.02, np.nan), "physics time step is .* above 0 and up to 0.01 s"),
+        (
+            lambda x: load_model(x, robot=load_robot()),
+            (0.0, -0.002, 0.02, np.nan),
+            "physics time step is .* above 0 and up to 0.01 s",
+        ),
     ],
     ids=["slope", "amplitude", "gradient", "size", "heights", "time step"],
 )
@@ -74,7 +79,7 @@ def test_rough_terrain_stays_within_its_amplitude_and_is_seeded() -> None:
 def test_lookup_agrees_with_rays_onto_mujocos_ground() -> None:
     rng = np.random.default_rng(3)
     field = HeightField(rng.uniform(-0.1, 0.2, (21, 31)), (6.0, 4.0))
-    model = load_model(0.005, field)
+    model = load_model(0.005, field, robot=load_robot())
     data = mujoco.MjData(model)
     data.qpos[:3] = [50.0, 50.0, 5.0]  # the robot out of the way
     mujoco.mj_forward(model, data)
@@ -91,7 +96,7 @@ def test_lookup_agrees_with_rays_onto_mujocos_ground() -> None:
 
 
 def test_model_without_visuals_has_the_same_physics() -> None:
-    full, bare = load_model(0.005), load_model(0.005, lean=True)
+    full, bare = load_model(0.005, robot=load_robot()), load_model(0.005, lean=True, robot=load_robot())
     assert bare.ngeom < full.ngeom == bare.ngeom + np.sum(full.geom_group == 2)
     assert bare.npair == full.npair
     states = []

@@ -18,7 +18,7 @@ from hugwbc.tasks.judges import at_rest, happened, lifted, touched, trunk_clear
 from hugwbc.tasks.wipe_table import CORNERS, path_points
 
 BOX = Box(name="box", on="table", size=(0.2, 0.2, 0.2))
-LEFT, RIGHT, BOTH = (("left_elbow_link",), ("right_elbow_link",), ("left_elbow_link", "right_elbow_link"))
+LEFT, RIGHT, BOTH = (("left_hand",), ("right_hand",), ("left_hand", "right_hand"))
 
 
 def verdict_of(name, record):
@@ -60,7 +60,7 @@ def test_a_button_that_is_pressed_and_let_go(made_up):
     assert verdict_of("press_button", half).reason == "the button was not pressed all the way"
     kept = dataclasses.replace(pressed, travel={"button": np.full(1000, 0.02)})
     assert verdict_of("press_button", kept).reason == "the button was not released"
-    bumped = dataclasses.replace(pressed, touched={**pressed.touched, ("torso_link", "button/panel"): 3.0})
+    bumped = dataclasses.replace(pressed, touched={**pressed.touched, ("trunk", "button/panel"): 3.0})
     assert verdict_of("press_button", bumped).reason == "the trunk ran into the panel"
 
 
@@ -139,7 +139,7 @@ def test_a_door_that_is_walked_through(made_up):
     through = dataclasses.replace(still, pelvis=walk)
     assert verdict_of("open_door", through).success
     assert verdict_of("open_door", still).reason == "the robot did not get through the door"
-    bumped = dataclasses.replace(through, touched={**still.touched, ("torso_link", "door/frame"): 3.0})
+    bumped = dataclasses.replace(through, touched={**still.touched, ("trunk", "door/frame"): 3.0})
     assert verdict_of("open_door", bumped).reason == "the trunk touched the frame"
     shut = dataclasses.replace(through, travel={"door": np.full(1000, 0.1)})
     assert verdict_of("open_door", shut).reason == "the door was not pushed open"

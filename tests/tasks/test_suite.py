@@ -44,7 +44,7 @@ def test_the_arms_are_those_of_the_robot_that_plays(robot, monkeypatch):
 def test_a_simulation_can_be_used_again():
     task = dataclasses.replace(load_task("press_button"), limit=0.1)
     simulation = Arena(sensing="exact").simulation(scene=task.scene)
-    times = [run_task(task, HoldController(), simulation).record.time.tolist() for _ in range(2)]
+    times = [run_task(task, HoldController(load_robot()), simulation).record.time.tolist() for _ in range(2)]
     assert times[0] == times[1] and len(times[0]) == 5
 
 

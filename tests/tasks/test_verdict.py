@@ -26,8 +26,8 @@ def test_the_first_missed_milestone_is_the_reason_and_what_follows_does_not_coun
 
 
 def test_a_verdict_names_what_has_touched_the_scene_beside_the_hands(made_up):
-    thigh, trunk = ("left_hip_pitch_link", "from"), ("torso_link", "to")
-    touched = {thigh: 7.15, ("right_elbow_link", "box"): 3.0, trunk: 9.0, ("pelvis", "to"): 9.5}
+    thigh, trunk = ("left_hip_pitch_link", "from"), ("trunk", "to")
+    touched = {thigh: 7.15, ("right_hand", "box"): 3.0, trunk: 9.0, ("pelvis", "to"): 9.5}
     bumped = made_up("push_cart", touched=touched, lasted={thigh: 45.04, trunk: 0.01})
     words = "the left thigh touched 'from' at 7.2 s, for 45.0 s; the trunk touched 'to' at 9.0 s; "
     words += "the pelvis touched 'to' at 9.5 s"

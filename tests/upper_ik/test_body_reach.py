@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, rotations
+from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
@@ -27,7 +27,7 @@ def run(reach, hands, state, command, seconds=6.0):
 
 
 def test_a_low_target_makes_the_body_come_down_to_where_the_arms_reach_it(robot, standing):
-    command, path = run(BodyReach(), LOW, standing, Command())
+    command, path = run(BodyReach(robot), LOW, standing, Command())
     assert command.h < -0.2
     assert command.p > 0.1
     assert np.all(np.abs(np.diff(path, axis=0)) <= np.array([0.15, 0.3, 0.6]) * DT + 1e-9)
@@ -38,7 +38,7 @@ def test_a_low_target_makes_the_body_come_down_to_where_the_arms_reach_it(robot,
         q[robot.waist] = w
         place = (0.0, 0.0, robot.nominal_height + h)
         state = make_state(q, orientation=rotations.from_yaw_pitch_roll(0.0, p, 0.0), position=place)
-        ik = ArmIK()
+        ik = ArmIK(robot)
         for _ in range(200):
             solution = ik.solve(LOW, state, DT)
         residual[name] = solution.residual
@@ -48,20 +48,20 @@ def test_a_low_target_makes_the_body_come_down_to_where_the_arms_reach_it(robot,
 
 def test_within_reach_of_the_arms_the_body_hardly_moves(standing):
     near = HandTargets.of((0.3, 0.25, 1.15), (0.3, -0.25, 1.1), "world", whole_body=True)
-    _, path = run(BodyReach(), near, standing, Command())
+    _, path = run(BodyReach(load_robot()), near, standing, Command())
     assert np.abs(path).max() < 0.05
 
 
 def test_a_target_across_the_body_turns_the_waist(standing):
     across = HandTargets.of((0.55, -0.4, 1.3), None, "world", whole_body=True)
-    command, _ = run(BodyReach(), across, standing, Command())
+    command, _ = run(BodyReach(load_robot()), across, standing, Command())
     assert command.w < -0.1
 
 
 @pytest.mark.parametrize("gait", [Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT])
 def test_the_body_stays_in_the_ranges_of_the_gait(standing, gait):
     deep = HandTargets.of((0.9, 0.3, 0.0), (0.9, -0.5, 0.0), "world", whole_body=True)
-    command, path = run(BodyReach(), deep, standing, Command(gait=gait))
+    command, path = run(BodyReach(load_robot()), deep, standing, Command(gait=gait))
     command.validate()
     assert path[:, 0].min() >= -0.3
     assert path[:, 1].max() <= 0.4
@@ -70,7 +70,7 @@ def test_the_body_stays_in_the_ranges_of_the_gait(standing, gait):
 
 
 def test_it_returns_to_the_command_and_leaves_everything_else(standing):
-    reach = BodyReach()
+    reach = BodyReach(load_robot())
     walk = Command(v_x=0.3, omega=0.2, h=-0.05, p=0.1, w=0.2, gait=Gait.WALKING)
     bent, _ = run(reach, LOW, standing, walk)
     assert dataclasses.replace(bent, h=walk.h, p=walk.p, w=walk.w) == walk
@@ -81,11 +81,11 @@ def test_it_returns_to_the_command_and_leaves_everything_else(standing):
 
 def test_targets_that_do_not_ask_for_the_body_leave_the_command_alone(standing):
     plain = dataclasses.replace(LOW, whole_body=False)
-    assert BodyReach().update(plain, standing, Command(), DT) == Command()
+    assert BodyReach(load_robot()).update(plain, standing, Command(), DT) == Command()
 
 
 def test_bad_numbers_are_survived_and_targets_that_are_not_usable_leave_the_body_where_it_is(standing):
-    reach = BodyReach()
+    reach = BodyReach(load_robot())
     low, _ = run(reach, LOW, standing, Command())
     bad = HandTargets(np.full(3, math.nan), None, "world", whole_body=True)
     for hands, state in ((bad, standing), (LOW, dataclasses.replace(standing, position=None))):
@@ -95,7 +95,7 @@ def test_bad_numbers_are_survived_and_targets_that_are_not_usable_leave_the_body
         command = reach.update(LOW, state, Command(), dt)
         assert all(math.isfinite(value) for value in command.array())
         command.validate()
-    assert BodyReach().update(LOW, broken, Command(), DT).validate()
+    assert BodyReach(load_robot()).update(LOW, broken, Command(), DT).validate()
 
 
 def test_frames_agree_with_the_whole_robot(robot):
@@ -103,20 +103,20 @@ def test_frames_agree_with_the_whole_robot(robot):
     h, p, yaw = -0.2, 0.3, 2.0
     place = np.array([1.0, -2.0, robot.nominal_height + h])
     state = make_state(robot.nominal, orientation=rotations.from_yaw_pitch_roll(yaw, p, 0.0), position=place)
-    kinematics = Kinematics()
+    kinematics = Kinematics(robot)
     kinematics.update(state)
     world = kinematics.position("left_hand")
     level = rotations.rotation_z(-yaw) @ (world - place)
     pelvis = rotations.rotate_inverse(state.orientation, world - place)
     values = np.array([h, p, 0.0])
     points = [
-        on_column(HandTargets(point, None, frame), state, values)
+        on_column(HandTargets(point, None, frame), state, values, robot)
         for point, frame in ((world, "world"), (level, "heading"), (pelvis, "pelvis"))
     ]
     for point in points:
         assert point is not None
         assert point[0] == pytest.approx(points[0][0])  # type: ignore[index]
-    reach = BodyReach()
+    reach = BodyReach(robot)
     reach.allow(np.array([[-0.3, 0.0], [0.0, 0.4], [-1.0, 1.0]]))
     reach.start(robot.nominal[robot.arms], values)
     reach.solve(np.stack((points[0][0],) * 2), np.array([True, False]), values, values, DT)  # type: ignore[index]
@@ -124,6 +124,6 @@ def test_frames_agree_with_the_whole_robot(robot):
 
 
 def test_the_whole_body_reaches_more_than_the_arms():
-    space = measure_workspace(0.5)
+    space = measure_workspace(load_robot(), 0.5)
     assert space.points == 125
     assert 0.0 < space.arms < space.whole_body < 0.6

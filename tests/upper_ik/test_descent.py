@@ -15,7 +15,7 @@ DT = 0.02
 
 @pytest.fixture
 def descent(robot):
-    descent = Descent(CONFIG)
+    descent = Descent(CONFIG, robot)
     descent.place(robot.nominal[robot.arms], robot.nominal)
     return descent
 

@@ -19,7 +19,7 @@ AHEAD = np.array([0.3, 0.25, 0.2]) * MIRROR
 
 
 def test_the_table_holds_free_postures_and_where_they_put_the_hand():
-    ik, table = ArmIK(), posture_table()
+    ik, table = ArmIK(load_robot()), posture_table(load_robot())
     for index in range(0, len(table.q), 100):
         q = np.concatenate((table.q[index], np.zeros(4)))
         assert ik.hands(q, 0.0)[0] == pytest.approx(table.hands[index], abs=1e-9)
@@ -29,9 +29,9 @@ def test_the_table_holds_free_postures_and_where_they_put_the_hand():
 
 @pytest.mark.parametrize("arm", [0, 1])
 def test_candidates_put_the_hand_near_the_point_on_a_turned_waist_too(arm):
-    ik, waist = ArmIK(), 0.7
+    ik, waist = ArmIK(load_robot()), 0.7
     point = rotations.rotation_z(waist) @ np.array([0.3, -0.3 if arm else 0.3, 0.2])
-    candidates = posture_table().candidates(arm, point, waist, np.zeros(4), 3)
+    candidates = posture_table(load_robot()).candidates(arm, point, waist, np.zeros(4), 3)
     for posture in candidates:
         q = np.zeros(8)
         q[4 * arm : 4 * arm + 4] = posture
@@ -41,14 +41,14 @@ def test_candidates_put_the_hand_near_the_point_on_a_turned_waist_too(arm):
 
 
 def test_of_postures_alike_the_nearest_to_the_arm_comes_first():
-    table = posture_table()
+    table = posture_table(load_robot())
     for index in range(0, len(table.q), 250):
         first = table.candidates(0, table.hands[index], 0.0, table.q[index], 1)[0]
         assert first == pytest.approx(table.q[index])
 
 
 def test_known_postures_touch_nothing_and_are_mirror_images():
-    ik, robot = ArmIK(), load_robot()
+    ik, robot = ArmIK(load_robot()), load_robot()
     for left, right in zip(*seeds(robot), strict=True):
         q = np.concatenate((left, right))
         for arm in (slice(0, 4), slice(4, 8)):
@@ -71,22 +71,22 @@ def _search(scout, robot, goal, q, ticks=300):
 
 
 def test_a_target_that_the_direct_way_reaches_ends_the_search_there(robot):
-    scout, q = Scout(ArmIKConfig()), robot.nominal[robot.arms]
+    scout, q = Scout(ArmIKConfig(), robot), robot.nominal[robot.arms]
     _search(scout, robot, AHEAD, q)
     assert np.all(scout.direct <= scout._descent.config.tolerance)
-    assert ArmIK().hands(scout.q, 0.0) == pytest.approx(AHEAD, abs=0.01)
+    assert ArmIK(robot).hands(scout.q, 0.0) == pytest.approx(AHEAD, abs=0.01)
 
 
 def test_a_dead_end_of_the_direct_way_is_left_for_a_better_posture(robot):
     """From postures all over the workspace: somewhere descent alone stays decimetres off, and the scout does not."""
-    ik, rng = ArmIK(), np.random.default_rng(0)
+    ik, rng = ArmIK(robot), np.random.default_rng(0)
     gained = []
     for _ in range(12):
         q, goal_q = rng.uniform(ik.lower, ik.upper), rng.uniform(ik.lower, ik.upper)
         if min(ik.clearance(q).min(), ik.clearance(goal_q).min()) < 0.02:
             continue
         goal = ik.hands(goal_q, 0.0).copy()
-        scout = Scout(ArmIKConfig())
+        scout = Scout(ArmIKConfig(), robot)
         _search(scout, robot, goal, q)
         best = np.linalg.norm(ik.hands(scout.q, 0.0) - goal, axis=1)
         assert np.all(best <= scout.direct + 0.01), "never worse than the direct way"
@@ -95,7 +95,7 @@ def test_a_dead_end_of_the_direct_way_is_left_for_a_better_posture(robot):
 
 
 def test_a_target_that_moves_starts_the_search_over_and_one_that_creeps_does_not(robot):
-    scout, q = Scout(ArmIKConfig()), robot.nominal[robot.arms]
+    scout, q = Scout(ArmIKConfig(), robot), robot.nominal[robot.arms]
     _search(scout, robot, AHEAD, q)
     scout.search(0, AHEAD + np.array([0.03, 0.0, 0.0]), q, robot.nominal)
     assert scout.done.all()
@@ -106,8 +106,8 @@ def test_a_target_that_moves_starts_the_search_over_and_one_that_creeps_does_not
 
 def make():
     config = ArmIKConfig()
-    descent = Descent(config)
-    return config, descent, Detours(config, descent)
+    descent = Descent(config, load_robot())
+    return config, descent, Detours(config, descent, load_robot())
 
 
 def drive(detours, descent, start, posture, ticks=300):

@@ -7,6 +7,7 @@ import pytest
 
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
+from hugwbc.robot import load_robot
 from hugwbc.targets import HEAVIEST, HandTargets
 from hugwbc.upper_ik import UpperBodySource
 from hugwbc.upper_ik.hand_loads import FORCE_RATE, HandLoads
@@ -65,7 +66,7 @@ def test_absurd_loads_stay_within_their_ranges():
 
 
 def test_the_source_of_the_arms_carries_the_loads():
-    source = UpperBodySource()
+    source = UpperBodySource(load_robot())
     hands = targets("world", right_force=(0, 0, -20), stiffness=300.0, payload=(1, 2))
     state = make_state(position=(0.0, 0.0, 0.98))
     for _ in range(50):

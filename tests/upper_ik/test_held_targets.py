@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command
+from hugwbc import Command, load_robot
 from hugwbc.runtime import ControlLoop, Simulation, load_controller
 from hugwbc.scripts.command_source import Constant
 from hugwbc.targets import HandTargets
@@ -107,7 +107,7 @@ def test_the_hand_of_a_robot_accelerates_as_on_a_continuous_path():
             def hands_at(self, t):
                 return HandTargets(circle(np.floor(t * rate + 1e-9) / rate if rate else t), None)
 
-        loop = ControlLoop(load_controller("learned"), Source(Command()), simulation, UpperBodySource())
+        loop = ControlLoop(load_controller("learned"), Source(Command()), simulation, UpperBodySource(load_robot()))
         loop.reset()
         hand = []
         for k in range(100):
@@ -123,7 +123,7 @@ def test_the_hand_of_a_robot_accelerates_as_on_a_continuous_path():
 @pytest.mark.parametrize("clock", [lambda t: t, lambda t: t + 1.7642e9, lambda t: t + 3600.0 * (1.5 < t < 3.0)])
 def test_the_stamps_of_a_stream_may_be_of_any_clock(robot, clock):
     """Targets at 20 Hz, with a clock that is right, that counts from 1970, and that jumps ahead and back."""
-    source, points = UpperBodySource(), []
+    source, points = UpperBodySource(robot), []
     for k in range(200):
         t = 0.02 * k
         n = int(20 * t + 1e-9)

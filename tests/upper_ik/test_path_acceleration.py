@@ -17,7 +17,7 @@ STILL = HandTargets.of((0.35, 0.2, 0.15), (0.3, -0.25, 0.25))
 
 def solutions(robot, targets, seconds, waist=lambda t: 0.0):
     """The IK's solutions at DT; `targets` and `waist` are functions of time."""
-    ik, found = ArmIK(), []
+    ik, found = ArmIK(robot), []
     for tick in range(round(seconds / DT)):
         q = robot.nominal.copy()
         q[robot.waist] = waist(tick * DT)
@@ -75,7 +75,7 @@ def test_targets_that_jump_or_come_in_a_stream_have_none(robot):
 
 
 def test_unusable_targets_end_it(robot):
-    ik = ArmIK()
+    ik = ArmIK(robot)
     for tick in range(1500):
         ik.solve(circling(tick * DT), make_state(robot.nominal), DT)
     bad = ik.solve(HandTargets(np.full(3, math.nan), None), make_state(robot.nominal), DT)

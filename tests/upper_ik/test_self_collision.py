@@ -11,7 +11,7 @@ from hugwbc.robot import load_robot, robot_names
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.detour import arm_mirror, posture_table
-from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, HIP_NAMES, PITCH_JOINT, Clearance, upper_body
+from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, Clearance, hip_names, upper_body
 from tests.conftest import make_state
 
 
@@ -32,13 +32,13 @@ def _mujoco(name):
 @BOTH
 def test_watched_are_the_pairs_of_arms_that_touch_in_the_simulator(name):
     robot, model = load_robot(name), _mujoco(name)
-    arms = {model.body(model.joint(joint).bodyid[0]).name for joint in robot.arm_names}
+    arms = {*robot.hand_links, *(model.body(model.joint(joint).bodyid[0]).name for joint in robot.arm_names)}
     pairs = {
         frozenset(model.body(model.geom_bodyid[geom]).name for geom in geoms)
         for geoms in zip(model.pair_geom1, model.pair_geom2, strict=True)
     }
     expected = {pair for pair in pairs if pair & arms}
-    assert frozenset(("left_shoulder_yaw_link", "torso_link")) in expected
+    assert any(robot.trunk in pair for pair in expected)
     assert _links(upper_body(robot)) == _links(upper_body(robot, on_column=True)) == expected
 
 
@@ -98,7 +98,7 @@ def test_what_has_room_touches_nothing_in_the_simulator(name):
 
 
 def test_what_moves_is_arms_waist_and_hips_and_on_a_column_height_and_pitch(robot):
-    moving = {*robot.arm_names, *HIP_NAMES, "torso_joint"}
+    moving = {*robot.arm_names, *hip_names(robot), robot.joint_names[robot.waist]}
     assert set(upper_body(robot).joint_names()) == moving
     assert set(upper_body(robot, on_column=True).joint_names()) == {*moving, HEIGHT_JOINT, PITCH_JOINT}
 
@@ -130,7 +130,9 @@ def test_what_has_no_collision_shape_is_in_the_robots_table(robot):
 def test_every_robot_of_the_table_has_arms_that_reach(name):
     robot = load_robot(name)
     ik, body = ArmIK(robot=robot), BodyReach(robot=robot)
-    assert ik.robot is robot and np.array_equal(posture_table(robot).q, posture_table().q)
+    assert ik.robot is robot
+    if name.startswith("h1"):
+        assert np.array_equal(posture_table(robot).q, posture_table(load_robot()).q)
     hands, state = HandTargets.of((0.35, 0.2, 0.15), (0.3, -0.25, 0.25)), make_state(robot.nominal)
     solutions = [ik.solve(hands, state, 0.02) for _ in range(100)]
     assert solutions[-1].residual.max() < 0.005

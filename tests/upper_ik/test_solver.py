@@ -4,7 +4,7 @@ import time
 import numpy as np
 import pytest
 
-from hugwbc import rotations
+from hugwbc import load_robot, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.mirror import load_mirror
@@ -32,11 +32,11 @@ def shoulder_to_targets(points):
 
 @pytest.fixture
 def ik():
-    return ArmIK()
+    return ArmIK(load_robot())
 
 
 def test_hands_agree_with_pinocchio_on_the_whole_robot(robot):
-    ik, kinematics = ArmIK(), Kinematics()
+    ik, kinematics = ArmIK(robot), Kinematics(robot)
     rng = np.random.default_rng(0)
     for _ in range(50):
         q = rng.uniform(robot.lower, robot.upper)
@@ -47,7 +47,7 @@ def test_hands_agree_with_pinocchio_on_the_whole_robot(robot):
 
 @pytest.mark.parametrize("dt", [0.002, 0.02])
 def test_reachable_targets_leave_no_residual(robot, dt):
-    ik, kinematics = ArmIK(), Kinematics()
+    ik, kinematics = ArmIK(robot), Kinematics(robot)
     q = robot.nominal.copy()
     q[robot.waist] = 0.5
     solution = converge(ik, HandTargets(*COMFORTABLE), make_state(q), dt=dt)
@@ -65,8 +65,8 @@ def test_world_targets_follow_the_pelvis_pose(robot):
     position, orientation = np.array([3.0, -2.0, 0.8]), rotations.from_yaw_pitch_roll(2.0, 0.3, -0.1)
     state = make_state(robot.nominal, orientation=orientation, position=position)
     world = HandTargets(*(position + COMFORTABLE @ rotations.to_matrix(orientation).T), frame="world")
-    in_world = converge(ArmIK(), world, state)
-    in_pelvis = converge(ArmIK(), HandTargets(*COMFORTABLE), state)
+    in_world = converge(ArmIK(robot), world, state)
+    in_pelvis = converge(ArmIK(robot), HandTargets(*COMFORTABLE), state)
     assert in_world.q == pytest.approx(in_pelvis.q, abs=1e-9)
 
 
@@ -75,15 +75,15 @@ def test_heading_targets_stay_level_and_turn_with_the_yaw_alone(robot):
     state = make_state(robot.nominal, orientation=lean)
     heading = HandTargets(*COMFORTABLE, frame="heading")
     level = COMFORTABLE @ rotations.rotation_z(yaw).T  # in the world's axes, about the pelvis
-    solution = converge(ArmIK(), heading, state)
-    hands = ArmIK().hands(solution.q, 0.0) @ rotations.to_matrix(lean).T
+    solution = converge(ArmIK(robot), heading, state)
+    hands = ArmIK(robot).hands(solution.q, 0.0) @ rotations.to_matrix(lean).T
     assert hands == pytest.approx(level, abs=5e-4)
 
 
 def test_a_hand_without_a_target_rests(ik, robot, nominal_state):
     rest = ik.hands(robot.nominal[robot.arms], 0.0)
     solution = converge(ik, HandTargets(None, COMFORTABLE[1]), nominal_state)
-    hands = ArmIK().hands(solution.q, 0.0)
+    hands = ArmIK(robot).hands(solution.q, 0.0)
     assert hands == pytest.approx(np.stack((rest[0], COMFORTABLE[1])), abs=1e-3)
     assert ik.rejected == 0
 
@@ -93,12 +93,12 @@ def test_a_target_out_of_reach_gives_the_stretched_arm(nominal_state):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     shoulders = -shoulder_to_targets(np.zeros((2, 3)))
     targets = shoulders + 1.5 * directions
-    solution = converge(ArmIK(), HandTargets(*targets), nominal_state)
+    solution = converge(ArmIK(load_robot()), HandTargets(*targets), nominal_state)
     assert solution.ok
     assert not solution.reachable.any()
     # Upper arm 0.333 m, forearm 0.280 m: 0.613 m stretched; the shoulder's axes miss each other by 1.7 cm.
     assert solution.residual == pytest.approx([1.5 - 0.613] * 2, abs=0.025)
-    hands = ArmIK().hands(solution.q, 0.0)
+    hands = ArmIK(load_robot()).hands(solution.q, 0.0)
     angle = np.sum((hands - shoulders) * directions, axis=1) / np.linalg.norm(hands - shoulders, axis=1)
     assert np.all(angle > 0.999)
     assert np.abs(solution.dq).max() < 0.05, "settled, no chatter"
@@ -117,7 +117,7 @@ def test_nothing_sampled_is_nearer_to_a_target_out_of_reach(ik, nominal_state):
 
 def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_state):
     """One target after the other, all over the workspace, behind the head too: dead ends are left by detours."""
-    ik, probe = ArmIK(), ArmIK()
+    ik, probe = ArmIK(robot), ArmIK(robot)
     rng = np.random.default_rng(3)
     speed = 0.5 * robot.velocity_limit[robot.arms]
     q, dq, clearance = ik.q, np.zeros(8), []
@@ -156,7 +156,7 @@ def test_a_search_that_fails_costs_the_arm_no_step(nominal_state, monkeypatch):
     def fail(*_):
         raise RuntimeError
 
-    ik, searching = ArmIK(), ArmIK()
+    ik, searching = ArmIK(load_robot()), ArmIK(load_robot())
     monkeypatch.setattr(ik._scout, "advance", fail)
     far = HandTargets(np.array([0.25, 0.35, 0.6]), np.array([0.25, -0.35, 0.6]))
     for _ in range(15):  # half a metre on a free way: the arm looks ahead and needs no detour
@@ -178,37 +178,37 @@ INSIDE = [
 def test_forearms_stay_out_of_the_body_and_off_each_other(robot, targets):
     q = robot.nominal.copy()
     q[robot.legs] = np.array([0.0, 0.0, -0.9, 1.6, -0.7] * 2)  # squatting: the thighs come forward
-    ik, state = ArmIK(), make_state(q)
+    ik, state = ArmIK(robot), make_state(q)
     ticks = [ik.solve(HandTargets(*np.array(targets)), state, DT) for _ in range(250)]
     clearance = [ik.clearance(solution.q).min() for solution in ticks]
     assert min(clearance) > -0.005
     assert clearance[-1] > 0.005
     assert np.abs(ticks[-1].dq).max() < 0.5, "no chatter"
     assert ik.failures == 0
-    loose = ArmIK(ArmIKConfig(collision_weight=1e-12))
+    loose = ArmIK(robot, ArmIKConfig(collision_weight=1e-12))
     solution = converge(loose, HandTargets(*np.array(targets)), state, 5.0)
     assert ik.clearance(solution.q).min() < -0.005, "without it they would not"
 
 
 def test_a_forearm_turns_towards_its_direction_once_the_hand_is_in_place(nominal_state):
     inward = np.array([0.0, -1.0, 0.0])
-    plain = converge(ArmIK(), HandTargets(*COMFORTABLE), nominal_state)
+    plain = converge(ArmIK(load_robot()), HandTargets(*COMFORTABLE), nominal_state)
     targets = HandTargets.of(*COMFORTABLE, left_direction=inward)
-    solution = converge(ArmIK(), targets, nominal_state)
-    probe = ArmIK()
+    solution = converge(ArmIK(load_robot()), targets, nominal_state)
+    probe = ArmIK(load_robot())
     angle = [np.arccos(probe.pointing(s.q, 0.0)[0] @ inward) for s in (plain, solution)]
     assert angle[1] < angle[0] - 0.2
     assert np.all(solution.residual < [0.004, 5e-4])
     assert solution.q[4:] == pytest.approx(plain.q[4:], abs=1e-3), "the other arm does not care"
     # A direction that the arm has at its target already leaves everything as it is.
     same = HandTargets.of(*COMFORTABLE, left_direction=probe.pointing(plain.q, 0.0)[0])
-    assert converge(ArmIK(), same, nominal_state).q == pytest.approx(plain.q, abs=5e-3)
+    assert converge(ArmIK(load_robot()), same, nominal_state).q == pytest.approx(plain.q, abs=5e-3)
 
 
 def test_hands_that_hold_one_thing_keep_their_distance_when_one_cannot_follow(nominal_state):
     box = np.array([[0.35, 0.16, 0.15], [0.35, -0.16, 0.15]])
     far = box - np.array([0.0, 0.5, 0.0])  # out of reach for the left hand across the chest
-    apart, together = ArmIK(), ArmIK()
+    apart, together = ArmIK(load_robot()), ArmIK(load_robot())
     for ik, held in ((apart, False), (together, True)):
         converge(ik, HandTargets.of(*box, together=held), nominal_state)
         converge(ik, HandTargets.of(*far, together=held), nominal_state, 4.0)
@@ -223,7 +223,7 @@ def test_hands_that_hold_one_thing_keep_their_distance_when_one_cannot_follow(no
 
 def test_a_stretched_arm_does_not_jitter(nominal_state):
     """A target that circles out of reach: the arm stays singular throughout, and its jerk that of a smooth motion."""
-    ik, dt = ArmIK(), 0.02
+    ik, dt = ArmIK(load_robot()), 0.02
     qs = []
     for t in np.arange(0.0, 8.0, dt):
         angle = np.pi * t / 4.0
@@ -297,12 +297,12 @@ def test_reset_moves_into_the_limits_and_ignores_nan(ik, robot, nominal_state):
 
 
 def test_mirrored_targets_give_the_mirrored_arms(robot):
-    mirror = load_mirror()
+    mirror = load_mirror(robot)
     q = robot.nominal.copy()
     q[robot.waist] = 0.4
     mirrored = COMFORTABLE[::-1] * [1.0, -1.0, 1.0]
-    a = converge(ArmIK(), HandTargets(*COMFORTABLE), make_state(q), seconds=0.4)
-    b = converge(ArmIK(), HandTargets(*mirrored), make_state(mirror.joints(q)), seconds=0.4)
+    a = converge(ArmIK(robot), HandTargets(*COMFORTABLE), make_state(q), seconds=0.4)
+    b = converge(ArmIK(robot), HandTargets(*mirrored), make_state(mirror.joints(q)), seconds=0.4)
     assert b.q == pytest.approx(mirror.arms(a.q, robot), abs=1e-6)
     assert b.residual[::-1] == pytest.approx(a.residual, abs=1e-6)
 
@@ -341,12 +341,12 @@ def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_sta
         ik.reset(robot.nominal[robot.arms])
         return np.array([ik.solve(awkward, nominal_state, 0.02).q for _ in range(60)])
 
-    used = ArmIK()
+    used = ArmIK(robot)
     used.reset(robot.nominal[robot.arms])
     for _ in range(30):
         used.solve(HandTargets.of((0.2, 0.3, 1.0), (0.1, 0.35, 0.2)), nominal_state, 0.02)
     before = used.detours
-    assert np.array_equal(path(used), path(ArmIK()))
+    assert np.array_equal(path(used), path(ArmIK(robot)))
     assert used.detours > before
 
 

@@ -9,6 +9,7 @@ import pytest
 from hugwbc.arm_servo import ArmServo
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
+from hugwbc.robot import load_robot
 from hugwbc.scripts.script_file import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, TargetWatch, UpperBodySource
@@ -39,7 +40,7 @@ def watch():
 
 @pytest.fixture
 def source():
-    return UpperBodySource()
+    return UpperBodySource(load_robot())
 
 
 def test_targets_without_a_stamp_are_always_new(watch):
@@ -174,7 +175,7 @@ def test_targets_that_are_not_finite_are_held_off(source, robot, nominal_state):
 
 
 def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(nominal_state):
-    source, own = UpperBodySource(), np.full(8, 0.2)
+    source, own = UpperBodySource(load_robot()), np.full(8, 0.2)
     state, body = nominal_state, UpperBody.targets(own)
     for tick in range(100):
         state = dataclasses.replace(nominal_state, time=tick * DT)
@@ -211,8 +212,8 @@ def test_soft_arms_follow_the_script_within_a_centimetre(robot, hanging):
     """Pelvis held: 1 cm with the servo, more than 2 cm with the paper's gains alone."""
     script = load_script("loco_manipulation")
     mean = {}
-    for servo in (None, ArmServo()):
-        rig, source = hanging(), UpperBodySource()
+    for servo in (None, ArmServo(robot)):
+        rig, source = hanging(), UpperBodySource(robot)
         errors = []
         command = JointCommand.position(robot, robot.nominal)
         state = rig.step(command, 1.0)
@@ -236,7 +237,7 @@ def test_the_command_comes_back_as_the_body_reach_alone_would_give_it(robot):
     state = make_state(robot.nominal, position=(0.0, 0.0, 0.98))
     low = HandTargets.of((0.45, 0.2, 0.5), (0.45, -0.2, 0.5), "world", whole_body=True)
     lost = dataclasses.replace(low, left=np.full(3, math.nan))
-    source, reach = UpperBodySource(), BodyReach()
+    source, reach = UpperBodySource(robot), BodyReach(robot)
     for tick in range(60):
         hands = (None, low, lost, low, None, None)[tick // 10]
         command = Command(w=0.01 * tick)
@@ -247,6 +248,6 @@ def test_the_command_comes_back_as_the_body_reach_alone_would_give_it(robot):
 
 
 def test_targets_of_the_arms_alone_leave_the_command_as_it_is(nominal_state):
-    source, command = UpperBodySource(), Command(h=-0.1)
+    source, command = UpperBodySource(load_robot()), Command(h=-0.1)
     assert source.update(nominal_state, None, command, DT)[1] is command
     assert source.update(nominal_state, HANDS, command, DT)[1] is command

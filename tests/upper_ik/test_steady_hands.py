@@ -131,7 +131,7 @@ def test_bad_numbers_do_no_harm():
 
 
 def test_the_source_takes_the_frame():
-    source = UpperBodySource()
+    source = UpperBodySource(load_robot())
     state = swaying(0.0)
     for _ in range(100):
         arms, _ = source.update(state, TARGETS, Command(), 0.01)

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from hugwbc.robot import load_robot
 from hugwbc.upper_ik import Takeover
 from hugwbc.upper_ik.takeover import Phase
 
@@ -17,14 +18,14 @@ def run(takeover, target, seconds, start=None, dt=DT):
 
 @pytest.fixture
 def takeover():
-    return Takeover()
+    return Takeover(load_robot())
 
 
 def test_takeover_blends_from_the_start_to_the_target(takeover):
     bodies = run(takeover, ARMS, 0.5, start=np.full(8, 0.1))
     assert all(body.mask.all() for body in bodies)
     # Half of the blend time: half of the way.
-    assert Takeover().follow(ARMS, np.zeros(8), 0.25, np.full(8, 0.1)).q == pytest.approx(0.05 + ARMS / 2)
+    assert Takeover(load_robot()).follow(ARMS, np.zeros(8), 0.25, np.full(8, 0.1)).q == pytest.approx(0.05 + ARMS / 2)
     assert not np.any(np.abs(bodies[0].q - 0.1) > 0.001)
     assert takeover.settled
     assert bodies[-1].q == pytest.approx(ARMS)
@@ -72,7 +73,7 @@ def test_unusable_targets_hold_and_are_counted(takeover, q, dt):
 
 
 def test_a_takeover_after_a_reset_begins_where_the_first_one_did(robot):
-    takeover, q = Takeover(), robot.nominal[robot.arms] + 0.3
+    takeover, q = Takeover(robot), robot.nominal[robot.arms] + 0.3
     first = takeover.follow(q, np.zeros(8), 0.02).q
     for _ in range(50):
         takeover.follow(q, np.zeros(8), 0.02)
@@ -91,7 +92,7 @@ def test_velocity_and_acceleration_are_derivatives_for_targets_that_name_none(ta
 
 
 def test_the_acceleration_that_targets_name_is_blended_in():
-    takeover, named = Takeover(), np.linspace(-4.0, 4.0, 8)
+    takeover, named = Takeover(load_robot()), np.linspace(-4.0, 4.0, 8)
     bodies = [takeover.follow(ARMS, np.zeros(8), DT, np.zeros(8), named) for _ in range(25)]
     shares = [body.ddq[0] / named[0] for body in bodies]
     assert 0.0 < shares[0] < 0.05 and shares[-1] == pytest.approx(1.0)

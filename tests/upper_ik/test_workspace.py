@@ -11,7 +11,7 @@ from hugwbc.upper_ik.workspace import arm_length, arm_reach, shoulder_shift
 
 
 def test_no_posture_brings_a_hand_beyond_the_arms_reach():
-    ik, rng = ArmIK(), np.random.default_rng(0)
+    ik, rng = ArmIK(load_robot()), np.random.default_rng(0)
     shoulders = ik.robot.shoulder * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
     far = [np.linalg.norm(ik.hands(rng.uniform(ik.lower, ik.upper), 0.0) - shoulders, axis=1) for _ in range(5000)]
     assert arm_length(ik.robot) < np.max(far) < arm_reach(ik.robot)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from playwright import sync_api as playwright
 
-from hugwbc import Command, Gait, rotations
+from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.errors import SceneError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import ControlLoop, UpperBodySource
@@ -239,7 +239,7 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(p
     own, staged = Simulation(sensing="exact"), Simulation(sensing="exact", scene=tray_on_a_table())
     page, told, seen = LivePage(own, name="test", tasks=("carry", "press")), [], []
     page.link.clock = lambda: 100.0  # the page is never silent
-    loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
+    loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
 
     def perform(name, stop):
         page.stage(staged)
@@ -284,7 +284,7 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
     own = Simulation(sensing="exact")
     page, told = LivePage(own, name="test", tasks=("carry",)), []
     page.link.clock = lambda: 100.0  # the page is never silent
-    loop = ControlLoop(WholeBodyController(), page.source, own, UpperBodySource())
+    loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
 
     def perform(name, stop):
         raise SceneError("the robot stands in the table")
@@ -312,7 +312,9 @@ class Driven:
     def __init__(self):
         self.simulation = Simulation(sensing="exact")
         self.page = LivePage(self.simulation, name="qp", tasks=("press_button", "carry_tray"))
-        self.loop = ControlLoop(WholeBodyController(), self.page.source, self.simulation, UpperBodySource())
+        self.loop = ControlLoop(
+            WholeBodyController(load_robot()), self.page.source, self.simulation, UpperBodySource(load_robot())
+        )
         self.told = []
         self._running = True
         options = {"stop": lambda: not self._running, "tell": self.told.append}

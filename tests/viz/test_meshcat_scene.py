@@ -10,6 +10,7 @@ import meshcat
 import numpy as np
 import pytest
 
+from hugwbc import load_robot
 from hugwbc.viz.framing import moment
 from hugwbc.viz.meshcat_scene import Scene
 from hugwbc.viz.server import open_visualizer
@@ -50,7 +51,7 @@ def test_viewer_answers_its_own_host_only(live: tuple[meshcat.Visualizer, str]) 
 
 def test_live_scene_takes_poses(make_run, live, capsys):
     visualizer, _ = live
-    scene = Scene(visualizer, ["qp", "learned"])
+    scene = Scene(visualizer, ["qp", "learned"], load_robot())
     run = make_run()
     for view in scene.robots:
         view.show(moment(run, 0))

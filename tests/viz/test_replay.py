@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import umsgpack
 
-from hugwbc import RobotState, rotations
+from hugwbc import RobotState, load_robot, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.sim.scenes import Box, Scene, Table
@@ -35,7 +35,7 @@ def _tracks(page: str) -> dict[str, dict[str, dict]]:
 def test_replay_moves_the_links_as_pinocchio_says(make_run: Callable) -> None:
     first, second = make_run(seed=1), make_run(name="learned", seed=2)
     page = replay_html([first, second])
-    tracks, kinematics = _tracks(page), Kinematics()
+    tracks, kinematics = _tracks(page), Kinematics(load_robot())
     lanes = {c["path"]: c["matrix"][12:15] for c in _commands(page) if c["type"] == "set_transform"}
     assert [lanes[f"/meshcat/world/robot_{i}"] for i in (0, 1)] == [[0.0, -0.75, 0.0], [0.0, 0.75, 0.0]]
     for robot, run in (("robot_0", first), ("robot_1", second)):

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from hugwbc import Command
+from hugwbc import Command, load_robot
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.runtime import Constant, ControlLoop
 from hugwbc.runtime.controllers import HoldController
@@ -37,7 +37,7 @@ def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path):
     told, drawn, simulation = [], [], Simulation(sensing="exact")
     page = tmp_path / "out" / "hold.html"
     outputs = {"live": lambda moment: drawn.append((simulation.data.time, moment)), "replay": page, "tell": told.append}
-    trace = show.watch(HoldController(), Constant(Command(w=0.3)), simulation, duration=0.4, **outputs)
+    trace = show.watch(HoldController(load_robot()), Constant(Command(w=0.3)), simulation, duration=0.4, **outputs)
     times = np.array([time for time, _ in drawn])
     assert times == pytest.approx(np.arange(0.0, 0.4, show.FRAME_PERIOD), abs=1e-6)
     assert np.stack([moment.qpos for _, moment in drawn]) == pytest.approx(trace.qpos[::2])
@@ -49,7 +49,7 @@ def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path):
 def test_a_live_run_opens_a_page_and_tells_its_address(monkeypatch):
     opened, told = [], []
     monkeypatch.setattr(show.webbrowser, "open", opened.append)
-    show.watch(HoldController(), Constant(Command()), duration=0.1, show=True, tell=told.append)
+    show.watch(HoldController(load_robot()), Constant(Command()), duration=0.1, show=True, tell=told.append)
     (address,) = opened
     assert address.startswith("http://127.0.0.1") and told == [f"watch at {address}; Ctrl-C stops"]
 
@@ -74,7 +74,7 @@ def test_what_the_safety_filter_changed_before_a_fall_is_told_as_well(capsys):
                 raise RuntimeError("stumbled")
             return super().act(state, command, upper_body)
 
-    show.run_live(ControlLoop(Stumbling(), Constant(Command()), Simulation(sensing="exact")), 1.7)
+    show.run_live(ControlLoop(Stumbling(load_robot()), Constant(Command()), Simulation(sensing="exact")), 1.7)
     text = capsys.readouterr().out
     assert "standing up again" in text and "hold: 1.7 s simulated, 1 falls" in text
     assert "safety: hold raised RuntimeError: stumbled" in text

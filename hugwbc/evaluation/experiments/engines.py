@@ -21,6 +21,7 @@ from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.settings import Count, Positive, one_of, settings
 from hugwbc.sim import Force
 from hugwbc.sim.arena import ENGINES
@@ -58,7 +59,7 @@ def plan(settings: EnginesSettings) -> list[Plan]:
             number,
             COMMANDS[command],
             {"command": command, "engine": engine},
-            (push_of(settings.seed, number),),
+            (push_of(settings, number),),
             dataclasses.replace(settings.conditions, engine=engine),
         )
         for command in settings.commands
@@ -67,12 +68,12 @@ def plan(settings: EnginesSettings) -> list[Plan]:
     ]
 
 
-def push_of(seed: int, number: int) -> Force:
+def push_of(settings: EnginesSettings, number: int) -> Force:
     """Return the push in an episode, the same for every command and engine."""
-    rng = np.random.default_rng((seed, number))
+    rng = np.random.default_rng((settings.seed, number))
     angle, start = rng.uniform(0.0, 2.0 * np.pi), float(rng.uniform(*_PUSHED))
     vector = (float(PUSH * np.cos(angle)), float(PUSH * np.sin(angle)), 0.0)
-    return Force(vector, start=start, duration=PUSH_TIME, link="pelvis")
+    return Force(vector, start=start, duration=PUSH_TIME, link=load_robot(settings.conditions.chosen.robot).base)
 
 
 def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Row:

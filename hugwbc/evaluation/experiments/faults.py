@@ -21,7 +21,7 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean, single, wilson_of
 from hugwbc.evaluation.plans import Plan
-from hugwbc.robot import SIDES
+from hugwbc.robot import load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.settings import Count, NotNegative, Positive, settings
 from hugwbc.sim import Simulation
@@ -58,9 +58,8 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     FOR_GOOD[3]: {"faults": ("motor-dead=JOINT@START",)},
 }
 _LOW = 0.75  # [m], height of the pelvis below which something but the feet may touch the ground
-_LOWER_BODY = ("pelvis", "hip", "knee", "ankle")  # parts of the names of links
 _SPREAD = 1.0  # [s], in which faults start, so that they meet all phases of a stride
-_JOINTS = ("hip_pitch", "knee", "hip_roll", "ankle", "hip_yaw")
+_JOINTS = ("hip_pitch", "knee", "hip_roll", "ankle_pitch", "hip_yaw")
 _ARM_JOINTS = ("shoulder_pitch", "elbow", "shoulder_roll", "shoulder_yaw")
 
 
@@ -102,14 +101,14 @@ class FaultsSettings(CountedSettings):
 
 def plan(settings: FaultsSettings) -> list[Plan]:
     """Return the same walks for every fault."""
-    plans = []
+    plans, robot = [], load_robot(settings.conditions.chosen.robot)
     for name, change in settings.faults.items():
         for draw in range(settings.episodes):
             rng = np.random.default_rng((settings.seed, draw))
             start = round(settings.settle + float(rng.uniform(0.0, _SPREAD)), 3)
             said = {"START": f"{start}"}
             for word, joints in (("JOINT", _JOINTS), ("ARM", _ARM_JOINTS)):
-                said[word] = f"{SIDES[draw % 2]}_{joints[draw // 2 % len(joints)]}_joint"
+                said[word] = robot.joint_names[robot.pair(joints[draw // 2 % len(joints)])[draw % 2]]
             faults = change.get("faults", ())
             for word, value in said.items():
                 faults = tuple(text.replace(word, value) for text in faults)
@@ -169,8 +168,10 @@ class GroundWatch:
     def __init__(self, simulation: Simulation, start: float) -> None:
         """Watch a robot from a time [s] on."""
         self._simulation, self._start = simulation, start
-        self._feet = {f"{side}_ankle_link" for side in SIDES}
-        self._legs = {link for link in simulation.link_names if any(part in link for part in _LOWER_BODY)}
+        robot = simulation.robot
+        self._feet = set(robot.foot_links)
+        legs = [part for part, pair in robot.pairs.items() if pair[0] in robot.legs]
+        self._legs = {robot.base, *(link for part in legs for link in robot.moved[part])}
         self._touched: set[str] = set()
         self.touch_speed: float | None = None
         self.first_touch_speed: float | None = None

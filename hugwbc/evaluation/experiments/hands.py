@@ -84,8 +84,8 @@ class _Recording(UpperBodySource):
 
 def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.ndarray:
     """Draw pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
-    state = RobotState(robot.nominal, np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    ik, pairs = ArmIK(robot=robot), []
+    state = RobotState(robot.nominal, np.zeros_like(robot.nominal), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    ik, pairs = ArmIK(robot), []
     while len(pairs) < count:
         pair = rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
         ik.reset(robot.nominal[robot.arms])

@@ -16,10 +16,8 @@ from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.policy.contract import Contract, History, Term
 from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES
 from hugwbc.learned.policy.terms import TERMS, further_terms
-from hugwbc.robot import Robot, load_robot, robot_names
-from hugwbc.settings import Count, Gain, NotNegative, Positive, Share, one_of, settings
-
-RobotName = Annotated[str, one_of("robot", robot_names)]
+from hugwbc.robot import Robot, load_robot
+from hugwbc.settings import Count, Gain, NotNegative, Positive, RobotName, Share, settings
 
 
 @settings
@@ -202,7 +200,7 @@ class EnvConfig:
     count: Count = 512
     """Robots simulated at once."""
     robot: RobotName = "h1"
-    """Robot of models/h1/h1.yaml: h1 (59.3 kg), or h1-2023, the maker's earlier description (51.65 kg)."""
+    """Robot: h1 (59.3 kg), h1-2023, the maker's earlier description (51.65 kg), g1, or the path of a table."""
     drives: Literal["real", "ideal"] = "real"
     """Drives of the joints: real (torque-speed limit and friction; their delay is part of the latency), or ideal."""
     ground: Literal["firm", "soft"] = "firm"

@@ -133,6 +133,6 @@ class ArmServoGains:
 
     def of(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         """Return stiffness and damping of the arm joints of a robot, shape (8,) each."""
-        distal = np.array([name.endswith(("shoulder_yaw_joint", "elbow_joint")) for name in robot.arm_names])
+        distal = np.isin(robot.arms, (robot.pair("shoulder_yaw"), robot.pair("elbow")))
         stiffness = np.full(distal.shape, self.stiffness)
         return stiffness, np.where(distal, self.distal_damping, self.shoulder_damping)

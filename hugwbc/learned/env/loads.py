@@ -50,8 +50,8 @@ class Loads:
         """
         self.config, self._eligible, self._generator, self._dt = config, eligible, generator, dt
         self._simulation, count, device = simulation, simulation.count, simulation.device
-        self._forearms = torch.tensor([simulation.model.body(f"{side}_elbow_link").id for side in SIDES], device=device)
-        self._trunk = simulation.model.body("torso_link").id
+        self._forearms = torch.tensor([simulation.model.body(link).id for link in robot.hand_links], device=device)
+        self._trunk = simulation.model.body(robot.trunk).id
         self._hand = torch.tensor(robot.hand, dtype=torch.float64, device=device)
         self._empty: tuple[torch.Tensor, ...] | None = None
         self._pulled = False

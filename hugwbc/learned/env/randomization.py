@@ -38,7 +38,7 @@ def randomize(
     lowered = torch.minimum(sliding[:, floor], put(friction))
     sliding[:] = put(friction)[:, None]
     sliding[:, floor] = lowered
-    torso = model.body("torso_link").id
+    torso = model.body(simulation.robot.trunk).id
     simulation.expand("body_mass")[:, torso] += put(rng.uniform(*config.torso_mass, count))
     shift = rng.uniform(-config.torso_centre, config.torso_centre, (count, 3))
     simulation.expand("body_ipos")[:, torso] += put(shift)

@@ -17,7 +17,7 @@ def fallen(readings: Readings, robot: Robot) -> torch.Tensor:
     own arms touch the trunk, moved by the intervention. That is not a fall, and the policy cannot avoid it.
     """
     tilted = (readings.pitch.abs() > FALL_PITCH) | (readings.roll.abs() > FALL_ROLL)
-    return tilted | (readings.height + robot.nominal_height < FALL_HEIGHT)
+    return tilted | (readings.height + robot.nominal_height < FALL_HEIGHT * robot.nominal_height)
 
 
 def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:

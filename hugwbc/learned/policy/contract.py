@@ -17,8 +17,8 @@ from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError
 from hugwbc.learned.policy.feed_forward import Curves, check_curves
 from hugwbc.learned.policy.policy_files import CONTRACT_FILE, policy_file
 from hugwbc.learned.policy.terms import TERMS
-from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
-from hugwbc.settings import Beside, Gain, NotNegative, Positive, Share, one_of, refusing, settings
+from hugwbc.robot import DEFAULT_ROBOT, load_robot
+from hugwbc.settings import Beside, Gain, NotNegative, Positive, RobotName, Share, one_of, refusing, settings
 from hugwbc.settings_file import load
 
 _KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")
@@ -167,7 +167,7 @@ class Contract:
     """
 
     name: str = ""
-    robot: Annotated[str, one_of("robot", robot_names)] = DEFAULT_ROBOT
+    robot: RobotName = DEFAULT_ROBOT
     period: Annotated[float, Field(ge=1e-3, le=1)]
     joints: Joints
     default_pose: Angles

@@ -18,7 +18,7 @@ from hugwbc import gait as gaits
 from hugwbc.arrays import Array, Place, double, namespace
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.policy.contract import Contract
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import Robot, load_robot
 
 HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward follows the commands
 _MARGIN = 0.98  # of a straight leg's length, and of the joints' ranges
@@ -31,8 +31,7 @@ class LegFeedForward:
 
     def __init__(self, robot: Robot, place: Place = np.asarray) -> None:
         """Take the lengths, the nominal posture and the ranges of a robot's legs."""
-        parts = ("hip_pitch", "knee", "ankle")
-        joints = np.array([robot.indices([f"{side}_{part}_joint" for side in SIDES]) for part in parts])
+        joints = np.array([robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch")])
         knee = robot.nominal[joints[1, 0]]
         self._length, self._half = robot.leg_length, float(0.5 * knee)
         centre, half = 0.5 * (robot.upper + robot.lower), 0.5 * _MARGIN * (robot.upper - robot.lower)

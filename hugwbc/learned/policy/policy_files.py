@@ -6,7 +6,7 @@ import pathlib
 
 from hugwbc.errors import PolicyFileError, UnknownNameError
 from hugwbc.files import read_file
-from hugwbc.robot import model_dir
+from hugwbc.robot import DEFAULT_ROBOT, models_dir
 
 DEFAULT_POLICY = "h1"
 POLICY_FILE, CONTRACT_FILE = "policy.safetensors", "contract.yaml"
@@ -15,7 +15,7 @@ LARGEST_FILE = 2_000_000_000  # [byte]
 
 def policy_dir() -> pathlib.Path:
     """Return the folder of the shipped policies."""
-    return model_dir() / "policies"
+    return models_dir() / DEFAULT_ROBOT / "policies"
 
 
 def shipped_policies() -> list[str]:

@@ -53,7 +53,7 @@ class Part:
     def image(self) -> tuple[np.ndarray, np.ndarray]:
         """Return partner and sign of each number: image_i = sign_i x_partner_i."""
         if self.signs == "joints":
-            mirror = load_mirror()
+            mirror = load_mirror(load_robot())
             return mirror.joint_index, mirror.joint_sign
         if self.signs == "gaits":
             return np.array([int(gait.mirrored()) for gait in Gait]), np.ones(len(Gait))
@@ -119,7 +119,7 @@ class Sensed:
 
     def mirrored(self) -> "Sensed":
         """Return what the mirror images of the robots sense."""
-        joints = load_mirror().joints
+        joints = load_mirror(load_robot()).joints
         walking = self.gait == Gait.WALKING  # whose feet are half a cycle apart
         return dataclasses.replace(
             self,

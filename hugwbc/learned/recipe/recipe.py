@@ -9,7 +9,7 @@ from pydantic import Field
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import read_file
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
-from hugwbc.robot import model_dir
+from hugwbc.robot import DEFAULT_ROBOT, models_dir
 from hugwbc.seeds import TRAINING_SEED
 from hugwbc.settings import settings
 from hugwbc.settings_file import LARGEST_FILE, named_path, parse
@@ -123,7 +123,7 @@ def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Rec
         name_or_path: "h1", or a path that ends in .yaml.
         smoke: whether to divide every size, to see in a minute that all of it runs.
     """
-    path = named_path("recipe", name_or_path, model_dir() / "recipes")
+    path = named_path("recipe", name_or_path, models_dir() / DEFAULT_ROBOT / "recipes")
     try:
         text = read_file(path, LARGEST_FILE).decode()
     except (OSError, ValueError) as error:

@@ -1,6 +1,6 @@
 """An idealised gripper: a weld or a ball joint between a hand and an object, made on demand, broken by a large force.
 
-The H1's hands cannot grip. Results that use this gripper say so.
+The hands of the robots cannot grip. Results that use this gripper say so.
 """
 
 import itertools
@@ -11,12 +11,12 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.scenes.objects import contact_force
 
 REACH = 0.03  # [m], from the hand's surface to that of the object
 BREAKING_FORCE = 150.0  # [N]
-HAND_RADIUS = 0.04  # [m], of a ball around the hand's origin up to the tip of the forearm; distances begin at it
+HAND_RADIUS = 0.04  # [m], of a ball around the hand's origin up to the tip of the hand; distances begin at it
 _UNSEEN_GROUP = 4  # of MuJoCo's groups of geoms
 # Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn.
 # The two points of a ball joint are the other way round.
@@ -24,23 +24,24 @@ _FIRST, _SECOND, _TURN = slice(0, 3), slice(3, 6), slice(6, 10)
 _KINDS = {"grip": mujoco.mjtEq.mjEQ_WELD, "hook": mujoco.mjtEq.mjEQ_CONNECT}
 
 
-def add_grips(spec: mujoco.MjSpec, names: Iterable[str]) -> None:
+def add_grips(spec: mujoco.MjSpec, names: Iterable[str], robot: Robot) -> None:
     """Add what a `Gripper` needs: a ball around each hand to measure with, and idle joints to each moving body.
 
     Args:
         spec: model with robot and objects.
         names: bodies of the objects; those without a joint of their own are left out.
+        robot: robot with the hands.
     """
     moving = [body.name for body in spec.bodies if body.name in set(names) and list(body.joints)]
-    for side in SIDES:
-        link = spec.body(f"{side}_elbow_link")
+    for side, hand in zip(SIDES, robot.hand_links, strict=True):
+        link = spec.body(hand)
         at = spec.site(f"{side}_hand").pos
         ball = link.add_geom(name=f"{side}_hand_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[HAND_RADIUS, 0, 0])
         ball.pos, ball.mass, ball.group = at, 0.0, _UNSEEN_GROUP
         ball.contype = ball.conaffinity = 0
         for name, (kind, equality) in itertools.product(moving, _KINDS.items()):
             joint = spec.add_equality(name=_joint(side, kind, name), type=equality, active=False)
-            joint.objtype, joint.name1, joint.name2 = mujoco.mjtObj.mjOBJ_BODY, f"{side}_elbow_link", name
+            joint.objtype, joint.name1, joint.name2 = mujoco.mjtObj.mjOBJ_BODY, hand, name
             joint.solref, joint.solimp = [0.005, 1.0], [0.95, 0.99, 0.001, 0.5, 2.0]
 
 
@@ -55,16 +56,17 @@ class Gripper:
         broken: number of grips that a force has broken since the last reset.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, names: Iterable[str]) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, names: Iterable[str], robot: Robot) -> None:
         """Find the joints and the shapes to measure distances to.
 
         Args:
             model: model that `add_grips` has changed.
             data: its data.
             names: bodies of the objects.
+            robot: robot with the hands.
         """
         self._model, self._data = model, data
-        self._hands = [model.body(f"{side}_elbow_link").id for side in SIDES]
+        self._hands = [model.body(link).id for link in robot.hand_links]
         self._balls = [model.geom(f"{side}_hand_ball").id for side in SIDES]
         self._bodies = {name: model.body(name).id for name in names}
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import UnknownNameError
-from hugwbc.robot import SIDES
+from hugwbc.robot import Robot
 from hugwbc.sim.scenes.thing import FARTHEST
 from hugwbc.sim.sensors import SensorProfile
 
@@ -113,6 +113,7 @@ class SceneObjects(Objects):
         model: mujoco.MjModel,
         data: mujoco.MjData,
         names: tuple[str, ...],
+        robot: Robot,
         sensing: SensorProfile,
         seed: int,
         ground: float,
@@ -123,6 +124,7 @@ class SceneObjects(Objects):
             model: model with robot and objects.
             data: its data.
             names: names of the objects' bodies.
+            robot: robot among them.
             sensing: how well they are seen.
             seed: seed of the noise.
             ground: lowest height of the ground [m].
@@ -131,8 +133,8 @@ class SceneObjects(Objects):
         self.names = names
         self._model, self._data, self._sensing, self._ground = model, data, sensing, ground
         self._bodies = np.array([model.body(name).id for name in names], dtype=int)
-        self._hands = [model.body(f"{side}_elbow_link").id for side in SIDES]
-        self._pelvis = model.body("pelvis").id
+        self._hands = [model.body(link).id for link in robot.hand_links]
+        self._pelvis = model.body(robot.base).id
         self._exact = not (sensing.object_position or sensing.object_attitude or sensing.object_latency)
         self._noise, self._noise_of_robot = (np.random.default_rng([seed, stream]) for stream in (1, 2))
         pictures = math.ceil(sensing.object_latency / CAPTURE_PERIOD) + 2

@@ -1,6 +1,7 @@
 """A scene: the objects around a robot, and how they differ from episode to episode."""
 
 import dataclasses
+import functools
 import itertools
 import zlib
 from collections.abc import Iterator, Mapping
@@ -11,8 +12,8 @@ import numpy as np
 from pydantic import Field, PlainValidator, TypeAdapter, ValidationInfo
 
 from hugwbc.errors import ConfigError, SceneError, UnknownNameError
-from hugwbc.robot import load_robot, robot_names
-from hugwbc.settings import one_of, refusing, settings
+from hugwbc.robot import robot_names, robot_table
+from hugwbc.settings import RobotName, one_of, refusing, settings
 from hugwbc.sim.ground import GROUNDS
 from hugwbc.sim.scenes import furniture, jointed, movable
 from hugwbc.sim.scenes.mjcf_file import Mjcf
@@ -56,13 +57,13 @@ class Scene:
 
     Attributes:
         objects: what stands or lies there.
-        robot: name of the robot of models/h1/h1.yaml that the scene is made for; None for any.
+        robot: name of the robot that the scene is made for; None for any.
         ground: "firm" or "soft"; None for any.
         about: what the scene is for.
     """
 
     objects: Annotated[tuple[_Declared, ...], Field(max_length=MOST_OBJECTS)]
-    robot: Annotated[str, one_of("robot", robot_names)] | None = None
+    robot: RobotName | None = None
     ground: Annotated[str, one_of("ground", lambda: GROUNDS)] | None = None
     about: str = ""
 
@@ -179,10 +180,10 @@ class Scene:
                 raise SceneError(f"{one.label} and {other.label} {how}", at=("objects", second))
 
 
+@functools.cache
 def _robot_parts() -> set[str]:
-    return {name.removesuffix("_joint") + end for name in load_robot().joint_names for end in ("_joint", "_link")} | {
-        "pelvis", "terrain", "footing", "torso_link", "root",
-    }  # fmt: skip
+    parts = {part["name"] for name in robot_names() for kind in ("links", "joints") for part in robot_table(name)[kind]}
+    return parts | {"terrain", "footing", "root"}
 
 
 def _geoms(model: mujoco.MjModel, thing: Thing) -> list[int]:

@@ -19,7 +19,7 @@ COUNT = 3
 
 
 def simulate(**changes: object) -> BatchSimulation:
-    simulation = BatchSimulation(COUNT)
+    simulation = BatchSimulation(COUNT, robot=load_robot())
     config = RandomizationConfig(**{**PLAIN, **changes})  # type: ignore[arg-type]
     randomize(simulation, config, np.random.default_rng(0))
     simulation.ctrl[:] = simulation.tensor(ROBOT.nominal)
@@ -115,7 +115,7 @@ def test_gains_strength_and_offset_change_the_torque_of_each_joint() -> None:
 def test_what_is_off_changes_no_other_draw() -> None:
     draws = []
     for changes in ({}, {"offset": 0.02, "strength": (0.8, 1.2), "link_mass": (0.8, 1.2)}):
-        simulation = BatchSimulation(COUNT)
+        simulation = BatchSimulation(COUNT, robot=load_robot())
         friction = randomize(simulation, RandomizationConfig(**changes), np.random.default_rng(1))
         draws.append((friction, simulation.expand("geom_friction").clone()))
     np.testing.assert_array_equal(draws[0][0], draws[1][0])
@@ -153,7 +153,7 @@ def test_observation_noise_has_the_papers_widths() -> None:
 
 
 def test_damping_has_a_factor_a_joint() -> None:
-    simulation, factor = BatchSimulation(COUNT), np.linspace(1.0, 3.0, 19)
+    simulation, factor = BatchSimulation(COUNT, robot=load_robot()), np.linspace(1.0, 3.0, 19)
     randomize(simulation, RandomizationConfig(**PLAIN), np.random.default_rng(0), factor)  # type: ignore[arg-type]
     np.testing.assert_allclose(torque(simulation, 0.0, 0.1), np.tile(-0.1 * factor * ROBOT.kd, (COUNT, 1)), atol=1e-9)
 
@@ -217,7 +217,7 @@ def test_a_latency_of_a_control_step_shifts_the_motion_by_one() -> None:
 
 
 def test_steps_one_by_one_are_a_control_step() -> None:
-    split, whole = BatchSimulation(3), BatchSimulation(3)
+    split, whole = BatchSimulation(3, robot=load_robot()), BatchSimulation(3, robot=load_robot())
     latency = Latency(np.zeros(3, dtype=int), 4, split)
     for step in range(10):
         for simulation in (split, whole):
@@ -252,7 +252,7 @@ def test_all_links_grow_and_shrink_together_to_the_earlier_robot_s_mass() -> Non
 
 def test_the_friction_of_drives_has_a_factor_a_joint() -> None:
     def friction(factors: tuple[float, float]) -> np.ndarray:
-        simulation = BatchSimulation(COUNT, actuators=Actuators())
+        simulation = BatchSimulation(COUNT, actuators=Actuators(), robot=load_robot())
         randomize(simulation, RandomizationConfig(**{**PLAIN, "drive_friction": factors}), np.random.default_rng(0))
         return simulation.expand("dof_frictionloss")[:, 6:].numpy()
 

@@ -17,6 +17,7 @@ from hugwbc.learned.env.starts import (
     draw_starts,
 )
 from hugwbc.learned.policy import checkpoint
+from hugwbc.robot import load_robot
 from hugwbc.sim.batch import BatchSimulation
 
 HOPPING = CommandConfig(standing_fraction=0.2, walking_fraction=0.0, hopping_fraction=0.8)
@@ -27,7 +28,7 @@ def states(gait: list[int], first: int = 1) -> dict[str, torch.Tensor]:
     rows = len(gait)
     generator = torch.Generator().manual_seed(first)
     sizes = {name: torch.rand(rows, *shape, generator=generator) for name, shape in COLUMNS.items()}
-    nominal = BatchSimulation(1).qpos[0]
+    nominal = BatchSimulation(1, robot=load_robot()).qpos[0]
     qpos = nominal.repeat(rows, 1)
     qpos[:, 7:] += 0.01 * torch.arange(first, first + rows)[:, None]
     return sizes | {"gait": torch.tensor(gait), "qpos": qpos, "qvel": 0.1 * sizes["qvel"].double()}
@@ -114,7 +115,7 @@ def test_unusable_starts_are_refused(tmp_path: pathlib.Path) -> None:
 
 
 def test_starts_are_about_the_nominal_pose_in_any_heading() -> None:
-    stand = BatchSimulation(1).qpos[0]
+    stand = BatchSimulation(1, robot=load_robot()).qpos[0]
     drawn = draw_starts(stand, torch.arange(500), None, torch.Generator().manual_seed(0))
     nominal, qpos, qvel = (value.numpy() for value in (stand, *drawn))
     assert qpos.shape == (500, 26) and qvel.shape == (500, 25)

@@ -13,6 +13,7 @@ from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.env.randomization import randomize
 from hugwbc.learned.env.rewards import evaluate_terms
 from hugwbc.learned.policy.records import settings_record
+from hugwbc.robot import load_robot
 from hugwbc.sim.batch import BatchSimulation
 
 
@@ -71,7 +72,7 @@ def test_a_rule_for_a_setting_that_the_robots_cannot_take_over_is_refused(name):
 
 def test_a_randomisation_comes_after_ours():
     def drawn(**settings):
-        simulation = BatchSimulation(2)
+        simulation = BatchSimulation(2, robot=load_robot())
         randomize(simulation, RandomizationConfig(**settings), np.random.default_rng(0))
         return simulation
 

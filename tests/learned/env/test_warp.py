@@ -14,6 +14,7 @@ from hugwbc.learned.policy.checkpoint import load_file
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_files import policy_file
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
+from hugwbc.robot import load_robot
 from hugwbc.sim.batch import RobotBatch
 
 pytestmark = pytest.mark.slow
@@ -38,7 +39,7 @@ ROUGH = TerrainConfig(roughness=0.02, levels=3, start_level=2)
 def warp_batch(count: int = 4, **settings: object) -> RobotBatch:
     from hugwbc.sim.warp_batch import WarpBatch
 
-    return WarpBatch(count, device="cpu", **settings)
+    return WarpBatch(count, device="cpu", **settings, robot=load_robot())
 
 
 def shipped_actor() -> Actor:

@@ -134,7 +134,7 @@ def test_ours_has_the_sizes_of_the_networks_and_the_settings_of_the_training():
     ("key", "value"),
     [
         *(("action_scale", float("nan")), ("action_scale", "far"), ("period", None), ("waist_rate", "fast")),
-        *(("kp", [1.0]), ("kd", [-1.0] * 19), ("default_pose", None), ("robot", "g1"), ("layout", 2)),
+        *(("kp", [1.0]), ("kd", [-1.0] * 19), ("default_pose", None), ("robot", "g9"), ("layout", 2)),
     ],
 )
 def test_what_cannot_be_run_is_refused(key, value):

@@ -53,7 +53,7 @@ def frame_of(state: RobotState, action: np.ndarray) -> torch.Tensor:
 
 def test_mirror_of_a_frame_is_the_frame_of_the_mirrored_robot() -> None:
     rng = np.random.default_rng(0)
-    mirror = load_mirror()
+    mirror = load_mirror(load_robot())
     for _ in range(20):
         state, action = random_frame(rng)
         expected = frame_of(mirror.state(state), mirror.joints(action)).repeat(1, obs.HISTORY_FRAMES)

@@ -81,7 +81,7 @@ def test_what_is_no_exported_policy_is_refused(exported, tmp_path):
     for change, message in (
         (lambda contract: "[]", "has no contract"),
         (lambda contract: "{", "is not JSON"),
-        (lambda contract: contract.update(robot="g1"), "unknown robot 'g1'"),
+        (lambda contract: contract.update(robot="g9"), "unknown robot 'g9'"),
         (lambda contract: contract.update(period=-1.0), "period"),
         (lambda contract: contract.update(memory=3), "unknown Contract field 'memory'"),
     ):

@@ -86,7 +86,7 @@ def test_a_file_of_mjcf_is_found_beside_the_scene(tmp_path: pathlib.Path) -> Non
         ("- a", "1:1", "fields of a Scene"),
         ("about: x", "1:1", "objects is missing"),
         (HEAD + "robots: h1", "3:1", "unknown Scene field 'robots'. Did you mean 'robot'"),
-        (HEAD + "robot: h2", "3:1", "unknown robot 'h2'. Valid: h1, h1-2023."),
+        (HEAD + "robot: h2", "3:1", "unknown robot 'h2'. Valid: h1, h1-2023, g1, the path"),
         (HEAD + "ground: wet", "3:1", "unknown ground 'wet'. Valid: firm, soft"),
         (HEAD + "  - box", "3:5", "kind (or mjcf)"),
         (HEAD + "  - {name: a}", "3:5", "kind"),
