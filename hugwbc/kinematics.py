@@ -58,7 +58,7 @@ def place_frames(model: pin.Model, robot: Robot) -> None:
     for side in SIDES:
         model.frames[model.getFrameId(f"{side}_hand")].placement.translation = robot.hand
         for name, ahead in places.items():
-            sole = np.array([ahead, 0.0, -robot.sole_depth])
+            sole = np.array([ahead, 0.0, robot.sole_z])
             model.frames[model.getFrameId(f"{side}_{name}")].placement.translation = sole
 
 

@@ -345,16 +345,17 @@ def _lowest_points(model: mujoco.MjModel, pose: mujoco.MjData, bodies: np.ndarra
     return np.concatenate(points)
 
 
-def _sole(described: Robot, ankle: np.ndarray, points: np.ndarray) -> dict[str, Any]:
+def _sole(described: Robot, link: np.ndarray, points: np.ndarray) -> dict[str, Any]:
     """Return the described sole without what the model's foot lacks of it; it stands on its lowest points."""
     if not len(points):
         return {}
-    low, high = (end(points[points[:, 2] < points[:, 2].min() + _FLAT], axis=0) - ankle for end in (np.min, np.max))
+    low, high = (end(points[points[:, 2] < points[:, 2].min() + _FLAT], axis=0) - link for end in (np.min, np.max))
     x, y = described.sole_x, described.sole_y
     return {
         "sole_x": (max(x[0], float(low[0])), min(x[1], float(high[0]))),
         "sole_y": (max(y[0], float(low[1])), min(y[1], float(high[1]))),
-        "sole_depth": -float(low[2]),
+        "sole_z": float(low[2]),
+        "sole_depth": described.sole_depth + described.sole_z - float(low[2]),
     }
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hugwbc import load_robot
 from hugwbc.errors import HugwbcError
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
@@ -71,7 +72,7 @@ def test_an_unknown_experiment_and_a_controller_given_twice_are_refused():
 
 
 def test_clouds_grow_from_the_nominal_hands_with_the_level():
-    kinematics = Kinematics()
+    kinematics = Kinematics(load_robot())
     kinematics.update(make_state())
     for hand, side in zip(hand_clouds(0.0, 5), ("left", "right"), strict=True):
         np.testing.assert_allclose(hand, np.tile(kinematics.position(f"{side}_hand"), (5, 1)), atol=1e-6)

@@ -241,7 +241,7 @@ def test_hands_that_become_soft_during_the_takeover_never_have_negative_stiffnes
 
 @pytest.mark.parametrize("sensing", ["exact", "robot"])
 def test_a_decision_before_the_run_has_begun_is_refused(sensing):
-    loop = ControlLoop(HoldController(), Command(), Simulation(sensing=sensing))
+    loop = ControlLoop(HoldController(load_robot()), Command(), Simulation(sensing=sensing))
     with pytest.raises(ConfigError, match="call reset of the loop first"):
         loop.decide(0.0)
     loop.reset()

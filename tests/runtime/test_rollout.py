@@ -246,7 +246,7 @@ class Mute:
         (Few(), Command(), "hold gave a joint command in which q, dq, kp, kd, tau are not 19 finite numbers each"),
         (Bare(), Command(), "act of hold returned a ndarray instead of a JointCommand"),
         (Raising(), Command(), r"hold raised ValueError: no such thing \(test_rollout.py, line \d+\)"),
-        (HoldController(), Mute(), "it gave a NoneType and a NoneType instead of a Command"),
+        (HoldController(load_robot()), Mute(), "it gave a NoneType and a NoneType instead of a Command"),
     ],
 )
 def test_a_mistake_in_somebody_elses_code_ends_a_run_unless_it_must_go_on(simulation, controller, source, words):
@@ -261,5 +261,5 @@ def test_a_mistake_in_somebody_elses_code_ends_a_run_unless_it_must_go_on(simula
 
 def test_hand_targets_that_nothing_follows_are_told_once(simulation):
     with pytest.warns(UserWarning, match="give an UpperBodySource") as told:
-        rollout(HoldController(), Reaching(), simulation, duration=0.4)
+        rollout(HoldController(load_robot()), Reaching(), simulation, duration=0.4)
     assert len(told) == 1

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import rotations
+from hugwbc import load_robot, rotations
 from hugwbc.behaviours import stand
 from hugwbc.errors import HugwbcError
 from hugwbc.gym.task_env import TaskEnv
@@ -269,6 +269,6 @@ def test_a_milestone_that_cannot_be_judged_is_said_in_the_first_sample(later, wo
         milestones=(Milestone("it is early", lambda record: record.time[-1] / 60.0), later),
     )
     simulation = Simulation(sensing="exact", scene=scene)
-    refused(lambda: run_task(task, HoldController(), simulation), *words)
+    refused(lambda: run_task(task, HoldController(load_robot()), simulation), *words)
     assert simulation.time == 0.0
     refused(lambda: TaskEnv(task, "hold").reset(seed=3), *words)
