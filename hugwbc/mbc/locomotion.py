@@ -13,7 +13,7 @@ from hugwbc.mbc.leap import Leap
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.standing import Standing
-from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, StanceContactTask, SwingFootTask, Task
+from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, StanceContactTask, SwingFootTask, Task, swing_weights
 from hugwbc.mbc.walking import Walking
 from hugwbc.robot import SIDES, Robot
 
@@ -49,12 +49,12 @@ class Locomotion:
         self._leap = Leap(params, self.plan, self.references, self._robot)
         self._trim = VelocityTrim(params)
         self.momentum = AngularMomentumTask(params)
-        self.stance = tuple(StanceContactTask(params, side) for side in SIDES)
-        self.swing = tuple(SwingFootTask(params, side) for side in SIDES)
+        self.stance = tuple(StanceContactTask(params, side, robot) for side in SIDES)
+        self.swing = tuple(SwingFootTask(params, side, robot) for side in SIDES)
         self.free_leg = tuple(self._make_free_leg(foot) for foot in range(len(SIDES)))
         self._swing_weights = {
-            "flight": np.array(params.flight_swing_weight),
-            "ground": np.array([*params.swing_weight, *params.swing_rotation_weight]),
+            "flight": swing_weights(params.flight_swing_weight, robot),
+            "ground": swing_weights((*params.swing_weight, *params.swing_rotation_weight), robot),
         }
 
     def _make_free_leg(self, foot: int) -> PostureTask:

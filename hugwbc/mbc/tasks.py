@@ -8,6 +8,7 @@ The tasks multiply by `dot`: on matrices this small it takes less than half the 
 """
 
 import math
+from collections.abc import Sequence
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -17,8 +18,9 @@ from hugwbc import rotations
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
+from hugwbc.robot import Robot
 
-_WORLD_ROWS = np.eye(5, 6)
+_WORLD_ROWS = np.eye(6)
 
 
 class TaskTerms(NamedTuple):
@@ -287,20 +289,26 @@ class PelvisTravelTask:
 # --- feet
 
 
-def line_contact_rows(rotation: np.ndarray) -> np.ndarray:
-    """Return the matrix that selects the five directions a leg without ankle roll can move its foot in.
+def foot_axes(robot: Robot) -> slice:
+    """Return the foot's own axes about which a leg turns it: all three with an ankle roll, else y and z."""
+    return slice(0 if "ankle_roll" in robot.pairs else 1, 3)
+
+
+def foot_rows(rotation: np.ndarray, axes: slice) -> np.ndarray:
+    """Return the matrix that selects the directions a leg can move its foot in.
 
     Multiplied by the velocity of a frame, it gives linear velocity along the world's x, y and z, then angular velocity
-    about the foot's own y and z.
+    about some of the foot's own axes.
 
     Args:
         rotation: axes of the foot in the world, shape (3, 3).
+        axes: which of the foot's own, see `foot_axes`.
 
     Returns:
-        Selection matrix, shape (5, 6).
+        Selection matrix, shape (5, 6) or (6, 6).
     """
-    rows = _WORLD_ROWS.copy()
-    rows[3:, 3:] = rotation.T[1:]
+    rows = _WORLD_ROWS[: 6 - axes.start].copy()
+    rows[3:, 3:] = rotation.T[axes]
     return rows
 
 
@@ -325,47 +333,56 @@ class StanceContactTask:
     unit = "m/s, rad/s"
     level: Literal["position", "velocity"] = "velocity"
 
-    def __init__(self, params: ControllerParams, side: str) -> None:
+    def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:
         self.name = f"{side} stance contact"
+        self._axes = foot_axes(robot)
         self.slope = 0.0
         self.settle = 0.0
         self._frame = f"{side}_sole"
         self._damping = params.contact_damping
         self._pitch_stiffness = params.contact_pitch_stiffness
-        self._weight = np.full(5, params.contact_weight)
+        self._weight = np.full(6 - self._axes.start, params.contact_weight)
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
-        """Return five rows: x, y, z in the world, pitch and yaw in the foot."""
+        """Return the rows: x, y, z in the world, roll of an ankle that has it, pitch and yaw in the foot."""
         foot = dynamics.frame(self._frame)
-        rows = line_contact_rows(foot.rotation)
+        rows = foot_rows(foot.rotation, self._axes)
         error = -rows.dot(foot.velocity)
         error[2] -= self.settle
         acceleration = self._damping * error
         slope = math.asin(min(max(-float(foot.rotation[2, 0]), -1.0), 1.0))
-        acceleration[3] += self._pitch_stiffness * (self.slope - slope)
+        acceleration[-2] += self._pitch_stiffness * (self.slope - slope)
+        if not self._axes.start:
+            acceleration[3] -= self._pitch_stiffness * math.asin(min(max(float(foot.rotation[2, 1]), -1.0), 1.0))
         return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self._weight, error)
 
 
+def swing_weights(of_rows: Sequence[float], robot: Robot) -> np.ndarray:
+    """Return the weights of a swinging foot's rows, given those of x, y, z, pitch and yaw; roll counts like yaw."""
+    return np.array([*of_rows[:3], *([] if foot_axes(robot).start else of_rows[4:]), *of_rows[3:]])
+
+
 class SwingFootTask:
-    r"""Trajectory of a lifted sole in position, pitch and yaw; the leg has no roll joint at the ankle.
+    r"""Trajectory of a lifted sole in position, pitch and yaw, and level in roll if the ankle has such a joint.
 
     .. math::
         \ddot p^* = \ddot p_d + k_p (p_d - p) + k_d (\dot p_d - \dot p), \qquad
         \dot\omega^* = k_p' \log(R^T R_d) - k_d' R^T \omega
 
-    the first in world axes [m], the second about the foot's own y and z axes [rad].
+    the first in world axes [m], the second about the foot's own axes [rad].
 
     Attributes:
         position, velocity, acceleration: p_d and its derivatives, world axes [m], [m/s], [m/s^2], shape (3,).
         yaw, pitch: angles of R_d [rad].
-        weight: weights of the five rows, shape (5,).
+        weight: weights of the rows, shape (5,) or (6,).
     """
 
     unit = "m, rad"
     level: Literal["position", "velocity"] = "position"
 
-    def __init__(self, params: ControllerParams, side: str) -> None:
+    def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:
         self.name = f"{side} swing foot"
+        self._axes = foot_axes(robot)
         self.position = np.zeros(3)
         self.velocity = np.zeros(3)
         self.acceleration = np.zeros(3)
@@ -373,15 +390,17 @@ class SwingFootTask:
         self.pitch = 0.0
         self._frame = f"{side}_sole"
         gains, rotation_gains = params.swing_gains, params.swing_rotation_gains
-        self._stiffness, self._damping = np.repeat(np.stack((gains, rotation_gains), axis=1), (3, 2), axis=1)
-        self.weight = np.array([*params.swing_weight, *params.swing_rotation_weight])
+        self._stiffness, self._damping = np.repeat(
+            np.stack((gains, rotation_gains), axis=1), (3, 3 - self._axes.start), axis=1
+        )
+        self.weight = swing_weights((*params.swing_weight, *params.swing_rotation_weight), robot)
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
-        """Return five rows: x, y, z in the world, pitch and yaw in the foot."""
+        """Return the rows: x, y, z in the world, roll of an ankle that has it, pitch and yaw in the foot."""
         foot = dynamics.frame(self._frame)
-        rows = line_contact_rows(foot.rotation)
+        rows = foot_rows(foot.rotation, self._axes)
         turn = pin.log3(foot.rotation.T.dot(rotations.rotation_zy(self.yaw, self.pitch)))
-        error = np.concatenate((self.position - foot.position, turn[1:]))
+        error = np.concatenate((self.position - foot.position, turn[self._axes]))
         acceleration = self._stiffness * error - self._damping * rows.dot(foot.velocity)
         acceleration[:3] += self.acceleration + self._damping[:3] * self.velocity
         return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self.weight, error)

@@ -136,6 +136,9 @@ class WholeBodyController:
         self._lowest_torque = -self._highest_torque
         self._implausible_speed = _FASTEST_JOINT * self._robot.velocity_limit
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
+        # Drives hold these joints: a task of the QP alone leaves them where friction does.
+        held = robot.held
+        self._kp[held], self._kd[held] = robot.kp[held], robot.kd[held]
         for gains in (self._kp, self._kd):  # all commands share these two arrays
             gains.setflags(write=False)
         self._filter = CommandFilter(self.params, self._robot)
@@ -149,6 +152,10 @@ class WholeBodyController:
         self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
         self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
         self._waist.weight[:] = self.params.waist_weight
+        self._still = PostureTask("held joints", held, 10.0)
+        self._still.target[:] = robot.nominal[held]
+        self._still.stiffness[:], self._still.damping[:] = self.params.waist_gains
+        self._still.weight[:] = self.params.held_weight
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
         self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
@@ -252,7 +259,8 @@ class WholeBodyController:
         smooth, report = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
         report += self._set_posture(smooth, upper_body)
-        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, self._arms]
+        still = [self._still] if self._robot.held.size else []
+        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *still, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
         if not self._arms_free:
             terms[-1] = self._attainable(terms[-1])
@@ -368,8 +376,10 @@ class WholeBodyController:
         waist = self._robot.waist
         sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
         friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
+        q, held = state.q + half * state.dq, self._robot.held
+        q[held], dq[held] = self._robot.nominal[held], 0.0
         return JointCommand(
-            q=state.q + half * state.dq,
+            q=q,
             dq=dq,
             kp=self._kp,
             kd=self._kd,

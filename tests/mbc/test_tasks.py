@@ -23,7 +23,7 @@ def _tasks_on_target(dynamics, state):
     orientation.yaw, orientation.pitch = state.yaw, float(rotations.pitch_of(state.orientation))
     com = tasks.CentreOfMassTask(PARAMS)
     com.target, com.heading = dynamics.com[:2].copy(), 0.7
-    swing = tasks.SwingFootTask(PARAMS, "right")
+    swing = tasks.SwingFootTask(PARAMS, "right", load_robot())
     foot = dynamics.frame("right_sole")
     swing.position = foot.position
     swing.yaw = float(np.arctan2(foot.rotation[1, 0], foot.rotation[0, 0]))
@@ -32,7 +32,7 @@ def _tasks_on_target(dynamics, state):
     posture.target[:] = state.q[[ROBOT.waist, *ROBOT.arms]]
     travel = tasks.PelvisTravelTask(PARAMS)
     travel.heading = -1.2
-    contact, momentum = tasks.StanceContactTask(PARAMS, "left"), tasks.AngularMomentumTask(PARAMS)
+    contact, momentum = tasks.StanceContactTask(PARAMS, "left", load_robot()), tasks.AngularMomentumTask(PARAMS)
     return [height, orientation, com, travel, swing, posture, contact, momentum, tasks.CentreOfMassMotionTask(PARAMS)]
 
 
@@ -139,7 +139,9 @@ def test_pelvis_travel_law(dynamics_of):
 
 def test_swing_foot_law(dynamics_of):
     dynamics = dynamics_of(velocity=np.array([0.0, 0.0, 0.1]))
-    task = tasks.SwingFootTask(ControllerParams(swing_gains=(100.0, 10.0), swing_rotation_gains=(50.0, 5.0)), "left")
+    task = tasks.SwingFootTask(
+        ControllerParams(swing_gains=(100.0, 10.0), swing_rotation_gains=(50.0, 5.0)), "left", load_robot()
+    )
     foot = dynamics.frame("left_sole")
     task.position, task.velocity = foot.position + np.array([0.02, 0.0, 0.03]), np.array([0.0, 0.0, 0.4])
     task.acceleration, task.pitch = np.array([0.0, 1.0, 0.0]), 0.1
@@ -153,7 +155,7 @@ def test_swing_foot_law(dynamics_of):
 
 def test_a_standing_foot_is_stopped_and_one_in_the_air_settles(dynamics_of):
     dynamics = dynamics_of(velocity=np.array([0.1, 0.0, -0.05]))
-    task = tasks.StanceContactTask(ControllerParams(contact_damping=30.0), "right")
+    task = tasks.StanceContactTask(ControllerParams(contact_damping=30.0), "right", load_robot())
     assert task.evaluate(dynamics).acceleration[:3] == pytest.approx([-3.0, 0.0, 1.5])
     task.settle = 0.3
     assert task.evaluate(dynamics).acceleration[2] == pytest.approx(30.0 * (-0.3 + 0.05))
@@ -175,7 +177,7 @@ def test_line_contact_has_no_roll_row(dynamics_of):
     dynamics = dynamics_of()
     roll = np.zeros(dynamics.nv)
     roll[dynamics.columns[ROBOT.index("left_hip_roll_joint")]] = 1.0
-    terms = tasks.StanceContactTask(PARAMS, "left").evaluate(dynamics)
+    terms = tasks.StanceContactTask(PARAMS, "left", load_robot()).evaluate(dynamics)
     assert terms.jacobian.shape[0] == 5
     # Turning the leg about x turns the foot about x: neither its pitch nor its yaw row sees it.
     assert (terms.jacobian @ roll)[3:] == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -192,7 +194,7 @@ def test_under_a_plan_the_angular_momentum_follows_it_and_is_not_damped(dynamics
 
 def test_a_standing_sole_is_turned_to_the_slope_of_the_ground(dynamics_of):
     dynamics = dynamics_of()
-    task = tasks.StanceContactTask(ControllerParams(contact_pitch_stiffness=100.0), "left")
+    task = tasks.StanceContactTask(ControllerParams(contact_pitch_stiffness=100.0), "left", load_robot())
     level = task.evaluate(dynamics).acceleration[3]
     task.slope = 0.05
     assert task.evaluate(dynamics).acceleration[3] - level == pytest.approx(100.0 * 0.05)

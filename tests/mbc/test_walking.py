@@ -25,7 +25,7 @@ class Step:
         self.plan, self.ground, self.dynamics = GaitPlan(), Ground(), Dynamics(load_robot())
         self.references = References(PARAMS, self.plan, self.ground)
         self.walking = Walking(PARAMS, self.plan, self.references, self.ground)
-        self.task = SwingFootTask(PARAMS, "left")
+        self.task = SwingFootTask(PARAMS, "left", load_robot())
         self.smooth, _ = CommandFilter(PARAMS, load_robot()).update(Command(gait=Gait.WALKING), DT)
         self.dynamics.update(state)
         self.references.reset(self.dynamics)

@@ -13,6 +13,8 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
 from hugwbc.mirror import load_mirror, mirror_command
+from hugwbc.runtime import rollout
+from hugwbc.sim import Simulation
 from tests.conftest import make_state
 
 ROBOT = load_robot()
@@ -252,3 +254,13 @@ def test_the_joint_pd_adds_nothing_on_average_along_the_planned_motion(standing_
         later = dataclasses.replace(moving, q=moving.q + moving.dq * t, dq=moving.dq + acceleration * t)
         torques.append(_total_torque(command, later) - command.tau)
     assert np.mean(torques, axis=0) == pytest.approx(np.zeros(19), abs=1e-6)
+
+
+def test_a_robot_with_ankle_rolls_and_held_joints_walks():
+    """The G1: six rows for a foot, and wrists, waist roll and waist pitch that stay where they are."""
+    robot = load_robot("g1")
+    walk = Command(v_x=0.5, gait=Gait.WALKING, l=0.1)
+    trace = rollout(WholeBodyController(robot), walk, Simulation(sensing="exact", robot=robot), duration=3.0)
+    assert not trace.fell and trace.measured[len(trace.time) // 2 :, 0].mean() == pytest.approx(0.5, abs=0.03)
+    held = trace.qpos[:, 7:][:, robot.held] - robot.nominal[robot.held]
+    assert robot.held.size == 8 and np.abs(held).max() < 0.1
