@@ -190,10 +190,10 @@ def run_live(
     clock = clock or RealTime()
     try:
         while simulated < duration - 1e-9:
-            state = loop.step(loop.decide(loop.simulation.time), loop.period)
+            loop.step(loop.decide(loop.simulation.time), loop.period)
             simulated += loop.period
             if loop.simulation.time > SETTLE:
-                velocities += loop.safe.command.array()[:3], walked(state)
+                velocities += loop.safe.command.array()[:3], walked(loop.simulation.state())
                 ticks += 1
             again = loop.simulation.fallen
             if draw is not None and (again or simulated >= next_frame):
