@@ -55,11 +55,15 @@ def place_frames(model: pin.Model, robot: Robot) -> None:
     """Put the frames of soles and hands of a model from the URDF where the robot has them."""
     heel, toe = robot.sole_x
     places = {"heel": heel, "sole": robot.sole_middle, "toe": toe}
-    for side in SIDES:
-        model.frames[model.getFrameId(f"{side}_hand")].placement.translation = robot.hand
+    for side, foot, hand in zip(SIDES, robot.foot_links, robot.hand_links, strict=True):
+        _put(model, f"{side}_hand", hand, robot.hand)
         for name, ahead in places.items():
-            sole = np.array([ahead, 0.0, robot.sole_z])
-            model.frames[model.getFrameId(f"{side}_{name}")].placement.translation = sole
+            _put(model, f"{side}_{name}", foot, np.array([ahead, 0.0, robot.sole_z]))
+
+
+def _put(model: pin.Model, name: str, link: str, at: np.ndarray) -> None:
+    """Put a frame at a place in a link [m], shape (3,); the link may be fixed to another one that a joint moves."""
+    model.frames[model.getFrameId(name)].placement.translation = model.frames[model.getFrameId(link)].placement.act(at)
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
