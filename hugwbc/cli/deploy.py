@@ -163,7 +163,7 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         spec = ControllerSpec(header["controller"], header["policy"])
         told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
         controller = (told if spec.takes_robot else spec).build()
-        source = _source(header)
+        source = _source(header, robot)
         arms = UpperBodySource(robot=robot)
         limits = Limits(**header["limits"])
         return robot, Pilot(
@@ -173,13 +173,13 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
 
 
-def _source(header: dict[str, Any]) -> CommandSource:
+def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
     name = header.get("task")  # which recordings from before tasks do not have
     if name is not None:
         task = load_task(name)
         return task.source(task.scene.draw(header["seed"]))
-    return Sticks() if header["script"] is None else load_script(header["script"])
+    return Sticks() if header["script"] is None else load_script(header["script"], robot)
 
 
 def _replay(path: pathlib.Path) -> int:
