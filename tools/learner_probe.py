@@ -48,7 +48,7 @@ class Subject:
     def learner(self, env: HumanoidEnv, horizon: int, seed: int) -> PPO:
         """Return a learner with the snapshot's networks for iterations of `horizon` steps."""
         settings = dataclasses.replace(self.ppo, horizon=horizon)
-        ppo = PPO(settings, env.count, torch.Generator().manual_seed(seed), further=env.further)
+        ppo = PPO(settings, env.robot, torch.Generator().manual_seed(seed), further=env.further)
         load_into(ppo.network, self.network)
         with torch.no_grad():
             ppo.network.log_std.fill_(math.log(self.std))

@@ -24,17 +24,15 @@ _LARGEST = 1e4  # bound of every number of an observation
 _LAST_SEED = 2**31 - 1
 
 
-def action_space(config: EnvConfig) -> spaces.Box:
-    """Return the action space of a robot: one number for each joint."""
-    joints = len(load_robot(config.robot).joint_names)
-    return spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, (joints,), np.float32)
-
-
-def observation_space(config: EnvConfig) -> spaces.Box:
-    """Return the observation space of a robot, including terms besides the paper's."""
+def _spaces(config: EnvConfig) -> tuple[spaces.Box, spaces.Box]:
+    """Return the spaces of a robot's actions and of its observations, including terms besides the paper's."""
     robot = load_robot(config.robot)
-    parts = (*obs.FRAME * obs.HISTORY_FRAMES, *obs.COMMAND, *further_terms(config.observations, robot))
-    return spaces.Box(-_LARGEST, _LARGEST, (obs.size_of(parts, robot),), np.float32)
+    seen = (*obs.HISTORY, *obs.COMMAND, *further_terms(config.observations, robot))
+    bounds = ((obs.ACTION, LARGEST_ACTION), (seen, _LARGEST))
+    action, observation = (
+        spaces.Box(-largest, largest, (obs.size_of(parts, robot),), np.float32) for parts, largest in bounds
+    )
+    return action, observation
 
 
 class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -45,6 +43,7 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Attributes:
         config: the settings.
+        joints: number of joints, and of an action's numbers.
         env: the training environment; None before the first `reset`.
     """
 
@@ -73,10 +72,8 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ConfigError(f"render_mode is {render_mode!r}; give None")
         self.config = dataclasses.replace(config or EnvConfig(), count=num_envs)
         self.num_envs, self.render_mode = num_envs, render_mode
-        self.single_action_space, self.single_observation_space = (
-            action_space(self.config),
-            observation_space(self.config),
-        )
+        self.single_action_space, self.single_observation_space = _spaces(self.config)
+        self.joints = len(load_robot(self.config.robot).joint_names)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.env: HumanoidEnv | None = None
@@ -140,10 +137,12 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _admitted(self, actions: np.ndarray) -> np.ndarray:
         """Return finite actions within the space."""
-        given = floats(actions, self.action_space.shape)
+        wanted = (self.num_envs, self.joints)
+        given = floats(actions, wanted)
         if given is None:
-            shape = getattr(actions, "shape", "unknown")
-            raise ConfigError(f"the actions have the shape {shape}; give {self.action_space.shape} numbers")
+            raise ConfigError(
+                f"the actions have the shape {getattr(actions, 'shape', 'unknown')}; give {wanted} numbers"
+            )
         return np.nan_to_num(given).clip(-LARGEST_ACTION, LARGEST_ACTION).astype(np.float32)
 
     def _last(self, final: Observation, done: np.ndarray, truncated: np.ndarray) -> dict[str, Any]:
@@ -172,8 +171,8 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
         """Set up spaces; arguments as of `H1VectorEnv`."""
         self._robots = H1VectorEnv(1, config=config, curriculum=curriculum, render_mode=render_mode)
         self.render_mode = render_mode
-        self.action_space = self._robots.single_action_space
-        self.observation_space = self._robots.single_observation_space
+        robot = self._robots
+        self.action_space, self.observation_space = robot.single_action_space, robot.single_observation_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -194,7 +193,7 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
             Observation, reward, whether the robot fell, whether the time was over, and `info` with "critic" and at the
             end "reason".
         """
-        given = floats(action, self.action_space.shape)
+        given = floats(action, (self._robots.joints,))
         observation, reward, fell, over, info = self._robots.step(action if given is None else given[None])
         told = {"critic": info["critic"][0]}
         last = observation[0]

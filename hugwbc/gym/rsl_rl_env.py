@@ -48,8 +48,7 @@ class H1RslRlEnv(VecEnv):
             device: device of the tensors that come and go.
         """
         self.robots = H1VectorEnv(num_envs, config=config, threads=threads, curriculum=curriculum)
-        self.num_envs, self.device = num_envs, device
-        self.num_actions = self.robots.single_action_space.shape[0]
+        self.num_envs, self.num_actions, self.device = num_envs, self.robots.joints, device
         self.cfg = self.robots.config
         self.max_episode_length = self.cfg.episode_steps
         seen, info = self.robots.reset(seed=seed)

@@ -47,7 +47,7 @@ def test_the_arm_error_is_the_distance_of_the_joints_to_their_targets():
     nominal = load_robot().nominal[ARMS]
     goal = nominal + 0.3 * np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
     motion = ArmMotion("still", 50.0, np.tile(goal, (200, 1)), load_robot())
-    arms = ArmIntervention(MotionTargets(1, [motion], torch.Generator().manual_seed(0)), load_robot())
+    arms = ArmIntervention(MotionTargets(load_robot(), 1, [motion], torch.Generator().manual_seed(0)), load_robot())
     trace = rollout(
         HoldController(load_robot()),
         Constant(Command(gait=Gait.STANDING)),

@@ -7,7 +7,7 @@ one as YAML beside the network's file.
 import dataclasses
 import functools
 import pathlib
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -34,20 +34,17 @@ def _once(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
-def _or_all(names: Any, info: ValidationInfo) -> Any:  # noqa: ANN401  what a file holds
-    return load_robot(info.data["robot"]).joint_names if names == "all" and "robot" in info.data else names
-
-
-def _known(names: Collection[str], robot: Robot, *place: str | int) -> None:
+def _known(names: Iterable[str], robot: Robot, *place: str | int) -> None:
     for name in names:
         if name not in robot.joint_names:
             raise UnknownNameError("joint", name, robot.joint_names, at=place)
 
 
-def _of_robot(names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-    if "robot" in info.data:
-        _known(names, load_robot(info.data["robot"]))
-    return names
+def _of_robot(names: Any, info: ValidationInfo) -> Any:  # noqa: ANN401  what a file holds
+    """Return the joints of the contract's robot for "all", and refuse others than its joints."""
+    robot = load_robot(info.data.get("robot", DEFAULT_ROBOT))
+    _known(names if isinstance(names, list | tuple) else (), robot)
+    return robot.joint_names if names == "all" else names
 
 
 Joints = Annotated[tuple[str, ...], AfterValidator(refusing(_once))]
@@ -164,7 +161,7 @@ class Contract:
     name: str = ""
     robot: RobotName = DEFAULT_ROBOT
     period: Annotated[float, Field(ge=1e-3, le=1)]
-    joints: Annotated[Joints, BeforeValidator(_or_all), AfterValidator(refusing(_of_robot))]
+    joints: Annotated[Joints, BeforeValidator(refusing(_of_robot))]
     default_pose: Angles
     kp: Gains
     kd: Gains

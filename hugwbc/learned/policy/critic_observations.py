@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import torch
 
 from hugwbc.learned.policy.layout import (
+    ACTION as ACTION,
     COMMAND as COMMAND,
     CRITIC_CORE as CRITIC_CORE,
     ESTIMATE as ESTIMATE,
     FRAME as FRAME,
+    HISTORY as HISTORY,
     HISTORY_FRAMES as HISTORY_FRAMES,
     LENGTH_SCALE as LENGTH_SCALE,
     PRIVILEGED as PRIVILEGED,
@@ -133,8 +135,9 @@ def terrain_points() -> torch.Tensor:
 # Mirror maps ----------------------------------------------------------------------------------------------------------
 
 
-def _mirror(parts: Sequence[Part], robot: Robot) -> SignedPermutation:
-    """Return the mirror map of parts side by side."""
+@functools.cache
+def mirror(parts: tuple[Part, ...], robot: Robot) -> SignedPermutation:
+    """Return the mirror map of parts side by side: hops change legs, clocks change feet, v_y changes its sign."""
     images = (part.image(robot) for part in parts)
     return SignedPermutation.joined(
         [
@@ -142,52 +145,6 @@ def _mirror(parts: Sequence[Part], robot: Robot) -> SignedPermutation:
             for index, sign in images
         ]
     )
-
-
-@functools.cache
-def action_mirror(robot: Robot) -> SignedPermutation:
-    """Return the mirror map of joints and actions."""
-    return _mirror([Part("joints", "joints", "joints")], robot)
-
-
-@functools.cache
-def frame_mirror(robot: Robot) -> SignedPermutation:
-    """Return the mirror map of a proprioceptive frame."""
-    return _mirror(FRAME, robot)
-
-
-@functools.cache
-def history_mirror(robot: Robot) -> SignedPermutation:
-    """Return the mirror map of a history."""
-    return SignedPermutation.joined([frame_mirror(robot)] * HISTORY_FRAMES)
-
-
-@functools.cache
-def command_mirror(robot: Robot, further: tuple[Part, ...] = ()) -> SignedPermutation:
-    """Return the mirror map of a command observation, n = 18: hops change legs, clocks change feet.
-
-    Args:
-        robot: the robot.
-        further: parts that come after it.
-    """
-    return _mirror([*COMMAND, *further], robot)
-
-
-@functools.cache
-def estimate_mirror(robot: Robot) -> SignedPermutation:
-    """Return the mirror map of an output of the estimator, n = 6: v_y changes sign, the soles swap."""
-    return _mirror(ESTIMATE, robot)
-
-
-@functools.cache
-def critic_mirror(robot: Robot, further: tuple[Part, ...] = ()) -> SignedPermutation:
-    """Return the mirror map of the critic's observation without the terrain.
-
-    Args:
-        robot: the robot.
-        further: parts that come after it.
-    """
-    return _mirror([*CRITIC_CORE, *further], robot)
 
 
 @functools.cache

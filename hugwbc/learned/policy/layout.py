@@ -20,7 +20,9 @@ _VECTOR = tuple(VECTOR_SIGNS.tolist())
 FRAME_TERMS = ("angular_velocity", "gravity", "joint_position", "joint_velocity", "last_action")
 COMMAND_TERMS = ("command", "gait", "foot_sin", "foot_cos", "intervention")
 FRAME = tuple(TERMS[name] for name in FRAME_TERMS)  # proprioception at one time
+HISTORY = FRAME * HISTORY_FRAMES
 COMMAND = tuple(TERMS[name] for name in COMMAND_TERMS)
+ACTION = (Part("joint targets", "joints", "joints"),)
 ESTIMATE = (
     Part("velocity of the pelvis in the heading frame", 3, _VECTOR, scale=LINEAR_VELOCITY_SCALE),
     Part("clearance of the left and the right sole", 2, (1.0,), sides=True, scale=LENGTH_SCALE),

@@ -181,9 +181,9 @@ class SymmetricActor(nn.Module):
     def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
         """Set up the layers for a robot, with further inputs for further observation terms."""
         super().__init__()
-        self._history, self._command = EvenOdd(obs.history_mirror(robot)), EvenOdd(obs.command_mirror(robot, further))
-        self._frame, self._action = EvenOdd(obs.frame_mirror(robot)), EvenOdd(obs.action_mirror(robot))
-        self._estimate = EvenOdd(obs.estimate_mirror(robot))
+        parts = (obs.HISTORY, (*obs.COMMAND, *further), obs.FRAME, obs.ACTION, obs.ESTIMATE)
+        splits = [EvenOdd(obs.mirror(part, robot)) for part in parts]
+        self._history, self._command, self._frame, self._action, self._estimate = splits
         half = LATENT_SIZE // 2
         parts = (self._estimate, self._frame, self._command)
         state = (half + sum(part.even for part in parts), half + sum(part.odd for part in parts))
@@ -228,7 +228,8 @@ class SymmetricCritic(nn.Module):
     def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
         """Set up the layers for a robot, with further inputs for further observation terms."""
         super().__init__()
-        self._core, self._terrain = EvenOdd(obs.critic_mirror(robot, further)), EvenOdd(obs.terrain_mirror())
+        self._core = EvenOdd(obs.mirror((*obs.CRITIC_CORE, *further), robot))
+        self._terrain = EvenOdd(obs.terrain_mirror())
         inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
         self.value = SplitMlp(inputs, CRITIC_HIDDEN)
         self.output = nn.Linear(CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
@@ -300,10 +301,10 @@ class ActorCritic(nn.Module):
         """Draw the weights for a robot, and set the std of all joints."""
         super().__init__()
         self.actor, self.critic = SymmetricActor(robot, further), SymmetricCritic(robot, further)
-        self.core = _sizes(EvenOdd(obs.critic_mirror(robot)))
+        self.core = _sizes(EvenOdd(obs.mirror(obs.CRITIC_CORE, robot)))
         even, odd = _sizes(self.critic._core)
         self.further = even - self.core[0], odd - self.core[1]
-        self.register_buffer("_partner", obs.action_mirror(robot).index.clone(), persistent=False)
+        self.register_buffer("_partner", obs.mirror(obs.ACTION, robot).index.clone(), persistent=False)
         self.log_std = nn.Parameter(torch.full((len(robot.joint_names),), float(std)).log())
         last = self.actor.policy.layers[-1]
         assert isinstance(last, SplitLinear)

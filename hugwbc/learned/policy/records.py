@@ -59,13 +59,7 @@ def _metadata(path: pathlib.Path) -> Any:  # noqa: ANN401  what a file holds
 
 
 def check_robot(what: str, own: str, robot: str) -> None:
-    """Refuse what was learnt for a robot with other joints.
-
-    Args:
-        what: the subject of the message, such as the policy.
-        own: the robot for which it was learnt, by name.
-        robot: the robot that is here.
-    """
+    """Refuse what was learnt for a robot with other joints than that which is here, both given by name."""
     if load_robot(own).joint_names != load_robot(robot).joint_names:
         raise ConfigError(
             f"{what} is for the robot {own}, and this is {robot}; train one: hugwbc train --env.robot {robot}"

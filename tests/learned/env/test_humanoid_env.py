@@ -244,8 +244,8 @@ def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
     twin.phase[:] = torch.where(env.gait == Gait.WALKING, (env.phase + 0.5) % 1.0, env.phase)
     twin.waist[:] = -env.waist
     twin.bias[:] = env.bias * torch.tensor([1.0, -1.0, -1.0])
-    twin.actions[:] = torch.stack([obs.action_mirror(env.robot)(actions) for actions in env.actions])
-    twin.history[:] = obs.history_mirror(env.robot)(env.history.flatten(1)).view_as(env.history)
+    twin.actions[:] = torch.stack([obs.mirror(obs.ACTION, env.robot)(actions) for actions in env.actions])
+    twin.history[:] = obs.mirror(obs.HISTORY, env.robot)(env.history.flatten(1)).view_as(env.history)
     qpos, qvel = env.simulation.qpos.numpy(), env.simulation.qvel.numpy()
     new_qpos, new_qvel = twin.simulation.qpos.numpy(), twin.simulation.qvel.numpy()
     pose = np.concatenate((qpos[:, :3] * VECTOR_SIGNS, qpos[:, 3:7] * QUATERNION_SIGNS), axis=1)
@@ -267,16 +267,18 @@ def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward(robot: 
     generator = torch.Generator().manual_seed(1)
     for _ in range(4):
         action = 0.3 * torch.randn(env.actions[0].shape, generator=generator)
-        reward, image = env.step(action).reward, twin.step(obs.action_mirror(env.robot)(action)).reward
+        reward, image = env.step(action).reward, twin.step(obs.mirror(obs.ACTION, env.robot)(action)).reward
         # The order in which the solver goes through the contacts leaves a little: rewards are of the size of 0.1.
         torch.testing.assert_close(image, reward, atol=2e-3, rtol=0.0)
         seen, image = env.observe(), twin.observe()
-        torch.testing.assert_close(image.history, obs.history_mirror(env.robot)(seen.history), atol=0.02, rtol=0.0)
-        torch.testing.assert_close(image.command, obs.command_mirror(env.robot)(seen.command), atol=1e-5, rtol=0.0)
+        torch.testing.assert_close(image.history, obs.mirror(obs.HISTORY, env.robot)(seen.history), atol=0.02, rtol=0.0)
+        torch.testing.assert_close(image.command, obs.mirror(obs.COMMAND, env.robot)(seen.command), atol=1e-5, rtol=0.0)
         core = slice(0, obs.size_of(obs.CRITIC_CORE, env.robot))
-        critic = obs.critic_mirror(env.robot)(seen.critic[:, core])
+        critic = obs.mirror(obs.CRITIC_CORE, env.robot)(seen.critic[:, core])
         torch.testing.assert_close(image.critic[:, core], critic, atol=0.05, rtol=0.0)
-        torch.testing.assert_close(image.estimate, obs.estimate_mirror(env.robot)(seen.estimate), atol=0.01, rtol=0.0)
+        torch.testing.assert_close(
+            image.estimate, obs.mirror(obs.ESTIMATE, env.robot)(seen.estimate), atol=0.01, rtol=0.0
+        )
 
 
 def test_restored_run_continues_bit_for_bit() -> None:

@@ -69,9 +69,9 @@ def test_mirror_of_a_frame_is_the_frame_of_the_mirrored_robot(robot: Robot) -> N
         state, action = random_frame(rng, len(robot.joint_names))
         expected = frame_of(mirror.state(state), mirror.joints(action), robot).repeat(1, obs.HISTORY_FRAMES)
         history = frame_of(state, action, robot).repeat(1, obs.HISTORY_FRAMES)
-        torch.testing.assert_close(obs.history_mirror(robot)(history), expected)
+        torch.testing.assert_close(obs.mirror(obs.HISTORY, robot)(history), expected)
         torch.testing.assert_close(
-            obs.action_mirror(robot)(torch.tensor(action)[None].float())[0],
+            obs.mirror(obs.ACTION, robot)(torch.tensor(action)[None].float())[0],
             torch.tensor(mirror.joints(action), dtype=torch.float32),
         )
 
@@ -84,12 +84,12 @@ def command_row(command: Command, phase: float) -> torch.Tensor:
 def test_mirror_of_a_command_is_the_observation_of_the_mirrored_command() -> None:
     command = Command(v_x=0.3, v_y=-0.2, omega=0.4, f=2.5, l=0.2, h=-0.1, p=0.2, w=0.7, gait=Gait.WALKING)
     row = command_row(command, 0.3)
-    torch.testing.assert_close(obs.command_mirror(ROBOT)(row), command_row(mirror_command(command), 0.8))
+    torch.testing.assert_close(obs.mirror(obs.COMMAND, ROBOT)(row), command_row(mirror_command(command), 0.8))
 
 
 def test_hopping_on_one_leg_mirrors_to_hopping_on_the_other() -> None:
     command = Command(v_y=0.2, omega=-0.3, gait=Gait.HOPPING_LEFT)
-    mirrored = obs.command_mirror(ROBOT)(command_row(command, 0.1))
+    mirrored = obs.mirror(obs.COMMAND, ROBOT)(command_row(command, 0.1))
     torch.testing.assert_close(mirrored, command_row(mirror_command(command), 0.1))
 
 

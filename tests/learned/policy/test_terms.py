@@ -95,15 +95,15 @@ def test_the_noise_is_the_declared_one(both):
 def test_the_networks_mirror_the_terms_as_declared():
     own = (TILT, KNEES)
     network = ActorCritic(ROBOT, further=own)
-    mirror = obs.command_mirror(ROBOT, own)
+    mirror = obs.mirror((*obs.COMMAND, *own), ROBOT)
     assert mirror.sign[18:].tolist() == [-1.0, 1.0, 1.0] and mirror.index[18:].tolist() == [18, 20, 19]
     history, command = torch.randn(4, 315), torch.randn(4, 21)
     critic = torch.randn(4, 121 + 3 + 1)
-    image = torch.cat((obs.critic_mirror(ROBOT, own)(critic[:, :124]), critic[:, 124:]), dim=1)
+    image = torch.cat((obs.mirror((*obs.CRITIC_CORE, *own), ROBOT)(critic[:, :124]), critic[:, 124:]), dim=1)
     torch.testing.assert_close(network.critic(image), network.critic(critic), atol=1e-5, rtol=1e-5)
     straight, _ = network.actor(history, command)
-    mirrored, _ = network.actor(obs.history_mirror(ROBOT)(history), mirror(command))
-    torch.testing.assert_close(mirrored, obs.action_mirror(ROBOT)(straight), atol=1e-5, rtol=1e-5)
+    mirrored, _ = network.actor(obs.mirror(obs.HISTORY, ROBOT)(history), mirror(command))
+    torch.testing.assert_close(mirrored, obs.mirror(obs.ACTION, ROBOT)(straight), atol=1e-5, rtol=1e-5)
     plain = network.actor.plain()
     assert plain.command_size == 21
     torch.testing.assert_close(plain(history, command)[0], network.actor(history, command)[0], atol=1e-5, rtol=1e-4)
