@@ -28,7 +28,7 @@ from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim.arena import known_robot
+from hugwbc.sim.arena import Arena
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.tasks import load_task
 from hugwbc.upper_ik import UpperBodySource
@@ -159,10 +159,9 @@ def summary(side: RobotSide, wall: float) -> str:
 def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
     """Return robot and pilot of a deployment or of its recording."""
     try:
-        robot = known_robot(header["robot"])
-        spec = ControllerSpec(header["controller"], header["policy"])
-        told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
-        controller = (told if spec.takes_robot else spec).build()
+        arena = Arena(header["robot"])
+        robot = arena.known_robot
+        controller = ControllerSpec(header["controller"], header["policy"]).told(arena).build()
         source = _source(header, robot)
         arms = UpperBodySource(robot=robot)
         limits = Limits(**header["limits"])
