@@ -139,12 +139,8 @@ def terrain_points() -> torch.Tensor:
 def mirror(parts: tuple[Part, ...], robot: Robot) -> SignedPermutation:
     """Return the mirror map of parts side by side: hops change legs, clocks change feet, v_y changes its sign."""
     images = (part.image(robot) for part in parts)
-    return SignedPermutation.joined(
-        [
-            SignedPermutation(torch.as_tensor(index), torch.as_tensor(sign, dtype=torch.float32))
-            for index, sign in images
-        ]
-    )
+    maps = [SignedPermutation(torch.as_tensor(i), torch.as_tensor(s, dtype=torch.float32)) for i, s in images]
+    return SignedPermutation.joined(maps)
 
 
 @functools.cache
