@@ -28,7 +28,7 @@ from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim.arena import known_robot
+from hugwbc.sim.arena import Arena
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.tasks import load_task
 from hugwbc.upper_ik import UpperBodySource
@@ -162,11 +162,10 @@ def summary(side: RobotSide, wall: float) -> str:
 def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
     """Return robot and pilot of a deployment or of its recording."""
     try:
-        robot = known_robot(header["robot"])
-        spec = ControllerSpec(header["controller"], header["policy"])
-        told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
-        controller = (told if spec.takes_robot else spec).build()
-        source = _source(header)
+        arena = Arena(header["robot"])
+        robot = arena.known_robot
+        controller = ControllerSpec(header["controller"], header["policy"]).told(arena).build()
+        source = _source(header, robot)
         arms = UpperBodySource(robot=robot)
         limits = Limits(**header["limits"])
         return robot, Pilot(
@@ -176,13 +175,13 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
 
 
-def _source(header: dict[str, Any]) -> CommandSource:
+def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
     name = header.get("task")  # which recordings from before tasks do not have
     if name is not None:
         task = load_task(name)
         return task.source(task.scene.draw(header["seed"]))
-    return Sticks() if header["script"] is None else load_script(header["script"])
+    return Sticks() if header["script"] is None else load_script(header["script"], robot)
 
 
 def _replay(path: pathlib.Path) -> int:

@@ -284,7 +284,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     if options.script is not None:
         others = [name for name in options.commanding if name != "script"]
         _refuse_beside("--script", "give one or the other", others)
-        plan = load_plan(options.script)
+        plan = load_plan(options.script, options.arena.known_robot)
         if isinstance(plan, Script):
             return plan, options.duration or plan.duration
         return BehaviourSource(plan), options.duration or LONGEST
@@ -297,7 +297,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
         _refuse_beside("--motion", "a motion moves both arms", hands)
         if options.motion.suffix.lower() == WHOLE_BODY:
             return _whole_body(options, options.motion)
-        motion = load_motion(options.motion)
+        motion = load_motion(options.motion, options.arena.known_robot)
         segment = Segment(
             motion.name, motion.duration, gait, values, ramp=min(DEFAULT_RAMP, motion.duration), motion=motion
         )
@@ -308,7 +308,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
 def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource, float]:
     """Return a clip of the whole body and how long to play it [s], and say what is dropped."""
     _refuse_beside(f"--motion *{WHOLE_BODY}", "the clip commands the whole body", list(options.command.given))
-    motion = load_whole_body_motion(path)
+    motion = load_whole_body_motion(path, options.arena.known_robot)
     say("no command follows the roll of the trunk, the steps of the feet and the directions of hands and head")
     if motion.unused:
         say(f"not used of {path.name}: {', '.join(motion.unused)}")
