@@ -13,7 +13,7 @@ from hugwbc.cli import main
         (["--duration", "0"], "duration is 0"),
         (["--loss", "1"], "loss is 1"),
         (["--jitter", "-1"], "jitter is -1"),
-        (["--robot", "g1"], "unknown robot 'g1'"),
+        (["--robot", "h2"], "unknown robot 'h2'"),
     ],
 )
 def test_simulate_robot_refuses_what_it_cannot_do(words, message, capsys) -> None:
