@@ -23,7 +23,7 @@ from hugwbc.runtime.control_period import ArmSource, ControlPeriod
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import Grip
-from hugwbc.sim.scenes.objects import Picture
+from hugwbc.sim.scenes.objects import Picture, force_on_second
 from hugwbc.state import RobotState
 
 _FARTHEST, _LEAST_ALIGNED = 0.01, 0.99  # [m] and cosine between a joint's axis in the model and in the description
@@ -270,12 +270,10 @@ class MujocoRobot:
 
     def _contact_forces(self) -> np.ndarray:
         """Return the forces on feet and hands from outside the robot in the world [N], shape (4, 3)."""
-        force, wrench, contact = np.zeros((_LINK, 3)), np.zeros(6), self._data.contact
-        roles = self._role[self._model.geom_bodyid[contact.geom]].reshape(-1, 2)
+        force = np.zeros((_LINK, 3))
+        roles = self._role[self._model.geom_bodyid[self._data.contact.geom]].reshape(-1, 2)
         for index in np.flatnonzero((roles.min(axis=1) < _LINK) & (roles.max(axis=1) == _OBJECT)):
-            mujoco.mj_contactForce(self._model, self._data, int(index), wrench)
-            # In the contact's frame, whose axes are the rows, and on the second geom.
-            on_second = contact.frame[index].reshape(3, 3).T @ wrench[:3]
+            on_second = force_on_second(self._model, self._data, int(index))
             one, other = roles[index]
             force[min(one, other)] += on_second if other < one else -on_second
         return force

@@ -245,14 +245,18 @@ def contact_force(
     model: mujoco.MjModel, data: mujoco.MjData, links: Sequence[int] | np.ndarray, body: int
 ) -> np.ndarray:
     """Return the force of each of some links on a body by contact, in the world [N], shape (n, 3)."""
-    force, wrench, contact = np.zeros((len(links), 3)), np.zeros(6), data.contact
-    pairs = model.geom_bodyid[contact.geom]
+    force, pairs = np.zeros((len(links), 3)), model.geom_bodyid[data.contact.geom]
     for index in np.flatnonzero(np.any(pairs == body, axis=1)):
         one, other = pairs[index]
         for row, link in enumerate(links):
             if link in (one, other):
-                mujoco.mj_contactForce(model, data, int(index), wrench)
-                # In the contact's frame, whose axes are the rows, and on the second geom.
-                on_second = contact.frame[index].reshape(3, 3).T @ wrench[:3]
+                on_second = force_on_second(model, data, int(index))
                 force[row] += on_second if other == body else -on_second
     return force
+
+
+def force_on_second(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> np.ndarray:
+    """Return the force of a contact on its second geom in the world [N], shape (3,)."""
+    wrench = np.zeros(6)
+    mujoco.mj_contactForce(model, data, index, wrench)
+    return data.contact.frame[index].reshape(3, 3).T @ wrench[:3]  # the rows are the axes of the contact's frame
