@@ -55,7 +55,7 @@ class RobotSide(Line):
             connect: makes the endpoint of the relay's process, likewise; without it, the relay is a thread of this one.
         """
         damping = Messages(robot).pack_command(pilot.damped())
-        self._watch = Watch(robot, pilot.limits, pilot.safe.period, damping, settings or Settings(), tell)
+        self._watch = Watch(robot, pilot.limits, pilot.control.period, damping, settings or Settings(), tell)
         super().__init__(endpoint, self._watch, recorder)
         self.pilot, self._connect = pilot, connect
         self._asked: queue.SimpleQueue[Request] = queue.SimpleQueue()
@@ -272,5 +272,5 @@ class RobotSide(Line):
             self._endpoint.send(self._messages.answering(self._sent_decision, raws[-1]))
             self.sent += 1
             self._record(recording.PUBLISHED, self._sent_decision)
-        self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.safe.period)
+        self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.control.period)
         return True

@@ -19,7 +19,8 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ModelError
 from hugwbc.kinematics import pinocchio_model
 from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.runtime.control_period import ArmSource, ControlPeriod
+from hugwbc.runtime.arms import ArmSource
+from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import Grip

@@ -10,8 +10,9 @@ from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.learned.policy.contract import History, Term, load_contract
 from hugwbc.learned.policy.network_policy import NetworkPolicy, load_contract_policy
 from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import Constant, HoldController, SafetyFilter, rollout
+from hugwbc.runtime import Constant, HoldController, rollout
 from hugwbc.sim import Simulation
+from tests.conftest import ByHand
 
 ROBOT = load_robot()
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
@@ -66,10 +67,10 @@ def test_external_arms_are_driven_as_those_of_every_other_controller(unitree, st
     arms = UpperBody.targets([-0.4, 0.2, 0.1, 0.3, -0.5, -0.2, -0.1, 0.4], tau=np.full(8, 0.5))
     commands = []
     for controller in (unitree, HoldController(load_robot()), WholeBodyController(load_robot(), period=unitree.period)):
-        safe = SafetyFilter(controller, robot=load_robot())
-        safe.reset(state)
+        period = ByHand(controller)
+        period.start(state)
         for _ in range(30):
-            command = safe.act(state, Command(), arms)
+            command = period.act(state, Command(), arms)
         commands.append(command)
     servo = ArmServo(robot=ROBOT)
     expected = servo(arms, state, unitree.period)
