@@ -18,8 +18,9 @@ HOLD_TIME = 0.1  # [s] for which the last good joint command is repeated without
 class Guard:
     """A controller, and what stands in for it.
 
-    An unusable state, an exception, or what is no finite joint command makes the guard repeat the last good joint
-    command for `HOLD_TIME` and then damp the joints. After damping, the controller is reset on the first good state.
+    A state that cannot be used (`StateCheck`), an exception, or what is no finite joint command makes the guard repeat
+    the last good joint command for `HOLD_TIME` and then damp the joints. After damping, the controller is reset on the
+    first good state.
 
     Attributes:
         controller: behind the guard.

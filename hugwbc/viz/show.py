@@ -18,7 +18,7 @@ from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
 from hugwbc.robot import Robot
-from hugwbc.runtime.control_period import ArmSource
+from hugwbc.runtime.arms import ArmSource
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
