@@ -15,13 +15,13 @@ from hugwbc.deploy.remote import ButtonWatch, Request
 from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
 from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
-from hugwbc.runtime.arms import ArmSource
 from hugwbc.runtime.control_period import ControlPeriod, Due
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import Grip
 from hugwbc.state import GRAVITY, RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 _ROUNDING = 1e-9  # [s]
 
@@ -46,7 +46,7 @@ class Pilot:
         robot: Robot,
         *,
         limits: Limits | None = None,
-        upper_body: ArmSource | None = None,
+        upper_body: UpperBodySource | None = None,
         tell: Callable[[Event], None] | None = None,
     ) -> None:
         """Connect the parts.

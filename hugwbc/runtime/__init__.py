@@ -4,7 +4,6 @@ The names below are what users need. Modules of hugwbc itself import the submodu
 """
 
 from hugwbc.arm_servo import ArmServo
-from hugwbc.runtime.arms import ArmSource
 from hugwbc.runtime.command_chain import feasible
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import StateEstimator
@@ -22,7 +21,6 @@ from hugwbc.upper_ik import UpperBodySource
 __all__ = [
     "Arena",
     "ArmServo",
-    "ArmSource",
     "CommandSource",
     "Constant",
     "ControlLoop",

@@ -1,13 +1,11 @@
 """The arms in a control period: from arm targets to their drives, and the change between servo and controller."""
 
 import dataclasses
-from typing import Protocol
 
 import numpy as np
 
 from hugwbc.arm_servo import ArmServo
 from hugwbc.blends import smooth_step
-from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.kinematics import in_place
 from hugwbc.numeric import changed
@@ -15,44 +13,10 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.payload import PayloadObserver
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import IKSolution
 
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
 _GAINS = [_VECTORS.index(name) for name in ("kp", "kd")]
-
-
-class ArmSource(Protocol):
-    """An object that turns hand targets into arm joint targets, such as `hugwbc.upper_ik.UpperBodySource`."""
-
-    @property
-    def solution(self) -> IKSolution | None:
-        """The last IK solution; None while the controller moves the arms."""
-        ...
-
-    def reset(self) -> None:
-        """Give the arms back at once, for a new run."""
-        ...
-
-    def update(
-        self,
-        state: RobotState,
-        hands: HandTargets | None,
-        command: Command,
-        dt: float,
-        commanded: np.ndarray | None = None,
-    ) -> tuple[UpperBody, Command]:
-        """Return the arm targets for the next `dt` seconds, and the command as the hands need it.
-
-        Args:
-            state: the robot now.
-            hands: the hand targets; None gives the arms back to the controller.
-            command: the user's command; its h, p and w may change for targets that ask for the whole body.
-            dt: length of the control period [s].
-            commanded: the arm part of the last joint command [rad], shape (8,); None at the start.
-        """
-        ...
 
 
 class ArmDrive:

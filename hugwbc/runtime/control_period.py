@@ -7,7 +7,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
-from hugwbc.runtime.arms import ArmDrive, ArmSource, Handover
+from hugwbc.runtime.arms import ArmDrive, Handover
 from hugwbc.runtime.command_chain import CommandChain
 from hugwbc.runtime.estimation import StateEstimator, joined
 from hugwbc.runtime.guard import Guard
@@ -22,6 +22,7 @@ from hugwbc.runtime.state_check import StateCheck
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import View
 from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator, if the controller's period is longer
 _ROUNDING = 1e-9  # [s]
@@ -80,7 +81,7 @@ class ControlPeriod:
         *,
         robot: Robot,
         estimator: StateEstimator | None,
-        upper_body: ArmSource | None = None,
+        upper_body: UpperBodySource | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -170,6 +171,7 @@ class ControlPeriod:
         if lost or self._lowering.begun:
             self.log.count("lowered", f"{lost}: kneeling down")
             joints = self._lowering.command(state, dt)
+            self.guard.last_tick_s = 0.0
         else:
             arms = self._arm_drive(arms, state, dt)
             joints = self.guard.act(state, command, arms)

@@ -7,7 +7,6 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
-from hugwbc.runtime.arms import ArmSource
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.controllers import load_controller
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
@@ -19,6 +18,7 @@ from hugwbc.scripts.view import View
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:
@@ -53,7 +53,7 @@ class ControlLoop:
         controller: Controller | str,
         source: CommandSource | Command,
         simulation: Engine,
-        upper_body: ArmSource | None = None,
+        upper_body: UpperBodySource | None = None,
         estimator: StateEstimator | None = None,
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.

@@ -10,7 +10,6 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
-from hugwbc.runtime.arms import ArmSource
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import MOMENT_FIELDS, SCENE_FIELDS, Moment
@@ -18,13 +17,14 @@ from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Disturber, Engine, Force
 from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 
 def rollout(
     controller: Controller | str,
     source: CommandSource | Command,
     simulation: Engine,
-    upper_body: ArmSource | None = None,
+    upper_body: UpperBodySource | None = None,
     *,
     duration: float,
     estimator: StateEstimator | None = None,

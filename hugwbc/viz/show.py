@@ -18,7 +18,6 @@ from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
 from hugwbc.robot import Robot
-from hugwbc.runtime.arms import ArmSource
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
@@ -26,6 +25,7 @@ from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Engine, Force, Scene, Simulation
 from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
 SETTLE = 1.0  # [s] after a start that do not count in mean velocities
@@ -104,7 +104,7 @@ def watch(
     controller: Controller,
     source: CommandSource | Command,
     simulation: Engine | None = None,
-    upper_body: ArmSource | None = None,
+    upper_body: UpperBodySource | None = None,
     *,
     duration: float,
     show: bool = False,
