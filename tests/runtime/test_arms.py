@@ -1,6 +1,7 @@
 """Arms under external control: which targets are admitted, and how the arms change hands."""
 
 import dataclasses
+import time
 
 import numpy as np
 import pytest
@@ -69,14 +70,14 @@ def unchanged(handover, command, upper_body, dt):
     return command
 
 
-def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again():
+def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(monkeypatch):
     """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
     rng = np.random.default_rng(0)
     recorders = Recorder(), Recorder()
     safe, plain = (ByHand(recorder) for recorder in recorders)
     plain.control._handover.__class__ = type("NoHandover", (Handover,), {"__call__": unchanged})
+    monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
     for period in (safe, plain):
-        period.control.guard._clock = lambda: 0.0
         period.start(make_state())
     behind = Handover(ROBOT.arms)
     arms, faded = UpperBody.none(), 0
