@@ -24,17 +24,18 @@ def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = F
         duration: how long to run [s].
         show: show the robot live in the browser.
     """
+    robot = load_robot()
     with tempfile.TemporaryDirectory() as folder:
         if file is None:
             file = pathlib.Path(folder) / "generated.npz"
-            generate_motions(seed=0, count=1, duration=5.0)[0].save(file)
-        motion = load_motion(file)
+            generate_motions(robot, seed=0, count=1, duration=5.0)[0].save(file)
+        motion = load_motion(file, robot)
     controller = load_controller("qp")
     script = Script(motion.name, (Segment("replay", duration, motion=motion, ramp=0.0),))
-    hands = UpperBodySource(load_robot())
+    hands = UpperBodySource(robot)
     trace = watch(controller, script, upper_body=hands, duration=duration, show=show, replay="out/08.html")
 
-    error = np.abs(trace.qpos[:, 7 + load_robot().arms] - trace.arm_target)[len(trace.time) // 2 :].mean()
+    error = np.abs(trace.qpos[:, 7 + robot.arms] - trace.arm_target)[len(trace.time) // 2 :].mean()
     print(f"{motion.name}: {motion.duration:.1f} s, arm joints {error:.3f} rad from their targets")
     print(f"The arms followed the motion while the robot stood, and it {fate(trace)}.")
 

@@ -55,11 +55,15 @@ def place_frames(model: pin.Model, robot: Robot) -> None:
     """Put the frames of soles and hands of a model from the URDF where the robot has them."""
     heel, toe = robot.sole_x
     places = {"heel": heel, "sole": robot.sole_middle, "toe": toe}
-    for side in SIDES:
-        model.frames[model.getFrameId(f"{side}_hand")].placement.translation = robot.hand
+    for side, foot, hand in zip(SIDES, robot.foot_links, robot.hand_links, strict=True):
+        _put(model, f"{side}_hand", hand, robot.hand)
         for name, ahead in places.items():
-            sole = np.array([ahead, 0.0, robot.sole_z])
-            model.frames[model.getFrameId(f"{side}_{name}")].placement.translation = sole
+            _put(model, f"{side}_{name}", foot, np.array([ahead, 0.0, robot.sole_z]))
+
+
+def _put(model: pin.Model, name: str, link: str, at: np.ndarray) -> None:
+    """Put a frame at a place in a link [m], shape (3,); the link may be fixed to another one that a joint moves."""
+    model.frames[model.getFrameId(name)].placement.translation = model.frames[model.getFrameId(link)].placement.act(at)
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
@@ -72,14 +76,6 @@ def in_place(indices: np.ndarray) -> slice | np.ndarray:
     first = int(indices[0])
     consecutive = np.array_equal(indices, np.arange(first, first + indices.size))
     return slice(first, first + indices.size) if consecutive else indices
-
-
-def _into_body(orientation: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float]:
-    """Rotate one vector into the body frame; for three numbers, floats are several times faster than arrays."""
-    w, x, y, z = orientation.tolist()
-    a, b, c = velocity.tolist()
-    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return a - w * tx + y * tz - z * ty, b - w * ty + z * tx - x * tz, c - w * tz + x * ty - y * tx
 
 
 class Kinematics:
@@ -127,7 +123,7 @@ class Kinematics:
         """Set the motion of the pelvis as a `RobotState` has it; None counts as 0."""
         self.q[:3] = 0.0 if position is None else position
         self.q[3:6], self.q[6] = orientation[1:], orientation[0]
-        self.v[:3] = 0.0 if velocity is None else _into_body(orientation, velocity)
+        self.v[:3] = 0.0 if velocity is None else rotations.rotate_inverse(orientation, velocity)
         self.v[3:6] = angular_velocity
 
     def _compute(self) -> None:

@@ -2,14 +2,11 @@
 
 import math
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-Record = TypeVar("Record", bound="DataclassInstance")
+Record = TypeVar("Record")
 Shape = tuple[int, ...]
 JOINTS: Shape = (-1,)
 """One number for each joint: the fields of a record that have this shape agree in their length, whatever it is."""
@@ -56,8 +53,9 @@ def number(value: Any) -> float | None:  # noqa: ANN401  whatever arrives
 
 def changed(record: Record, **fields: Any) -> Record:  # noqa: ANN401  whatever the fields are
     """Return a copy of a dataclass's instance with other fields: `dataclasses.replace` in a quarter of its time."""
-    now = record.__dict__  # may hold more, such as cached properties
-    return type(record)(**{name: fields[name] if name in fields else now[name] for name in record.__dataclass_fields__})
+    kind: Any = type(record)
+    now = vars(record)  # may hold more, such as cached properties
+    return kind(**{name: fields[name] if name in fields else now[name] for name in kind.__match_args__})
 
 
 def _length(value: Any) -> int:  # noqa: ANN401  whatever arrives

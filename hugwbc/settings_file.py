@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import read_file
+from hugwbc.robot import Robot
 from hugwbc.settings import Place, deepest, one_line
 
 LARGEST_FILE = 1_000_000  # [byte]
@@ -39,22 +40,23 @@ def named_path(kind: str, name: str | pathlib.Path, folder: pathlib.Path) -> pat
     return folder / f"{name}.yaml"
 
 
-def load(model: type[_T], path: pathlib.Path, **more: object) -> _T:
+def load(model: type[_T], path: pathlib.Path, robot: Robot | None = None, **more: object) -> _T:
     """Read a model from a YAML file; errors name file, line and column, what is wrong and what is valid.
 
     Args:
         model: a class of settings, or any other type that pydantic can check.
         path: path of the file.
+        robot: the robot that the file is for, if it says something that depends on it.
         more: fields that the file does not give, such as its name.
     """
     try:
         text = read_file(path, LARGEST_FILE).decode("utf-8-sig")
     except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path that no file can have
         raise ConfigError(f"cannot read {one_line(str(path))}: {error}; give a YAML file in UTF-8") from error
-    return parse(model, text, path, **more)
+    return parse(model, text, path, robot, **more)
 
 
-def parse(model: type[_T], text: str, path: pathlib.Path, **more: object) -> _T:
+def parse(model: type[_T], text: str, path: pathlib.Path, robot: Robot | None = None, **more: object) -> _T:
     """Read a model from YAML text; as `load`, whose path stands in the messages and is the base of relative paths."""
     mark = yaml.Mark(str(path), 0, 0, 0, None, 0)
     root = yaml.MappingNode("tag:yaml.org,2002:map", [], mark)
@@ -62,7 +64,7 @@ def parse(model: type[_T], text: str, path: pathlib.Path, **more: object) -> _T:
         root = yaml.compose(text, Loader=yaml.SafeLoader) or root
         content = _content(root, iter(range(MOST_PARTS)), DEEPEST)
         content = {**content, **more} if isinstance(content, dict) else content
-        return TypeAdapter(model).validate_python(content, context={"folder": path.parent})
+        return TypeAdapter(model).validate_python(content, context={"folder": path.parent, "robot": robot})
     except ValidationError as error:
         place, problem = deepest(error)
         mark = _mark(root, place)

@@ -67,7 +67,7 @@ def test_a_controller_is_a_class_in_a_file(tmp_path):
     path.write_text(HOLD)
     spec = ControllerSpec.parse(f"{path}:Mine")
     controller = spec.build()
-    assert controller.name == "mine" and controller.policy is None and spec.label == "Mine"
+    assert controller.name == "mine" and controller.policy is None and spec.label == "mine"
     assert isinstance(controller, HoldController) and spec.takes_robot and spec.training is None
     assert ControllerSpec.parse(f"{path}:Mine=weights") == ControllerSpec(f"{path}:Mine", "weights")
     assert type(spec.build()) is type(controller), "the file runs once"

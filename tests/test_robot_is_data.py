@@ -23,11 +23,6 @@ from tests.conftest import ByHand
 ROOT = pathlib.Path(hugwbc.__file__).parent
 # May choose the default robot: `Simulation()` and the command line.
 CHOOSERS = ("cli/", "sim/engine.py")
-# Still name the H1's size when they are imported: observation terms and contracts, motions of the arms.
-LEFT = (
-    "learned/policy/terms.py", "learned/policy/contract.py", "learned/policy/self_test.py",
-    "learned/env/arm_intervention.py", "scripts/motion.py", "scripts/whole_body_motion.py", "report/clouds.py",
-)  # fmt: skip
 
 
 def _code() -> dict[str, str]:
@@ -46,7 +41,7 @@ def test_no_link_and_no_joint_is_named() -> None:
 
 def test_who_takes_the_default_robot() -> None:
     found = {file for file, text in _code().items() if "load_robot()" in text}
-    assert {file for file in found if not file.startswith((*CHOOSERS, *LEFT))} == set()
+    assert {file for file in found if not file.startswith(CHOOSERS)} == set()
 
 
 @pytest.fixture(scope="module")

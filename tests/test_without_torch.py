@@ -33,7 +33,7 @@ def test_the_qp_walks_reaches_and_does_tasks(tmp_path):
     done = run(
         """
         import hugwbc.viz.meshcat_scene, hugwbc.report.comparison_page, hugwbc.gym
-        from hugwbc import Command, Gait
+        from hugwbc import Command, Gait, load_robot
         from hugwbc.evaluation.experiments import EXPERIMENTS
         from hugwbc.runtime import Constant, Simulation, UpperBodySource, load_controller, rollout
         from hugwbc.scripts import load_script
@@ -42,7 +42,8 @@ def test_the_qp_walks_reaches_and_does_tasks(tmp_path):
 
         hands = HandTargets.of((0.35, 0.2, 0.2), (0.35, -0.2, 0.2))
         source = Constant(Command(v_x=0.3, gait=Gait.WALKING), hands)
-        trace = rollout(load_controller("qp"), source, Simulation(sensing="exact"), UpperBodySource(), duration=1.0)
+        arms = UpperBodySource(load_robot())
+        trace = rollout(load_controller("qp"), source, Simulation(sensing="exact"), arms, duration=1.0)
         assert not trace.fell and not trace.safety.failures, trace.safety.messages
         print(len([load_task(name) for name in TASK_NAMES]), load_script("wave").duration > 0)
         """,

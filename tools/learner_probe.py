@@ -25,7 +25,6 @@ from hugwbc.learned.config import EnvConfig, LoadConfig, PPOConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import checkpoint, critic_observations as obs
 from hugwbc.learned.policy.snapshots import load_into
-from hugwbc.learned.policy.symmetry import EvenOdd
 from hugwbc.learned.rl.ppo import PPO, Rollout, generalised_advantage, log_probability
 
 V_X, OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
@@ -49,7 +48,7 @@ class Subject:
     def learner(self, env: HumanoidEnv, horizon: int, seed: int) -> PPO:
         """Return a learner with the snapshot's networks for iterations of `horizon` steps."""
         settings = dataclasses.replace(self.ppo, horizon=horizon)
-        ppo = PPO(settings, env.count, torch.Generator().manual_seed(seed), further=env.further)
+        ppo = PPO(settings, env.robot, torch.Generator().manual_seed(seed), further=env.further)
         load_into(ppo.network, self.network)
         with torch.no_grad():
             ppo.network.log_std.fill_(math.log(self.std))
@@ -219,9 +218,10 @@ def slope(ppo: PPO, advantage: torch.Tensor, commands: torch.Tensor, column: int
     """
     r, step = ppo.rollout, 0.05
     walking = r.group == int(Gait.WALKING)
-    more = torch.zeros(*commands.shape[:2], obs.COMMAND_SIZE)
+    coordinates = ppo.network.actor._command
+    more = torch.zeros(*commands.shape[:2], len(coordinates.matrix))
     more[..., column] = step * commands[..., column] * torch.tensor(obs.COMMAND[0].scale)[column]
-    change = EvenOdd(obs.command_mirror())(more.flatten(0, 1)).view_as(more)
+    change = coordinates(more.flatten(0, 1)).view_as(more)
     log_std = ppo.network.exploration()
     moves = [
         torch.stack([ppo.network.actor.prepared(h, c)[0] for h, c in zip(r.history, r.command + side, strict=True)])

@@ -7,6 +7,7 @@ from hugwbc import extensions
 from hugwbc.behaviours.course import Behaviour
 from hugwbc.behaviours.fetch_cup import fetch_cup
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.robot import Robot
 from hugwbc.scripts.script import Script
 from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
 
@@ -26,11 +27,11 @@ def load_behaviour(name: str) -> Behaviour:
     raise ConfigError(f"{name} is a {type(found).__name__}; give a function that takes a view and yields actions")
 
 
-def load_plan(name: str | pathlib.Path) -> Script | Behaviour:
-    """Return a timed script, by name or as a file that ends in .yaml, or a behaviour as `load_behaviour` does."""
+def load_plan(name: str | pathlib.Path, robot: Robot) -> Script | Behaviour:
+    """Return a timed script for a robot, by name or a file that ends in .yaml, or a behaviour as `load_behaviour`."""
     if str(name) in BEHAVIOUR_NAMES or extensions.names_object(str(name)):
         return load_behaviour(str(name))
     if str(name) not in SCRIPT_NAMES and pathlib.Path(name).suffix not in (".yaml", ".yml"):
         choice = (*SCRIPT_NAMES, *BEHAVIOUR_NAMES, "a file that ends in .yaml", "or FILE.py:NAME")
         raise UnknownNameError("script", name, choice)
-    return load_script(name)
+    return load_script(name, robot)

@@ -21,7 +21,6 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.config.training_settings import Device
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy.critic_observations import JOINTS
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.rollout import rollout
@@ -80,7 +79,7 @@ def training_speed(count: int, control_steps: int, iterations: int, threads: int
     bare, advance = _bare_physics(env, threads)
     env_s = bare_s = 0.0
     for step in range(WARM_UP_STEPS + control_steps):
-        action = 0.5 * torch.randn(count, JOINTS, generator=trainer.generator, device=env.device)
+        action = 0.5 * torch.randn(env.actions[0].shape, generator=trainer.generator, device=env.device)
         for name in ("qpos", "qvel"):
             bare[name][:] = getattr(env.simulation, name)
         begin = _now(env)

@@ -138,7 +138,7 @@ def _play(words: Sequence[str]) -> int:
 
 
 def _script(options: CompareOptions) -> Script | Behaviour:
-    script = load_plan(options.script)
+    script = load_plan(options.script, options.arena.known_robot)
     if options.walk is None:
         return script
     if not isinstance(script, Script):

@@ -28,7 +28,7 @@ from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script_file import load_script
-from hugwbc.sim.arena import known_robot
+from hugwbc.sim.arena import Arena
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.tasks import load_task
 from hugwbc.upper_ik import UpperBodySource
@@ -43,7 +43,7 @@ _RECORDED = ("controller", "policy", "robot", "script", "task", "seed")
 
 @dataclasses.dataclass(frozen=True)
 class DeployOptions:
-    """Control an H1 over the network, a real one or `hugwbc simulate-robot`. Read docs/deploy.md first."""
+    """Control a robot over the network, a real one or `hugwbc simulate-robot`. Read docs/deploy.md first."""
 
     controller: str = "learned"  # learned, qp, a plug-in's name, FILE.py:NAME, or the path of a policy or of a contract
     # Name of a shipped policy or path of a policy, for learned; path of a network, for a foreign policy
@@ -83,7 +83,8 @@ def run(words: Sequence[str]) -> int:
     header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
     robot, pilot = _build(header)
     domain = options.domain if options.domain is not None else 1 if options.net == LOOPBACK else 0
-    connect = functools.partial(DdsEndpoint, robot=False, net=options.net, domain=domain)
+    package = Messages(robot).package
+    connect = functools.partial(DdsEndpoint, package=package, robot=False, net=options.net, domain=domain)
     with contextlib.closing(connect()) as endpoint:
         if options.record is None:
             return _deploy(options, pilot, robot, endpoint, None, connect)
@@ -100,12 +101,12 @@ def _deploy(
     options: DeployOptions,
     pilot: Pilot,
     robot: Robot,
-    endpoint: Endpoint,
+    endpoint: DdsEndpoint,
     recorder: Recorder | None,
-    connect: Callable[[], Endpoint],
+    connect: Callable[[], DdsEndpoint],
 ) -> int:
     say(f"waiting for states on {options.net}")
-    _await_robot(endpoint, options.net)
+    _await_robot(endpoint, robot, options.net)
     if options.release and not options.settings.dry_run:
         say(release_modes(endpoint, required=options.net != LOOPBACK))
     if not options.settings.dry_run:
@@ -121,10 +122,12 @@ def _deploy(
     return FAULT if pilot.machine.faulty or side.fault is not None else 0
 
 
-def _await_robot(endpoint: Endpoint, net: str) -> None:
-    """Wait for the first state."""
+def _await_robot(endpoint: DdsEndpoint, robot: Robot, net: str) -> None:
+    """Wait for the first state, which another robot may send."""
     end = time.perf_counter() + _PATIENCE
     while not endpoint.receive(_POLL):
+        if (other := endpoint.foreign()) is not None:
+            raise DeploymentError(f"the robot on {net} sends {other}, so it is no {robot.name}; name it with --robot")
         if time.perf_counter() > end:
             raise DeploymentError(
                 f"no state has arrived on {net} for {_PATIENCE:g} s; check the robot, the network and the domain"
@@ -159,11 +162,10 @@ def summary(side: RobotSide, wall: float) -> str:
 def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
     """Return robot and pilot of a deployment or of its recording."""
     try:
-        robot = known_robot(header["robot"])
-        spec = ControllerSpec(header["controller"], header["policy"])
-        told = dataclasses.replace(spec, robot=None if header["robot"] == DEFAULT_ROBOT else header["robot"])
-        controller = (told if spec.takes_robot else spec).build()
-        source = _source(header)
+        arena = Arena(header["robot"])
+        robot = arena.known_robot
+        controller = ControllerSpec(header["controller"], header["policy"]).told(arena).build()
+        source = _source(header, robot)
         arms = UpperBodySource(robot=robot)
         limits = Limits(**header["limits"])
         return robot, Pilot(
@@ -173,13 +175,13 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
 
 
-def _source(header: dict[str, Any]) -> CommandSource:
+def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
     name = header.get("task")  # which recordings from before tasks do not have
     if name is not None:
         task = load_task(name)
         return task.source(task.scene.draw(header["seed"]))
-    return Sticks() if header["script"] is None else load_script(header["script"])
+    return Sticks() if header["script"] is None else load_script(header["script"], robot)
 
 
 def _replay(path: pathlib.Path) -> int:

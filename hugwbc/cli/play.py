@@ -114,8 +114,9 @@ def run(words: Sequence[str]) -> int:
         return _do_task(options, viewer)
     scene = _scene(options)
     source, duration = _source(options, viewer)
+    chosen = ControllerSpec(options.controller, options.policy).told(options.arena)
     page = None if viewer == "none" else open_page(say)
-    controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
+    controller = chosen.build()
     simulation = options.arena.simulation(seed=options.seed, scene=scene)
     loop = ControlLoop(controller, source, simulation, UpperBodySource(robot=simulation.known_robot))
     draw = None if page is None else page(controller.name, simulation.robot, simulation.scene)
@@ -169,8 +170,9 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     others = [name for name in ("scene", "duration") if getattr(options, name) is not None]
     _refuse_beside("--task", "the task has its own", [*(n for n in options.commanding if n != "task"), *others])
     task, arena = load_task(str(options.task)), options.arena
+    chosen = ControllerSpec(options.controller, options.policy).told(arena)
     page = None if viewer == "none" else open_page(say)
-    controller = ControllerSpec(options.controller, options.policy).told(arena).build()
+    controller = chosen.build()
     simulation = arena.simulation(seed=options.seed, scene=task.scene)
     draw = None if page is None else at_real_time(page(controller.name, simulation.robot, simulation.scene), simulation)
     run = run_task(task, controller, simulation, on_moment=draw)
@@ -196,7 +198,7 @@ def _scene(options: PlayOptions) -> Scene | None:
 
 def _drive(options: PlayOptions) -> int:
     """Serve the live page until the time is over or Ctrl-C."""
-    serve = options.page
+    serve, chosen = options.page, ControllerSpec(options.controller, options.policy).told(options.arena)
     port = _free_port(serve.host, serve.port)
     stream = None if options.listen is None else _listening(options.listen)
     with needing("live", "the live page"):
@@ -205,8 +207,7 @@ def _drive(options: PlayOptions) -> int:
         say(f"the page will be at {page_address(serve.host, port)}")
         from hugwbc.viz.drive import drive
         from hugwbc.viz.live import LivePage
-    controller = ControllerSpec(options.controller, options.policy).told(options.arena).build()
-    arena = options.arena
+    controller, arena = chosen.build(), options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(
         simulation,
@@ -283,7 +284,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     if options.script is not None:
         others = [name for name in options.commanding if name != "script"]
         _refuse_beside("--script", "give one or the other", others)
-        plan = load_plan(options.script)
+        plan = load_plan(options.script, options.arena.known_robot)
         if isinstance(plan, Script):
             return plan, options.duration or plan.duration
         return BehaviourSource(plan), options.duration or LONGEST
@@ -296,7 +297,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
         _refuse_beside("--motion", "a motion moves both arms", hands)
         if options.motion.suffix.lower() == WHOLE_BODY:
             return _whole_body(options, options.motion)
-        motion = load_motion(options.motion)
+        motion = load_motion(options.motion, options.arena.known_robot)
         segment = Segment(
             motion.name, motion.duration, gait, values, ramp=min(DEFAULT_RAMP, motion.duration), motion=motion
         )
@@ -307,7 +308,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
 def _whole_body(options: PlayOptions, path: pathlib.Path) -> tuple[CommandSource, float]:
     """Return a clip of the whole body and how long to play it [s], and say what is dropped."""
     _refuse_beside(f"--motion *{WHOLE_BODY}", "the clip commands the whole body", list(options.command.given))
-    motion = load_whole_body_motion(path)
+    motion = load_whole_body_motion(path, options.arena.known_robot)
     say("no command follows the roll of the trunk, the steps of the feet and the directions of hands and head")
     if motion.unused:
         say(f"not used of {path.name}: {', '.join(motion.unused)}")

@@ -1,4 +1,4 @@
-"""`hugwbc simulate-robot`: an H1 in simulation, behind the messages of a real one."""
+"""`hugwbc simulate-robot`: a robot in simulation, behind the messages of a real one."""
 
 import dataclasses
 import math
@@ -12,6 +12,7 @@ from hugwbc.controller import JointCommand
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.hoist import LIFTED
 from hugwbc.deploy.keyboard import listen
+from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.radio import Radio
 from hugwbc.deploy.relay import Slower
 from hugwbc.deploy.schedule import HOIST_WORDS, Happening, Schedule
@@ -27,7 +28,7 @@ STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 
 @settings
 class SimulateRobotOptions:
-    """Simulate an H1 that is read and driven by messages alone, on this machine; Ctrl-C stops."""
+    """Simulate a robot that is read and driven by messages alone, on this machine; Ctrl-C stops."""
 
     net: str = LOOPBACK  # Network interface; only lo, because on a real network it would answer for a real robot
     domain: int = 1  # DDS domain
@@ -63,7 +64,8 @@ def run(words: Sequence[str]) -> int:
     scene = task.scene if task is not None else None if options.scene is None else load_scene(options.scene)
     simulation = options.arena.simulation(latency=0.0, seed=options.seed, scene=scene)
     judge = None if task is None else Judge(task, simulation)
-    endpoint = DdsEndpoint(robot=True, net=options.net, domain=options.domain)
+    package = Messages(simulation.robot).package
+    endpoint = DdsEndpoint(package=package, robot=True, net=options.net, domain=options.domain)
     robot = SimulatedRobot(
         simulation,
         endpoint,
@@ -84,6 +86,8 @@ def run(words: Sequence[str]) -> int:
         robot.run(options.duration or math.inf, slower=options.slower, lockstep=options.lockstep)
     finally:
         say(summary(robot))
+        if (other := endpoint.foreign()) is not None:
+            say(f"another program sends {other}, which {simulation.robot.name} does not read: it reads {package}")
         if judge is not None:
             say(judge.words())
         endpoint.close()

@@ -5,9 +5,8 @@ import socket
 import time
 from typing import Any
 
-from hugwbc.deploy.messages import COMMAND, STATE
 from hugwbc.deploy.transport import HISTORY, UNREACHABLE, Service
-from hugwbc.deploy.wire import from_cdr, idl_class, to_cdr
+from hugwbc.deploy.wire import COMMAND, STATE, from_cdr, idl_class, to_cdr
 from hugwbc.errors import ConfigError, needing
 
 TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
@@ -22,6 +21,7 @@ _LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterfa
 _NETWORK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="{net}"/></Interfaces></General>
 </Domain></CycloneDDS>"""
 _CALL_AGAIN = 0.5  # [s] after which a call is repeated
+_MOST_WRITERS = 1000  # of a network
 _BUSY_PAUSE = 0.002  # [s] between two looks for an answer
 
 
@@ -41,19 +41,17 @@ class _Raw:
         """Keep the bytes."""
         return cls(data)
 
-    @classmethod
-    def deserialize_key(cls, data: bytes) -> "_Raw":
-        """Keep the bytes."""
-        return cls(data)
+    deserialize_key = deserialize
 
 
 class DdsEndpoint:
     """One end of a connection over DDS."""
 
-    def __init__(self, *, robot: bool, net: str, domain: int) -> None:
+    def __init__(self, *, package: str, robot: bool, net: str, domain: int) -> None:
         """Join the network.
 
         Args:
+            package: IDL package of the robot's messages.
             robot: whether this is the robot's end, which sends states, or the other one, which sends commands.
             net: network interface, such as "lo" or "eth0".
             domain: DDS domain; 0 on a robot, 1 for simulated ones by the maker's custom.
@@ -67,7 +65,8 @@ class DdsEndpoint:
             from cyclonedds.sub import DataReader
             from cyclonedds.util import duration
         self._robot, self._seconds = robot, lambda seconds: duration(seconds=seconds)
-        self._sends, self._receives = (STATE, COMMAND) if robot else (COMMAND, STATE)
+        kinds = (STATE, COMMAND) if robot else (COMMAND, STATE)
+        self._sends, self._receives = (f"{package}.{kind}" for kind in kinds)
         configuration = (_LOOPBACK if net == LOOPBACK else _NETWORK).format(net=net)
         try:
             self._domain = Domain(domain, configuration)
@@ -97,7 +96,7 @@ class DdsEndpoint:
         """Return the topic of a message, with the maker's type on the network and bytes in this process."""
         from cyclonedds.topic import Topic
 
-        topic = Topic(self._participant, TOPICS[name], idl_class(name))
+        topic = Topic(self._participant, TOPICS[name.partition(".")[2]], idl_class(name))
         topic.data_type = _Raw
         return topic
 
@@ -117,6 +116,16 @@ class DdsEndpoint:
             data = [sample.data for sample in samples if isinstance(sample, _Raw)]
             return [message for one in data if (message := from_cdr(self._receives, one)) is not None]
         return []
+
+    def foreign(self) -> str | None:
+        """Return the kind of messages that others send to this end but it does not read; None if there are none."""
+        from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+
+        topic = TOPICS[self._receives.partition(".")[2]]
+        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).read(N=_MOST_WRITERS)
+        writers = (writer for writer in found if getattr(writer, "topic_name", "") == topic)
+        kinds = {writer.type_name.replace("::msg::dds_::", ".") for writer in writers}
+        return next(iter(kinds - {self._receives}), None)
 
     def rivals(self) -> int:
         """Return how many messages others have sent in this end's place; see `Endpoint.rivals`."""

@@ -6,6 +6,7 @@ In real time this is a process of its own, so that a busy, hanging or dead contr
 import collections
 import contextlib
 import dataclasses
+import functools
 import math
 import signal
 import struct
@@ -17,6 +18,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from hugwbc.controller import JointCommand
 from hugwbc.deploy import recording
 from hugwbc.deploy.messages import Messages, StateMessage
 from hugwbc.deploy.pilot import Decision
@@ -53,11 +55,11 @@ class Settings:
 class Outlet:
     """The published command: the pilot's last one, or damping after a fault."""
 
-    def __init__(self, intake: Intake, late: float, period: float, damping: bytes) -> None:
+    def __init__(self, intake: Intake, late: float, period: float, damping: Callable[[], bytes]) -> None:
         """Begin with nothing to send.
 
         The pilot may lag behind by `late` [s]; a command that takes longer than the controller's period [s] is a missed
-        deadline; the message `damping` damps the joints.
+        deadline; `damping` returns the message that damps the joints.
         """
         self._intake, self._late, self._period, self._damping = intake, late, period, damping
         self._lock = threading.Lock()
@@ -103,7 +105,7 @@ class Outlet:
             if arrival is not None:
                 self._skipped = 0
         if self.fault is not None:
-            return self._damping
+            return self._damping()
         if arrival is not None:
             timing.answered(now - arrival, self._period, skipped)
         return message
@@ -116,7 +118,7 @@ class Watch:
     robot: Robot  # whose messages they are
     limits: Limits  # of the watchdogs
     period: float  # of the controller [s]
-    damping: bytes  # message that damps the joints
+    damping: JointCommand  # which damps the joints
     settings: Settings  # how the deployment runs
     tell: Callable[[str], None]  # called with the watchdogs' messages
 
@@ -131,7 +133,9 @@ class Line:
         self._messages = Messages(watch.robot)
         self.intake = Intake(self._messages, watch.limits, self.settings.age)  # counts what arrives
         self.timing = Timing(PERIOD)  # latency and jitter, on the robot's clock
-        self._outlet = Outlet(self.intake, watch.limits.late, watch.period, watch.damping)
+        # Packed when it is needed, for the variant of the robot that has sent states until then.
+        damping = functools.partial(self._messages.pack_command, watch.damping)
+        self._outlet = Outlet(self.intake, watch.limits.late, watch.period, damping)
         self.sent, self._told = 0, False  # commands; whether the fault was told
         self._rivalled = False  # whether a second program was told
 

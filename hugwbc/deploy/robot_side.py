@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from hugwbc.deploy import recording
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
-from hugwbc.deploy.messages import Messages, StateMessage
+from hugwbc.deploy.messages import TICK, StateMessage
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
 from hugwbc.deploy.relay import DECISION, END, FADE, NOTE, PERIOD, POLL, Line, Relay, Settings, Watch, relay
@@ -54,8 +54,7 @@ class RobotSide(Line):
             tell: called with the messages of the watchdogs; a function that another process can import.
             connect: makes the endpoint of the relay's process, likewise; without it, the relay is a thread of this one.
         """
-        damping = Messages(robot).pack_command(pilot.damped())
-        self._watch = Watch(robot, pilot.limits, pilot.control.period, damping, settings or Settings(), tell)
+        self._watch = Watch(robot, pilot.limits, pilot.control.period, pilot.damped(), settings or Settings(), tell)
         super().__init__(endpoint, self._watch, recorder)
         self.pilot, self._connect = pilot, connect
         self._asked: queue.SimpleQueue[Request] = queue.SimpleQueue()
@@ -205,7 +204,7 @@ class RobotSide(Line):
         self._tell(f"watchdog: {_GONE}: damping")
         slots = round(FADE / PERIOD) if self._message is not None and not self.settings.dry_run else 0
         for _ in range(slots):
-            self._endpoint.send(self._watch.damping)
+            self._endpoint.send(self._messages.pack_command(self._watch.damping))
             time.sleep(PERIOD * self.settings.slower)
 
     def _hear(self, note: bytes) -> tuple[bytes, StateMessage, float] | None:
@@ -262,7 +261,7 @@ class RobotSide(Line):
         self.look_out()
         begin = time.perf_counter()
         for raw in raws:
-            now = self._messages.unpack_state(raw).state.time if len(raw) == self.intake.size else 0.0
+            now = self._messages.tick(raw) * TICK
             state = self.accept(raw, now)
             if state is not None:
                 self._sent_decision = self.handle(raw, state, now) or b""

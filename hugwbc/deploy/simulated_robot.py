@@ -1,4 +1,4 @@
-"""A simulated H1 behind the messages of a real one."""
+"""A simulated robot behind the messages of a real one."""
 
 import dataclasses
 import math
@@ -10,13 +10,12 @@ import numpy as np
 from hugwbc.controller import JointCommand
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, grips_of
 from hugwbc.deploy.hoist import Hoist
-from hugwbc.deploy.messages import COMMAND, STATE, TICK, Messages
+from hugwbc.deploy.messages import TICK, Messages
 from hugwbc.deploy.motion_switcher import SimulatedSwitcher
 from hugwbc.deploy.radio import Channel, Radio
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.timing import real_time
 from hugwbc.deploy.transport import Endpoint
-from hugwbc.deploy.wire import check_sum, is_sealed, layout, record
 from hugwbc.errors import CaptureError, ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.runtime.sight import carry_out
@@ -92,7 +91,6 @@ class SimulatedRobot:
         self._first: float | None = None
         self._last_arrival = 0.0
         self._shown = -math.inf
-        self._size = layout(COMMAND).itemsize
         simulation.reset()
         self.hoist = Hoist(simulation, 0.0 if hoist is None else hoist)  # what it hangs on
         if hoist is None:
@@ -128,7 +126,7 @@ class SimulatedRobot:
         due = self._states.take(self.time)
         for message in due:
             self._endpoint.send(message)
-            self._sent_tick = int(record(STATE, message)["tick"])
+            self._sent_tick = self._messages.tick(message)
         return len(due)
 
     def _show(self) -> None:
@@ -167,15 +165,10 @@ class SimulatedRobot:
 
     def _refusal(self, message: bytes) -> tuple[str, str] | None:
         """Return kind and text of a refusal of a command; None if it is accepted."""
-        if len(message) != self._size:
-            return "size", f"it has {len(message)} bytes instead of {self._size}"
-        if not is_sealed(message):
-            given, right = int.from_bytes(message[-4:], "little"), check_sum(message)
-            hint = "the client never sets it; " if given == 0 else ""
-            return "check sum", f"its crc is 0x{given:08X} instead of 0x{right:08X}; {hint}see docs/deploy.md"
-        if self.switcher.active:
+        refusal = self._messages.refusal(self._messages.command, message)
+        if refusal is None and self.switcher.active:
             return "motion mode", f"motion mode '{self.switcher.active}' is active; release it first"
-        return None
+        return refusal
 
     def move(self) -> None:
         """Make one physics step with the newest command."""

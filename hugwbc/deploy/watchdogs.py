@@ -7,7 +7,6 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.deploy.messages import TICK, TICKS, Messages, StateMessage
-from hugwbc.deploy.wire import is_sealed, layout
 from hugwbc.robot import Robot
 from hugwbc.settings import Positive, settings
 from hugwbc.state import RobotState
@@ -35,20 +34,18 @@ class Limits:
 
 
 class Intake:
-    """A check of arriving states: their size, check sum and tick.
+    """A check of arriving states: their size, check sum, robot and tick.
 
     Attributes:
         received, torn, wrong_sum, old: messages in all, of a wrong size, with a wrong check sum, and with a tick that
             is not newer than the last one's.
         gap: longest time between two fresh states by their ticks [s].
-        size: of a message [bytes].
         refusal: what was wrong since the last fresh state; empty if nothing was.
     """
 
     def __init__(self, messages: Messages, limits: Limits, age: float = 0.0) -> None:
         """Begin without a state; `age` is the assumed age of a reading at its arrival [s]."""
         self._messages, self._limits, self._age = messages, limits, age
-        self.size = layout("LowState_").itemsize
         self.received = self.torn = self.wrong_sum = self.old = 0
         self.gap = 0.0
         self._tick: int | None = None
@@ -62,12 +59,11 @@ class Intake:
         The time `now` is that of this side's clock, at the robot's pace [s].
         """
         self.received += 1
-        if len(message) != self.size:
-            self.torn += 1
-            return self._refuse("messages of a wrong size")
-        if not is_sealed(message):
-            self.wrong_sum += 1
-            return self._refuse("states with a wrong check sum")
+        refusal = self._messages.refusal(self._messages.state, message)
+        if refusal is not None:
+            self.torn += refusal[0] == "size"
+            self.wrong_sum += refusal[0] == "check sum"
+            return self._refuse(f"states with a wrong {refusal[0]}: {refusal[1]}")
         state = self._messages.unpack_state(message, self._age)
         if self._tick is not None and now - self._fresh_at < _RESTART:
             ahead = (state.tick - self._tick) % TICKS

@@ -1,9 +1,10 @@
 """The maker's low-level messages as bytes: their layouts, their form on the network and their check sum.
 
-No message is defined here: the layouts are derived from the IDL classes of the maker's package. A message is handled as
-a NumPy record with the layout of the maker's C structure, since the check sum is computed over that. On the network it
-is CDR (OMG DDSI-RTPS 2.5, clause 10), which holds the same numbers with other padding. One message therefore becomes
-the other by a fixed selection of bytes: 0.005 ms, where the Python classes of the IDL need 1 ms.
+No message is defined here: the layouts are derived from the IDL classes of the maker's package, and a kind of message
+has the name of IDL package and class, such as "unitree_hg.LowCmd_". A message is handled as a NumPy record with the
+layout of the maker's C structure, since the check sum is computed over that. On the network it is CDR (OMG DDSI-RTPS
+2.5, clause 10), which holds the same numbers with other padding. One message therefore becomes the other by a fixed
+selection of bytes: 0.005 ms, where the Python classes of the IDL need 1 ms.
 """
 
 import functools
@@ -16,7 +17,8 @@ import numpy as np
 
 from hugwbc.errors import needing
 
-_IDL = "unitree_sdk2py.idl.unitree_go.msg.dds_"  # the H1 speaks unitree_go
+COMMAND, STATE = "LowCmd_", "LowState_"
+PACKAGES = ("unitree_go", "unitree_hg")  # that have these classes
 _CDR_HEADER = b"\x00\x01\x00\x00"  # plain CDR, little-endian
 _LITTLE_ENDIAN = (b"\x00\x01", b"\x00\x07")  # CDR of version 1 and 2; for numbers of up to 4 bytes they are the same
 _KINDS = {
@@ -34,17 +36,19 @@ _WORD = 4  # bytes
 
 @functools.cache
 def idl_class(name: str) -> type:
-    """Return one of the maker's IDL classes, such as `LowCmd_`."""
+    """Return the maker's IDL class of a message or of a part of one."""
+    package, _, short = name.partition(".")
     with needing("deploy", "a message of the robot"):
-        return getattr(importlib.import_module(_IDL), name)
+        return getattr(importlib.import_module(f"unitree_sdk2py.idl.{package}.msg.dds_"), short)
 
 
 @functools.cache
 def layout(name: str) -> np.dtype:
     """Return the layout of the maker's C structure of a message."""
     fields: list[Any] = []
+    package = name.partition(".")[0]
     for field, kind, count in _fields(idl_class(name)):
-        element = layout(kind) if kind not in _KINDS else np.dtype(_KINDS[kind])
+        element = np.dtype(_KINDS[kind]) if kind in _KINDS else layout(f"{package}.{kind}")
         fields.append((field, element) if count is None else (field, element, (count,)))
     return np.dtype(fields, align=True)
 
@@ -98,7 +102,7 @@ def _numbers(kind: np.dtype, offset: int = 0) -> Iterator[tuple[int, int]]:
 
 
 def to_cdr(name: str, message: bytes) -> bytes:
-    """Return the bytes of a C structure as they go over the network; the name is that of its IDL class."""
+    """Return the bytes of a C structure as they go over the network."""
     structure, stream = _places(name)
     cdr = np.zeros(int(stream[-1]) + 1, dtype=np.uint8)
     cdr[stream] = np.frombuffer(message, dtype=np.uint8)[structure]
@@ -106,14 +110,21 @@ def to_cdr(name: str, message: bytes) -> bytes:
 
 
 def from_cdr(name: str, data: bytes) -> bytes | None:
-    """Return the bytes of the C structure of a message from the network; None if it is of another kind or cut off."""
+    """Return the bytes of the C structure of a message from the network; None if it is of another kind or size."""
     structure, stream = _places(name)
     start = len(_CDR_HEADER)
-    if data[:2] not in _LITTLE_ENDIAN or len(data) < start + int(stream[-1]) + 1:
+    beyond = len(data) - start - int(stream[-1]) - 1  # at most the padding of the last word
+    if data[:2] not in _LITTLE_ENDIAN or not 0 <= beyond < _WORD:
         return None
     message = np.zeros(layout(name).itemsize, dtype=np.uint8)
     message[structure] = np.frombuffer(data, dtype=np.uint8, offset=start)[stream]
     return message.tobytes()
+
+
+def kind_of(message: bytes) -> str:
+    """Return the kind of message that has this size, else the size, for people."""
+    kinds = (f"{package}.{name}" for package in PACKAGES for name in (STATE, COMMAND))
+    return next((kind for kind in kinds if layout(kind).itemsize == len(message)), f"{len(message)} bytes")
 
 
 def check_sum(message: bytes) -> int:

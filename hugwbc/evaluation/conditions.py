@@ -154,12 +154,14 @@ class Conditions:
         from hugwbc.learned.env.arm_intervention import make_arm_targets
 
         generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
+        robot = load_robot(self.chosen.robot)
         targets = make_arm_targets(
             self.intervention,
+            robot,
             1,
             interval=NOISE_INTERVAL,
             motions=None if self.motions is None else pathlib.Path(self.motions),
             motions_seed=GENERATED_MOTIONS_SEED,
             generator=generator,
         )
-        return ArmIntervention(targets, load_robot(self.chosen.robot))
+        return ArmIntervention(targets, robot)

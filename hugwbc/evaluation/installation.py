@@ -126,7 +126,6 @@ def check_environment() -> str:
 
     from hugwbc.learned.config import EnvConfig
     from hugwbc.learned.env.humanoid_env import HumanoidEnv
-    from hugwbc.learned.policy.critic_observations import JOINTS
 
     count, steps = 8, 20
     histories = []
@@ -134,7 +133,7 @@ def check_environment() -> str:
         env = HumanoidEnv(EnvConfig(count=count), seed=7, threads=1)
         generator = torch.Generator().manual_seed(7)
         for _ in range(steps):
-            result = env.step(0.1 * torch.randn(count, JOINTS, generator=generator))
+            result = env.step(0.1 * torch.randn(env.actions[0].shape, generator=generator))
             if not bool(torch.isfinite(result.reward).all()):
                 raise CheckError("a reward of the training environment is not finite")
         histories.append(env.observe().critic)

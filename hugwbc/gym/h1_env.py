@@ -17,19 +17,22 @@ from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.terms import further_terms
 from hugwbc.numeric import floats
+from hugwbc.robot import load_robot
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
 _LARGEST = 1e4  # bound of every number of an observation
-_SIZE = obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE + obs.COMMAND_SIZE  # without `EnvConfig.observations`
 _LAST_SEED = 2**31 - 1
 
-ACTION_SPACE = spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, (obs.JOINTS,), np.float32)
 
-
-def observation_space(config: EnvConfig) -> spaces.Box:
-    """Return the observation space of a robot, including terms besides the paper's."""
-    size = _SIZE + obs.size_of(further_terms(config.observations))
-    return spaces.Box(-_LARGEST, _LARGEST, (size,), np.float32)
+def _spaces(config: EnvConfig) -> tuple[spaces.Box, spaces.Box]:
+    """Return the spaces of a robot's actions and of its observations, including terms besides the paper's."""
+    robot = load_robot(config.robot)
+    seen = (*obs.HISTORY, *obs.COMMAND, *further_terms(config.observations, robot))
+    bounds = ((obs.ACTION, LARGEST_ACTION), (seen, _LARGEST))
+    action, observation = (
+        spaces.Box(-largest, largest, (obs.size_of(parts, robot),), np.float32) for parts, largest in bounds
+    )
+    return action, observation
 
 
 class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -40,6 +43,7 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Attributes:
         config: the settings.
+        joints: number of joints, and of an action's numbers.
         env: the training environment; None before the first `reset`.
     """
 
@@ -68,8 +72,9 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ConfigError(f"render_mode is {render_mode!r}; give None")
         self.config = dataclasses.replace(config or EnvConfig(), count=num_envs)
         self.num_envs, self.render_mode = num_envs, render_mode
-        self.single_action_space, self.single_observation_space = ACTION_SPACE, observation_space(self.config)
-        self.action_space = batch_space(ACTION_SPACE, num_envs)
+        self.single_action_space, self.single_observation_space = _spaces(self.config)
+        self.joints = len(load_robot(self.config.robot).joint_names)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.env: HumanoidEnv | None = None
         self._threads, self._curriculum = threads, curriculum
@@ -104,7 +109,7 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Advance all robots by 20 ms.
 
         Args:
-            actions: outputs of a policy, shape (num_envs, 19): joint targets relative to the nominal pose, in
+            actions: outputs of a policy, shape (num_envs, joints): joint targets relative to the nominal pose, in
                 `config.action_scales` [rad]. NaN counts as 0, and what is beyond `LARGEST_ACTION` is clamped.
 
         Returns:
@@ -132,10 +137,12 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _admitted(self, actions: np.ndarray) -> np.ndarray:
         """Return finite actions within the space."""
-        given = floats(actions, (self.num_envs, obs.JOINTS))
+        wanted = (self.num_envs, self.joints)
+        given = floats(actions, wanted)
         if given is None:
-            shape = getattr(actions, "shape", "unknown")
-            raise ConfigError(f"the actions have the shape {shape}; give ({self.num_envs}, {obs.JOINTS}) numbers")
+            raise ConfigError(
+                f"the actions have the shape {getattr(actions, 'shape', 'unknown')}; give {wanted} numbers"
+            )
         return np.nan_to_num(given).clip(-LARGEST_ACTION, LARGEST_ACTION).astype(np.float32)
 
     def _last(self, final: Observation, done: np.ndarray, truncated: np.ndarray) -> dict[str, Any]:
@@ -164,7 +171,8 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
         """Set up spaces; arguments as of `H1VectorEnv`."""
         self._robots = H1VectorEnv(1, config=config, curriculum=curriculum, render_mode=render_mode)
         self.render_mode = render_mode
-        self.action_space, self.observation_space = ACTION_SPACE, self._robots.single_observation_space
+        robot = self._robots
+        self.action_space, self.observation_space = robot.single_action_space, robot.single_observation_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -185,7 +193,7 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
             Observation, reward, whether the robot fell, whether the time was over, and `info` with "critic" and at the
             end "reason".
         """
-        given = floats(action, (obs.JOINTS,))
+        given = floats(action, (self._robots.joints,))
         observation, reward, fell, over, info = self._robots.step(action if given is None else given[None])
         told = {"critic": info["critic"][0]}
         last = observation[0]

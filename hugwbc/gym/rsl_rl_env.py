@@ -9,7 +9,6 @@ from tensordict import TensorDict
 
 from hugwbc.gym.h1_env import H1VectorEnv
 from hugwbc.learned.config import EnvConfig
-from hugwbc.learned.policy.layout import JOINTS
 
 GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 """`obs_groups` of a runner's configuration: the critic sees what the simulation knows."""
@@ -49,7 +48,7 @@ class H1RslRlEnv(VecEnv):
             device: device of the tensors that come and go.
         """
         self.robots = H1VectorEnv(num_envs, config=config, threads=threads, curriculum=curriculum)
-        self.num_envs, self.num_actions, self.device = num_envs, JOINTS, device
+        self.num_envs, self.num_actions, self.device = num_envs, self.robots.joints, device
         self.cfg = self.robots.config
         self.max_episode_length = self.cfg.episode_steps
         seen, info = self.robots.reset(seed=seed)
@@ -83,7 +82,7 @@ class H1RslRlEnv(VecEnv):
         """Advance all robots by 20 ms; see `H1VectorEnv.step`.
 
         Args:
-            actions: shape (n, 19).
+            actions: shape (n, joints).
 
         Returns:
             Observations, rewards (n,), ends of episodes (n,), and what the class says.

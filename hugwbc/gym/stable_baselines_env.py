@@ -61,7 +61,7 @@ class H1StableBaselinesEnv(VecEnv):
         return seen
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions, shape (n, 19), of the next step."""
+        """Take the actions, shape (n, joints), of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:

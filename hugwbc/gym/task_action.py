@@ -158,5 +158,5 @@ class RecordedLayout:
     rest = np.array([getattr(Command(), name, 0.0) for name in ACTION_NAMES], dtype=np.float32)
 
     def decode(self, action: np.ndarray) -> np.ndarray:
-        """Return the row of an action: a copy of it."""
+        """Return an action as a request of its own."""
         return action.copy()

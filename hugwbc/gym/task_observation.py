@@ -21,8 +21,8 @@ _ROBOT_FIELDS = {
     "velocity": 3,
     "position": 3,
     "heading": 2,
-    "q": 19,
-    "dq": 19,
+    "q": -1,  # one for each joint
+    "dq": -1,
     "walk": 1,
     "command": 6,
     "hands": 6,
@@ -47,7 +47,9 @@ class ObservationLayout:
         """Set the order, for the joints of a robot and the bodies of a scene with the shapes of any episode."""
         self._nominal, self._bodies = robot.nominal, bodies
         sizes = {name: len(numbers) for name, numbers in dimensions(shapes).items()}
-        parts = _ROBOT_FIELDS | {f"object/{name}": _OBJECT for name in bodies}
+        joints = len(robot.joint_names)
+        parts = {name: joints if size < 0 else size for name, size in _ROBOT_FIELDS.items()}
+        parts |= {f"object/{name}": _OBJECT for name in bodies}
         parts |= {f"shape/{name}": size for name, size in sizes.items() if size}
         ends = np.cumsum(list(parts.values())).tolist()
         self.fields = {name: slice(end - size, end) for (name, size), end in zip(parts.items(), ends, strict=True)}

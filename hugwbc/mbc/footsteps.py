@@ -86,18 +86,18 @@ class Pendulum(NamedTuple):
 
 
 def nominal_offset(
-    velocity: np.ndarray, yaw_rate: float, step_time: float, omega: float, width: float, side: int
-) -> np.ndarray:
+    velocity: complex, yaw_rate: float, step_time: float, omega: float, width: float, side: int
+) -> complex:
     r"""Return the divergent component relative to the stance foot at the start of a step of the periodic gait.
 
     Forward part: each step goes :math:`s = R(\psi / 2) v T (1 + \dot\psi^2 / \omega^2)` while the heading turns by
     :math:`\psi = \dot\psi T`. This is periodic if :math:`s + R(\psi) b = e^{\omega T} b`. The last factor belongs to a
     body that leans in by its centripetal acceleration over :math:`\omega^2`, so that its feet run on a larger circle
     than its centre of mass. Lateral part: the feet alternate at a distance of `width`,
-    :math:`b_y = \mp W / (1 + e^{\omega T})`.
+    :math:`b_y = \mp W / (1 + e^{\omega T})`. Vectors in the plane are complex numbers: R(psi) is e^{i psi}.
 
     Args:
-        velocity: velocity of the robot, heading frame [m/s], shape (2,).
+        velocity: velocity of the robot, heading frame [m/s].
         yaw_rate: turning rate of the heading [rad/s].
         step_time: duration T of a step [s].
         omega: natural frequency of the pendulum [1/s].
@@ -105,16 +105,8 @@ def nominal_offset(
         side: stance foot, 0 for left, 1 for right.
 
     Returns:
-        Offset b in the heading frame of the stance foot [m], shape (2,).
+        Offset b in the heading frame of the stance foot [m].
     """
-    offset = _nominal_offset(complex(*velocity.tolist()), yaw_rate, step_time, omega, width, side)
-    return np.array([offset.real, offset.imag])
-
-
-def _nominal_offset(
-    velocity: complex, yaw_rate: float, step_time: float, omega: float, width: float, side: int
-) -> complex:
-    """Return `nominal_offset` with vectors in the plane as complex numbers: R(psi) is e^{i psi}."""
     growth = math.exp(omega * step_time)
     turn = cmath.exp(1j * yaw_rate * step_time)
     half_turn = cmath.exp(0.5j * yaw_rate * step_time)
@@ -185,7 +177,7 @@ def plan_step(params: ControllerParams, request: StepRequest, remaining: float) 
     width = max(params.step_width, params.min_foot_distance + abs(speed.imag) * step_time)
     # Sagittal feedback: compare the divergent component with where it should be now, so as to end this step as the
     # periodic gait would. Along the heading the periodic gait's offset is the same on both feet.
-    offset = _nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, swing)
+    offset = nominal_offset(speed, yaw_rate, step_time, pendulum.omega, width, swing)
     reference = offset.real * math.exp(pendulum.omega * (step_time - remaining))
     deviation = (dcm / forward).real - reference
     shift = params.cop_gain * deviation

@@ -36,6 +36,7 @@ class GaitPlan:
         swing: foot in the air of a walk, 0 for left, 1 for right, or None.
         legs: feet that leap or land; none in other modes. The last flight of a series ends on both.
         elapsed: time since the last change of mode or step [s].
+        overdue: time for which the clock has waited for the swing foot of a walk to land [s].
         delay: by how much the current step of a walk ends later than its frequency asks for [s]; negative for sooner.
     """
 
@@ -59,7 +60,7 @@ class GaitPlan:
         self.elapsed = 0.0
         self._gather = 0.0
         self._last = False
-        self._overdue = 0.0
+        self.overdue = 0.0
         self._keep_time()
 
     def _keep_time(self) -> None:
@@ -79,7 +80,7 @@ class GaitPlan:
     @property
     def remaining(self) -> float:
         """Time to the end of the step, the stance or the flight [s]; zero when standing or shifting."""
-        if self._overdue > 0.0:
+        if self.overdue > 0.0:
             return 0.0
         if self.mode in _STEPPING:
             return self._gather + (0.5 - self.phase % 0.5) / (self.frequency * self._pace)
@@ -98,11 +99,6 @@ class GaitPlan:
         """
         self.delay += remaining - self.remaining
         self._pace = (0.5 - self.phase % 0.5) / (self.frequency * remaining)
-
-    @property
-    def overdue(self) -> float:
-        """Time for which the clock has waited for the swing foot of a walk to land [s]."""
-        return self._overdue
 
     @property
     def stance(self) -> int | None:
@@ -162,12 +158,12 @@ class GaitPlan:
         # A step ends where the phase crosses 0 or 0.5. A foot that is overdue keeps the step open after the crossing.
         half = self.phase >= 0.5
         self.phase = float(advance_phase(self.phase, frequency * self._pace, dt))
-        if (self.phase >= 0.5) is half and self._overdue == 0.0:
+        if (self.phase >= 0.5) is half and self.overdue == 0.0:
             return False
-        if self.mode is Mode.WALKING and not landed and self._overdue < _LONGEST_WAIT * self.step_time:
-            self._overdue += dt
+        if self.mode is Mode.WALKING and not landed and self.overdue < _LONGEST_WAIT * self.step_time:
+            self.overdue += dt
             return False
-        self._overdue = 0.0
+        self.overdue = 0.0
         self.elapsed = 0.0
         self._keep_time()
         return self._end_of_step(gait, may_stop=may_stop)
@@ -211,7 +207,7 @@ class GaitPlan:
         self.phase = phase
         self._gather = 0.0
         self._last = False
-        self._overdue = 0.0
+        self.overdue = 0.0
         self._keep_time()
         self._set_feet()
 

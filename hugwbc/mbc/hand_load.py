@@ -56,7 +56,7 @@ class HandLoad:
             dt: time since the last call [s].
             stepping: whether the robot walks, or steps to catch itself.
         """
-        told = -hand_loads(upper_body.hand_force, upper_body.payload) if upper_body.indicator else _NONE
+        told = -hand_loads(upper_body.hand_force, upper_body.payload)
         seen = state.hand_force
         if not math.isfinite(np.add.reduce(told if seen is None else told + seen, None)):
             return

@@ -100,7 +100,7 @@ class Standing:
         params, plan, to_heading = self._params, self._plan, self._references.to_heading
         left, right = ((to_heading @ pivot[:2])[1] for pivot in pivots)
         width = max(params.step_width, params.min_foot_distance)
-        wanted = right + nominal_offset(np.zeros(2), 0.0, plan.step_time, pendulum.omega, width, 1)[1]
+        wanted = right + nominal_offset(0.0, 0.0, plan.step_time, pendulum.omega, width, 1).imag
         dcm, com = (to_heading @ pendulum.dcm)[1], (to_heading @ pendulum.com)[1]
         growth = np.exp(pendulum.omega * max(params.shift_time - plan.elapsed, 0.05))
         cop = np.clip((wanted - growth * dcm) / (1.0 - growth), right + _SHIFT_MARGIN, left - _SHIFT_MARGIN)

@@ -19,7 +19,7 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.learned.env.arm_intervention import NoiseTargets
 from hugwbc.report import page
 from hugwbc.report.figure_tables import comparison_sentence, comparison_table, figures_csv
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import RobotState
 from hugwbc.viz import charts
 from hugwbc.viz.framing import LABEL_COLOURS
@@ -101,7 +101,9 @@ def report_markdown(report: Report) -> str:
 def report_page(report: Report) -> str:
     """Return the report as a page that loads nothing else."""
     parts = [(section.title, _section(report, experiment, section)) for experiment, section in sections()]
-    parts.append(("Noise of the intervention", _clouds()))
+    if report.results:
+        robot = load_robot(report.results[0].settings.conditions.chosen.robot)
+        parts.append(("Noise of the intervention", _clouds(robot)))
     parts = [(title, html) for title, html in parts if html]
     body = [
         page.heading(TITLE, 1),
@@ -125,25 +127,24 @@ def _section(report: Report, experiment: Experiment[Any], section: Section[Any])
     return "\n".join([*html, page.pictures(drawn) if drawn else ""])
 
 
-def _clouds() -> str:
+def _clouds(robot: Robot) -> str:
     text = page.paragraph(
         "Positions of the hands under the noise of the training's intervention, seen from behind, by the level of its "
         "curriculum: the arms follow level × noise + (1 - level) × policy; the nominal posture stands for the policy."
     )
-    drawn = [charts.hand_cloud(f"level {level:g}", *hand_clouds(level)) for level in LEVELS]
+    drawn = [charts.hand_cloud(f"level {level:g}", *hand_clouds(robot, level)) for level in LEVELS]
     return f"{text}\n{page.legend(charts.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
 
 
-def hand_clouds(level: float, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
+def hand_clouds(robot: Robot, level: float, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
     """Return positions of both hands in the pelvis frame under the noise of a curriculum level [m], (samples, 3).
 
     The arms follow alpha * noise + (1 - alpha) * policy, the paper's blend; the nominal posture stands for the policy.
     """
-    source = NoiseTargets(samples, NOISE_INTERVAL, torch.Generator().manual_seed(0))
+    source = NoiseTargets(robot, samples, NOISE_INTERVAL, torch.Generator().manual_seed(0))
     # The robots change targets at different times. After two intervals, none of them is at its nominal start any more.
     for _ in range(2 * NOISE_INTERVAL):
         source.step()
-    robot = load_robot()
     kinematics = Kinematics(robot)
     nominal = robot.nominal[robot.arms]
     postures = level * source.targets().double().numpy() + (1.0 - level) * nominal

@@ -21,7 +21,7 @@ import pinocchio as pin
 from eigenpy import LLT  # Pinocchio's: NumPy's `solve` takes longer to look at so small a matrix than to solve it
 
 from hugwbc.kinematics import Kinematics, in_place
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import SIDES
 from hugwbc.runtime.hand_force import HandForceObserver
 from hugwbc.state import GRAVITY, RobotState
 
@@ -55,16 +55,15 @@ class ContactObserver:
         sole_velocity: of the last reading [m/s, rad/s], shape (2, 6).
     """
 
-    def __init__(self, robot: Robot, kinematics: Kinematics | None = None, base_weight: float = BASE_WEIGHT) -> None:
-        """Set up for a robot; call `reset` before `update`.
+    def __init__(self, kinematics: Kinematics, base_weight: float = BASE_WEIGHT) -> None:
+        """Set up for the robot of a kinematics, which the owner places before each `infer`; call `reset` first.
 
         Args:
-            robot: robot that the observer knows.
-            kinematics: of that robot, shared with an owner that updates it and calls `infer`; None for one of its own.
+            kinematics: its frames and Jacobians are left at the last reading.
             base_weight: of the floating base, see `BASE_WEIGHT`.
         """
-        self._kinematics = kinematics or Kinematics(robot)
-        model = self._kinematics.model
+        self._kinematics = kinematics
+        model, robot = kinematics.model, kinematics.robot
         self._columns = in_place(self._kinematics.columns)
         self._robot = robot
         self.hands = HandForceObserver(self._kinematics)
@@ -93,22 +92,16 @@ class ContactObserver:
             # The residual of a stand at rest: what carries the weight, as the legs tell it.
             self.residual = np.concatenate([(*force, 0.0, 0.0) for force in self.force]) @ self._wrench_jacobians()
 
-    def update(self, state: RobotState, torque: np.ndarray, dt: float) -> np.ndarray:
-        """Take in one reading.
+    def infer(self, torque: np.ndarray, dt: float) -> np.ndarray:
+        """Take in one reading, at whose state the kinematics has been placed.
 
         Args:
-            state: with estimates of the pelvis's orientation and velocity.
             torque: joint torques since the last reading [N*m], shape (n,).
             dt: since the last reading [s].
 
         Returns:
             Which feet stand, shape (2,), bool.
         """
-        self._kinematics.place(state)
-        return self.infer(torque, dt)
-
-    def infer(self, torque: np.ndarray, dt: float) -> np.ndarray:
-        """Do the same at the state where the kinematics has been placed, and leave its frames and Jacobians there."""
         kinematics = self._kinematics
         v = kinematics.v
         motion = self._move((v - self._velocity) / dt if dt > 0.0 else self._still)

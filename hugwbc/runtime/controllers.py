@@ -148,6 +148,7 @@ class ControllerSpec:
         if given:
             _ = self._known_robot
             if not self.takes_robot:
+                self._check_robot(self.robot or DEFAULT_ROBOT)
                 raise ConfigError(
                     f"controller '{self.name}' is not told a robot: it has no model of one, or learned one in its "
                     f"training; leave out {' and '.join(given)}, or choose a controller that takes a robot, such as qp"
@@ -201,8 +202,13 @@ class ControllerSpec:
         return _takes(self._factory, "robot")
 
     def told(self, arena: Arena) -> "ControllerSpec":
-        """Return the controller told the robot and the drives of an arena; unchanged if it takes no robot."""
+        """Return the controller told the robot and the drives of an arena; unchanged if it takes no robot.
+
+        Raises:
+            ConfigError: if it is a policy for a robot with other joints.
+        """
         if not self.takes_robot:
+            self._check_robot(arena.robot)
             return self
         robot = None if arena.robot == DEFAULT_ROBOT else arena.robot
         drives = None if arena.drives == DEFAULT_DRIVES else arena.drives
@@ -250,13 +256,26 @@ class ControllerSpec:
         return self.name not in _OURS and (self.name in plugins() or extensions.names_object(self.name))
 
     @property
+    def _is_policy(self) -> bool:
+        return not self.is_own and (self.name not in _OURS or self.name == "learned")
+
+    def _check_robot(self, robot: str) -> None:
+        """Refuse a robot, by name, that is not the policy's."""
+        if self._is_policy:
+            from hugwbc.learned.policy.records import check_robot, robot_of
+
+            path, *_ = self.files()
+            name = path.parent.name if path.stem in ("policy", "contract") else path.stem
+            check_robot(f"policy '{name}'", robot_of(path), robot)
+
+    @property
     def training(self) -> str | None:
         """The paper's kind of arm motion in training; None for a controller that was not trained or does not say.
 
         Raises:
             PolicyFileError: if a policy file is missing or damaged.
         """
-        if self.is_own or (self.name in _OURS and self.name != "learned"):
+        if not self._is_policy:
             return None
         from hugwbc.learned.policy.records import trained_with
 

@@ -181,7 +181,7 @@ class StateEstimator:
             (_ACCELEROMETER_BIAS, _ACCELEROMETER_BIAS_WALK),
         ):
             self._drive[rows] = density**2
-        self._observer = ContactObserver(self._robot, kinematics, base_weight)
+        self._observer = ContactObserver(kinematics, base_weight)
         self._joints = JointFilter(self._robot)
         self.guard = ReadingGuard(self._robot)
         self._weight = GRAVITY * self._robot.mass

@@ -1,8 +1,8 @@
 """Arm motions: files of joint positions over time, resampling, the paper's noise range, and a seeded generator.
 
 A motion file is an .npz without pickled objects, with `fps` (frames per second), `joint_names` (strings) and
-`positions` (frames x joints, radians). It holds all eight arm joints, in any order and among any others. Or it is a
-.csv, whose first line names the columns: `t` [s], which rises in equal steps, and the joints [rad].
+`positions` (frames x joints, radians). It holds all arm joints of a robot, in any order and among any others.
+Or it is a .csv, whose first line names the columns: `t` [s], which rises in equal steps, and the joints [rad].
 """
 
 import collections
@@ -20,7 +20,8 @@ import numpy as np
 from hugwbc.blends import minimum_jerk
 from hugwbc.errors import MotionFileError
 from hugwbc.files import write_whole
-from hugwbc.robot import load_robot
+from hugwbc.mirror import load_mirror
+from hugwbc.robot import Robot
 from hugwbc.scripts.sampled import check_pace, check_times, read_table, resampled
 
 _log = logging.getLogger(__name__)
@@ -41,28 +42,31 @@ UNREADABLE = (
     OSError, EOFError, KeyError, ValueError, OverflowError, MemoryError, NotImplementedError, RuntimeError,
     SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-# Ranges of the uniform intervention noise for the left arm [rad], as the paper's authors have them; those of the right
-# arm are their mirror image.
+# Ranges of the uniform intervention noise for the left arm [rad], as the paper's authors have them for the H1; those of
+# the right arm are their mirror image.
 _LEFT_NOISE = {
     "shoulder_pitch": (-2.6, 2.6),
     "shoulder_roll": (-0.3, 3.0),
     "shoulder_yaw": (-1.2, 4.3),
     "elbow": (-1.2, 2.5),
 }
-_MIRRORED = ("shoulder_roll", "shoulder_yaw")
 _REACH = 0.6  # range of generated motions around nominal, as a fraction of the noise range
 _SEGMENT = (0.4, 1.6)  # [s], time from one posture of a generated motion to the next
 
 
-def arm_noise_range() -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper bounds of the intervention noise, order of `Robot.arm_names` [rad], shape (8,)."""
-    bounds = []
-    for name in load_robot().arm_names:
-        side, part = name.removesuffix("_joint").split("_", 1)
-        low, high = _LEFT_NOISE[part]
-        bounds.append((-high, -low) if side == "right" and part in _MIRRORED else (low, high))
-    low, high = np.array(bounds).T
-    return low, high
+def arm_noise_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and upper bounds of the intervention noise, order of `Robot.arm_names` [rad], shape (arms,).
+
+    They are the authors' within the robot's joint limits, and these limits for joints that the authors' robot lacks.
+    """
+    bounds = np.stack((robot.lower, robot.upper))
+    for part, ends in _LEFT_NOISE.items():
+        left = robot.pair(part)[0]
+        bounds[:, left] = np.clip(ends, *bounds[:, left])
+    low, high = bounds[:, robot.arms]
+    images = np.sort(load_mirror(robot).arms(np.stack((low, high)), robot), axis=0)
+    half = len(low) // 2
+    return np.r_[low[:half], images[0, half:]], np.r_[high[:half], images[1, half:]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,13 +76,15 @@ class ArmMotion:
     Attributes:
         name: name of the motion, such as that of its file.
         fps: frames per second.
-        positions: joint positions in the order of `Robot.arm_names` [rad], shape (frames, 8).
+        positions: joint positions in the order of `Robot.arm_names` [rad], shape (frames, arm joints).
+        robot: the robot whose arms they are.
         unused: joints in the file that are not of the arms, such as the legs; a motion does not move them.
     """
 
     name: str
     fps: float
     positions: np.ndarray
+    robot: Robot
     unused: tuple[str, ...] = ()
 
     @property
@@ -87,7 +93,7 @@ class ArmMotion:
         return (len(self.positions) - 1) / self.fps
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions [rad] and velocities [rad/s] at time `t` [s], each of shape (8,), by linear interpolation.
+        """Return positions [rad] and velocities [rad/s] of the arm joints at time `t` [s], by linear interpolation.
 
         The motion rests before its start and after its end.
         """
@@ -104,17 +110,17 @@ class ArmMotion:
     def save(self, path: str | pathlib.Path) -> None:
         """Write a motion file, whose name should end in .npz; its folder is created."""
         content = io.BytesIO()
-        names = np.array(load_robot().arm_names)
+        names = np.array(self.robot.arm_names)
         np.savez(content, fps=np.array(self.fps), joint_names=names, positions=self.positions)
         write_whole(pathlib.Path(path), content.getvalue())
 
 
-def load_motion(path: str | pathlib.Path) -> ArmMotion:
-    """Read a motion file; positions outside the joint limits are clamped to them, which is logged as a warning.
+def load_motion(path: str | pathlib.Path, robot: Robot) -> ArmMotion:
+    """Read a motion file for a robot; positions outside the joint limits are clamped, which is logged as a warning.
 
     So are joints that are not of the arms: the robot's legs and waist do not follow a motion.
     """
-    motion, told = _read_motion(path)
+    motion, told = _read_motion(path, robot)
     if motion.unused:
         _log.warning("%s: only the arms follow a motion; not used: %s", path, _listed(motion.unused))
     if told:
@@ -129,7 +135,7 @@ def check_motion(what: str, motion: ArmMotion) -> str:
         what: the subject of messages, such as the file.
         motion: the motion, not clamped.
     """
-    fps, positions, robot = motion.fps, np.asarray(motion.positions), load_robot()
+    fps, positions, robot = motion.fps, np.asarray(motion.positions), motion.robot
     if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
         raise MotionFileError(f"{what} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
     if positions.shape != (len(positions), len(robot.arm_names)) or not np.all(np.isfinite(positions)):
@@ -148,11 +154,13 @@ def check_motion(what: str, motion: ArmMotion) -> str:
     told = f"{what}: {np.mean(worst > _ROUNDED):.1%} of the frames are beyond joint limits, by up to {worst.max():.2f} "
     told += f"rad ({robot.arm_names[past.max(axis=0).argmax()]})"
     if np.mean(worst > _BEYOND[0]) > _BEYOND[1]:
-        raise MotionFileError(f"{told}; give radians that the arms can reach, with the signs and zeros of the H1")
+        raise MotionFileError(
+            f"{told}; give radians that the arms can reach, with the signs and zeros of the {robot.name}"
+        )
     return f"{told}; they are clamped"
 
 
-def _read_motion(path: str | pathlib.Path) -> tuple[ArmMotion, str]:
+def _read_motion(path: str | pathlib.Path, robot: Robot) -> tuple[ArmMotion, str]:
     """Return a clamped motion, and what `check_motion` says of it."""
     path = pathlib.Path(path)
     if path.suffix.lower() not in _READABLE:
@@ -163,7 +171,6 @@ def _read_motion(path: str | pathlib.Path) -> tuple[ArmMotion, str]:
     if absent:
         raise MotionFileError(f"{path} lacks {', '.join(absent)}; a motion file is an .npz with {', '.join(_FIELDS)}")
     fps, names, positions = (arrays[field] for field in _FIELDS)
-    robot = load_robot()
     found = unique_names(path, names)
     missing = [name for name in robot.arm_names if name not in found]
     if missing:
@@ -177,7 +184,7 @@ def _read_motion(path: str | pathlib.Path) -> tuple[ArmMotion, str]:
         raise MotionFileError(f"{path} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
     unused = tuple(name for name in found if name not in robot.arm_names)
-    motion = ArmMotion(path.stem, float(fps.item()), arms, unused)
+    motion = ArmMotion(path.stem, float(fps.item()), arms, robot, unused)
     told = check_motion(str(path), motion)
     arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
     return dataclasses.replace(motion, positions=arms), told
@@ -240,12 +247,12 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_LISTED]) + more
 
 
-def load_motions(folder: str | pathlib.Path) -> list[ArmMotion]:
+def load_motions(folder: str | pathlib.Path, robot: Robot) -> list[ArmMotion]:
     """Read all motion files of a folder, ordered by name; what is not used or clamped is logged as by `load_motion`."""
     paths = sorted(path for path in pathlib.Path(folder).glob("*") if path.suffix.lower() in _READABLE)
     if not paths:
         raise MotionFileError(f"{folder} holds no motion files; give a folder with {' or '.join(_READABLE)} files")
-    read = [_read_motion(path) for path in paths]
+    read = [_read_motion(path, robot) for path in paths]
     motions, clamped = [motion for motion, _ in read], [told for _, told in read if told]
     unused = list(dict.fromkeys(name for motion in motions for name in motion.unused))
     if unused:  # one line, not one for each of perhaps a thousand files
@@ -255,24 +262,25 @@ def load_motions(folder: str | pathlib.Path) -> list[ArmMotion]:
     return motions
 
 
-def generate_motions(seed: int, count: int = 20, duration: float = 20.0) -> list[ArmMotion]:
+def generate_motions(robot: Robot, seed: int, count: int = 20, duration: float = 20.0) -> list[ArmMotion]:
     """Generate arm motions without recordings: minimum-jerk movements between random postures, at `MOTION_FPS`.
 
     Each movement takes 0.4 to 1.6 s. Postures are uniform over the middle 60 % of the noise range, around nominal.
 
     Args:
+        robot: whose arms move.
         seed: seed of the postures and times.
         count: number of motions.
         duration: length of each motion [s].
     """
     rng = np.random.default_rng(seed)
-    return [ArmMotion(f"generated-{index}", MOTION_FPS, _generate(rng, duration)) for index in range(count)]
+    clips = [_generate(robot, rng, duration) for _ in range(count)]
+    return [ArmMotion(f"generated-{index}", MOTION_FPS, clip, robot) for index, clip in enumerate(clips)]
 
 
-def _generate(rng: np.random.Generator, duration: float) -> np.ndarray:
-    robot = load_robot()
+def _generate(robot: Robot, rng: np.random.Generator, duration: float) -> np.ndarray:
     nominal = robot.nominal[robot.arms]
-    low, high = (nominal + _REACH * (bound - nominal) for bound in arm_noise_range())
+    low, high = (nominal + _REACH * (bound - nominal) for bound in arm_noise_range(robot))
     frames = round(duration * MOTION_FPS) + 1
     pieces, posture, total = [nominal[None]], nominal, 1
     while total < frames:

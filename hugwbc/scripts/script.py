@@ -68,7 +68,9 @@ def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN4
     path = TypeAdapter(Beside).validate_python(value, context=info.context)
     known = {} if info.context is None else info.context
     if path not in known:
-        known[path] = load_motion(path)
+        if (robot := known.get("robot")) is None:
+            raise ConfigError(f"whose arms {path} moves is not known; give a robot: load_script(name, robot)")
+        known[path] = load_motion(path, robot)
     return known[path]
 
 

@@ -24,6 +24,7 @@ script. YAML anchors may repeat parts.
 
 import pathlib
 
+from hugwbc.robot import Robot
 from hugwbc.scripts.script import Script
 from hugwbc.settings_file import load, named_path, shipped_names
 
@@ -31,7 +32,12 @@ FOLDER = pathlib.Path(__file__).parent
 SCRIPT_NAMES = shipped_names(FOLDER)
 
 
-def load_script(name: str | pathlib.Path) -> Script:
-    """Load a shipped script, one of `SCRIPT_NAMES`, or a script from a path that ends in .yaml or .yml."""
+def load_script(name: str | pathlib.Path, robot: Robot | None = None) -> Script:
+    """Load a shipped script, one of `SCRIPT_NAMES`, or a script from a path that ends in .yaml or .yml.
+
+    Args:
+        name: the name or the path.
+        robot: whose arms the script's motion files move; a script without such files is for any robot.
+    """
     path = named_path("script", name, FOLDER)
-    return load(Script, path, name=path.stem)
+    return load(Script, path, robot, name=path.stem)

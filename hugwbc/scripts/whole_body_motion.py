@@ -17,7 +17,7 @@ from hugwbc.commands import Command, command_ranges
 from hugwbc.errors import MotionFileError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.scripts.bvh import BodyClip, load_bvh
 from hugwbc.scripts.motion import MOTION_FPS
 from hugwbc.scripts.sampled import check_pace, resampled
@@ -103,20 +103,19 @@ def _named(values: np.ndarray) -> dict[str, float]:
     return dict(zip(PARTS, map(float, values), strict=True))
 
 
-def load_whole_body_motion(path: str | pathlib.Path) -> WholeBodyMotion:
-    """Read a BVH file and retarget it to the H1."""
-    return retarget(load_bvh(path))
+def load_whole_body_motion(path: str | pathlib.Path, robot: Robot) -> WholeBodyMotion:
+    """Read a BVH file and retarget it to a robot."""
+    return retarget(load_bvh(path), robot)
 
 
-def retarget(clip: BodyClip) -> WholeBodyMotion:
-    """Return a person's clip as commands and hand targets of the H1.
+def retarget(clip: BodyClip, robot: Robot) -> WholeBodyMotion:
+    """Return a person's clip as commands and hand targets of a robot.
 
     The height is that of the middle of the hips above the ankles, minus that of standing: the 95th percentile of the
     clip, but between 95 and 100 % of straight legs. Pitch is the lean of the line from hips to shoulders in the heading
     of the hips; the waist angle is the yaw from hips to shoulders. Hands are where the person's wrists are from their
     shoulders, put at the robot's shoulders.
     """
-    robot = load_robot()
     straight = clip.length("hip", "knee", "ankle")
     moved = np.linalg.norm(np.diff(clip.joints["hip"].mean(axis=1), axis=0), axis=1) / straight
     check_pace(clip.name, np.arange(len(moved) + 1) / clip.fps, moved, "leg lengths", _PACE, _JUMP)

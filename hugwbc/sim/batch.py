@@ -1,4 +1,4 @@
-"""Many H1s at once: what every engine offers, and the engine of the processor, `mujoco.batch`."""
+"""Many robots at once: what every engine offers, and the engine of the processor, `mujoco.batch`."""
 
 import abc
 import warnings
@@ -44,11 +44,12 @@ class RobotBatch(abc.ABC):
         model: the model, of which `expand` gives each robot its own version.
         layout: place of the robot in the model's state.
         count: number of robots.
-        qpos, qvel: state of the robot, shapes (count, 26) and (count, 25); writable, call `forward` afterwards.
+        qpos, qvel: state of the robot with n joints, shapes (count, 7 + n) and (count, 6 + n); writable, call `forward`
+            afterwards.
         ctrl: position targets of the PD joints [rad], shape (count, n); writable.
         torque: joint torques of the last physics step [N*m], shape (count, n).
         forces: external forces and torques on the bodies in the world [N, N*m], shape (count, bodies, 6); writable.
-        warm_start: starting point of the constraint solver, shape (count, 25); needed to resume bit by bit.
+        warm_start: starting point of the constraint solver, shape (count, 6 + n); needed to resume bit by bit.
     """
 
     qpos: torch.Tensor
@@ -110,7 +111,7 @@ class RobotBatch(abc.ABC):
 
     @property
     def nominal_qpos(self) -> np.ndarray:
-        """Nominal stand at the origin, as in `qpos`, shape (26,)."""
+        """Nominal stand at the origin, as in `qpos`, shape (7 + n,)."""
         return self.model.key("nominal").qpos[self.layout.qpos].copy()
 
     def tensor(self, values: np.ndarray | torch.Tensor) -> torch.Tensor:
@@ -188,7 +189,7 @@ class RobotBatch(abc.ABC):
         return -self._force_sensors[:, self._both_feet["foot_force"]].reshape(-1, 2, 3)
 
     def link_force(self) -> torch.Tensor:
-        """Return the magnitude of the contact force on each of `Robot.contact_links` [N], shape (count, 11)."""
+        """Return the magnitude of the contact force on each of `Robot.contact_links` [N], shape (count, links)."""
         return self._force_sensors[:, self._link_forces].reshape(self.count, -1, 3).square().sum(2).sqrt()
 
 

@@ -1,4 +1,4 @@
-"""Many H1s at once on MuJoCo Warp: the engine of an NVIDIA GPU; on the processor it is slow, and serves tests.
+"""Many robots at once on MuJoCo Warp: the engine of an NVIDIA GPU; on the processor it is slow, and serves tests.
 
 It recomputes for all robots or for none: what a reset of some would change in the others is put back. It computes the
 places of the world's own geoms once, so the plane below the feet is moved by hand. It drops contacts beyond the memory

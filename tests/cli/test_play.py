@@ -8,6 +8,7 @@ from bvh_helpers import write_bvh
 
 from hugwbc.cli import main, play
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.runtime import Constant
 from hugwbc.scripts.motion import generate_motions
 from hugwbc.scripts.script import Script
@@ -101,7 +102,7 @@ def test_a_behaviour_that_is_not_done_exits_with_1(tmp_path, capsys, seconds, co
 
 
 def test_a_motion_moves_the_arms_and_the_command_the_rest(tmp_path, capsys):
-    (motion,) = generate_motions(seed=3, count=1, duration=1.0)
+    (motion,) = generate_motions(load_robot(), seed=3, count=1, duration=1.0)
     motion.save(tmp_path / "wave.npz")
     source, duration = play._source(
         play.PlayOptions(motion=tmp_path / "wave.npz", command=play.CommandOptions(v_x=0.3))

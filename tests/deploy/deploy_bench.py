@@ -18,6 +18,7 @@ from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.schedule import Schedule
 from hugwbc.deploy.simulated_robot import SimulatedRobot
 from hugwbc.deploy.state_machine import START_TIME, Mode
+from hugwbc.robot import Robot
 from hugwbc.runtime import Constant, HoldController
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Simulation
@@ -68,8 +69,8 @@ class Standing:
         return self.messages.unpack_state(self.raw(remote, **changes))
 
 
-def make_pilot(controller: Controller | None = None, source: CommandSource | None = None) -> Pilot:
-    return Pilot(controller or Counting(), source or Constant(Command(gait=Gait.STANDING)), H1)
+def make_pilot(controller: Controller | None = None, source: CommandSource | None = None, robot: Robot = H1) -> Pilot:
+    return Pilot(controller or Counting(), source or Constant(Command(gait=Gait.STANDING)), robot)
 
 
 def bring_to(mode: Mode, pilot: Pilot, standing: Standing) -> None:
@@ -120,12 +121,14 @@ class RecordedSide:
 class Pair:
     """A simulated robot and its robot side in lockstep, in one process."""
 
-    def __init__(self, controller: Controller, schedule: str, source: CommandSource | None = None) -> None:
-        simulation = Simulation(latency=0.0, seed=5)
+    def __init__(
+        self, controller: Controller, schedule: str, source: CommandSource | None = None, robot: Robot = H1
+    ) -> None:
+        simulation = Simulation(robot=robot, latency=0.0, seed=5)
         robot_end, endpoint = local_pair()
         options = {"schedule": Schedule.parse(schedule), "latency": ROBOT.latency, "seed": 5, "hoist": 0.0}
         self.robot = SimulatedRobot(simulation, robot_end, tell=lambda line: None, **options)
-        self.pilot = make_pilot(controller, source)
+        self.pilot = make_pilot(controller, source, robot)
         settings = Settings(lockstep=True, age=ROBOT.latency)
         self.side = RobotSide(self.pilot, simulation.robot, endpoint, settings)
 

@@ -48,7 +48,7 @@ def test_each_step_sends_a_sound_state_with_the_next_tick() -> None:
     assert all(map(wire.is_sealed, states)) and len(states) == 20
     ticks = [messages.unpack_state(message).tick for message in states]
     assert ticks[0] > 0 and set(np.diff(ticks)) == {2}
-    record = wire.record("LowState_", states[-1])
+    record = wire.record("unitree_go.LowState_", states[-1])
     assert not np.any(record["foot_force"]), "an H1 has no foot sensors"
 
 
@@ -94,12 +94,40 @@ def test_motors_are_off_until_a_command_comes_and_hold_the_last_one_after() -> N
 
 def test_a_client_that_never_sets_the_check_sum_is_refused_and_told() -> None:
     robot, client, told = make()
-    content = wire.record("LowCmd_", Messages(H1).pack_command(HOLD))
+    content = wire.record("unitree_go.LowCmd_", Messages(H1).pack_command(HOLD))
     content["crc"] = 0
     for _ in range(1200):
         step(robot, client, content.tobytes())
     assert robot.tally.counts == {"check sum": 1200} and not np.any(robot.simulation.torque)
     assert len(told) == 3 and all("never sets it" in line for line in told)
+
+
+@pytest.mark.parametrize(("name", "other"), [("h1", "g1"), ("g1", "h1")])
+def test_a_command_for_another_robot_is_refused_by_name(name, other) -> None:
+    told: list[str] = []
+    robot_end, client = local_pair()
+    robot = SimulatedRobot(Simulation(robot=name, sensing=EXACT), robot_end, hoist=None, tell=told.append)
+    kinds = {"h1": "unitree_go", "g1": "unitree_hg"}
+    wrong = load_robot(other)
+    state = step(robot, client, Messages(wrong).pack_command(JointCommand.position(wrong, wrong.nominal)))[0]
+    assert robot.tally.counts == {"size": 1} and not np.any(robot.simulation.torque)
+    assert f"it is {kinds[other]}.LowCmd_ instead of {kinds[name]}.LowCmd_, which {name} speaks" in told[0]
+    said = f"it is {kinds[name]}.LowState_ instead of {kinds[other]}.LowState_, which {other} speaks"
+    messages = Messages(wrong)
+    assert messages.refusal(messages.state, state) == ("size", said)
+
+
+def test_a_command_for_another_variant_of_the_g1_is_refused_and_named() -> None:
+    told: list[str] = []
+    robot_end, client = local_pair()
+    robot = SimulatedRobot(Simulation(robot="g1", sensing=EXACT), robot_end, hoist=None, tell=told.append)
+    g1 = load_robot("g1")
+    content = wire.record("unitree_hg.LowCmd_", Messages(g1).pack_command(JointCommand.position(g1, g1.nominal)))
+    step(robot, client, wire.sealed(content))
+    assert not robot.tally.counts
+    content["mode_machine"] = 4
+    step(robot, client, wire.sealed(content))
+    assert robot.tally.counts == {"variant": 1} and "its mode_machine is 4; that of g1 is 5 or 6" in told[0]
 
 
 def test_commands_are_refused_while_a_motion_mode_is_active() -> None:
@@ -193,15 +221,16 @@ def test_in_lockstep_it_waits_for_each_answer() -> None:
     assert len(late) > 20 and set(np.diff(late)) == {2} and not told
 
 
-def test_from_the_hoist_to_a_stand(monkeypatch) -> None:
+@pytest.mark.parametrize("name", ["h1", "g1"])
+def test_from_the_hoist_to_a_stand(monkeypatch, name) -> None:
     """The robot side brings a simulated robot to its start pose, refuses too early a run, runs the QP and damps."""
     monkeypatch.setattr(state_machine, "START_TIME", 0.4)
     schedule = "0.02 Start, 0.1 lower, 0.3 A, 1.3 A, 1.6 release, 2.3 Select"
-    pair = Pair(WholeBodyController(load_robot()), schedule)
+    pair = Pair(WholeBodyController(load_robot(name)), schedule, robot=load_robot(name))
     pair.run(2.3)
     assert pair.pilot.mode is Mode.RUN and not pair.robot.simulation.fallen
     height = float(pair.robot.simulation.qpos[2])
-    assert height == pytest.approx(H1.nominal_height, abs=0.03)
+    assert height == pytest.approx(load_robot(name).nominal_height, abs=0.03)
     pair.run(2.34)
     assert pair.pilot.mode is Mode.DAMPING
     events = [(event.after, event.refused) for event in pair.pilot.machine.events]

@@ -42,7 +42,7 @@ def test_arms_follow_seed_and_kind(tmp_path):
     noise = Conditions(intervention="noise")
     np.testing.assert_array_equal(posture(noise, (0, 1)), posture(noise, (0, 1)))
     assert not np.array_equal(posture(noise, (0, 1)), posture(noise, (0, 2)))
-    ArmMotion("still", 50.0, np.full((200, 8), 0.25)).save(tmp_path / "still.npz")
+    ArmMotion("still", 50.0, np.full((200, 8), 0.25), load_robot()).save(tmp_path / "still.npz")
     still = Conditions(intervention="motion", motions=str(tmp_path))
     np.testing.assert_allclose(posture(still, (0, 1)), 0.25, atol=1e-6)  # wherever in the motion it started
     assert not np.array_equal(posture(Conditions(intervention="motion"), (0,)), posture(still, (0,)))

@@ -14,7 +14,7 @@ ARMS = load_robot().arms
 
 
 def noise(seed: int = 0) -> ArmIntervention:
-    return ArmIntervention(NoiseTargets(1, 90, torch.Generator().manual_seed(seed)), load_robot())
+    return ArmIntervention(NoiseTargets(load_robot(), 1, 90, torch.Generator().manual_seed(seed)), load_robot())
 
 
 def updates(source: ArmIntervention, dt: float, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -46,8 +46,8 @@ def test_the_arm_error_is_the_distance_of_the_joints_to_their_targets():
     """Targets that stand still at 0.3 rad from nominal, away from the body: the joints settle there nearly."""
     nominal = load_robot().nominal[ARMS]
     goal = nominal + 0.3 * np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
-    motion = ArmMotion("still", 50.0, np.tile(goal, (200, 1)))
-    arms = ArmIntervention(MotionTargets(1, [motion], torch.Generator().manual_seed(0)), load_robot())
+    motion = ArmMotion("still", 50.0, np.tile(goal, (200, 1)), load_robot())
+    arms = ArmIntervention(MotionTargets(load_robot(), 1, [motion], torch.Generator().manual_seed(0)), load_robot())
     trace = rollout(
         HoldController(load_robot()),
         Constant(Command(gait=Gait.STANDING)),

@@ -22,7 +22,8 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import CurriculumConfig, EnvConfig, PPOConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy.critic_observations import Observation
-from hugwbc.learned.rl.ppo import PPO
+from hugwbc.learned.rl.ppo import PPO, Rollout
+from hugwbc.robot import load_robot
 
 torch.set_num_threads(1)
 with distributed.process_group():
@@ -39,11 +40,12 @@ with distributed.process_group():
     torch.set_default_dtype(torch.float64)
     torch.manual_seed(0)
     config = PPOConfig(horizon=horizon, epochs=3, minibatches=1, target_kl=1e-4)
-    learner = PPO(config, count, torch.Generator().manual_seed(distributed.rank()))
-    learner.allocate(samples["critic"].shape[2])
+    learner = PPO(config, load_robot(), torch.Generator().manual_seed(distributed.rank()))
+    newest = Observation(*(samples[name][-1] for name in ("history", "command", "critic", "estimate")))
+    learner._rollout = Rollout.empty(horizon, newest, 19)
     for name in samples.keys() - {"tracking"}:
         getattr(learner.rollout, name)[:] = samples[name]
-    losses = learner.update(Observation(*(samples[name][-1] for name in ("history", "command", "critic", "estimate"))))
+    losses = learner.update(newest)
     result = {name: value.detach() for name, value in learner.network.named_parameters()}
     result |= {name: torch.tensor(losses[name]) for name in ("kl", "learning_rate")}
     result["alpha"] = torch.tensor(env.curriculum.alpha)

@@ -10,10 +10,15 @@ OMEGA, STEP_TIME, COP_REACH = 3.2, 0.25, 0.065
 PARAMS = ControllerParams()
 
 
+def _offset(velocity, *how):
+    offset = nominal_offset(complex(*velocity), *how)
+    return np.array([offset.real, offset.imag])
+
+
 def _periodic(velocity, yaw_rate, step_time, width, steps=6):
     """Walk a pendulum by the nominal offsets alone: footholds and body positions at step starts, by integration."""
     pivot, heading, stance = np.zeros(2), 0.0, 0
-    dcm = nominal_offset(velocity, yaw_rate, step_time, OMEGA, width, stance)
+    dcm = _offset(velocity, yaw_rate, step_time, OMEGA, width, stance)
     com = dcm.copy()
     track = []
     for _ in range(steps):
@@ -22,7 +27,7 @@ def _periodic(velocity, yaw_rate, step_time, width, steps=6):
             com, dcm = com + OMEGA * (dcm - com) * step_time / n, dcm + OMEGA * (dcm - pivot) * step_time / n
         heading += yaw_rate * step_time
         stance = 1 - stance
-        offset = nominal_offset(velocity, yaw_rate, step_time, OMEGA, width, stance)
+        offset = _offset(velocity, yaw_rate, step_time, OMEGA, width, stance)
         pivot = dcm - rotations.rotation_z(heading)[:2, :2] @ offset
         track.append((pivot, com, heading))
     return track
@@ -47,8 +52,8 @@ def test_turning_gait_keeps_its_speed_along_the_circle():
 
 
 def test_offsets_of_the_two_feet_are_mirror_images():
-    left = nominal_offset(np.array([0.3, 0.2]), 0.4, 0.3, OMEGA, 0.28, 0)
-    right = nominal_offset(np.array([0.3, -0.2]), -0.4, 0.3, OMEGA, 0.28, 1)
+    left = _offset(np.array([0.3, 0.2]), 0.4, 0.3, OMEGA, 0.28, 0)
+    right = _offset(np.array([0.3, -0.2]), -0.4, 0.3, OMEGA, 0.28, 1)
     assert left == pytest.approx(right * [1.0, -1.0])
 
 

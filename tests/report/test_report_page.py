@@ -56,7 +56,7 @@ def test_a_profile_has_every_section_for_every_controller(profile):
 
 def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
     record = {"config": {"env": {"intervention": "motion"}}}
-    save_policy(tmp_path / "mine" / "policy.safetensors", Actor(), EnvConfig().contract(), record)
+    save_policy(tmp_path / "mine" / "policy.safetensors", Actor(63, 18, 19), EnvConfig().contract(), record)
     plan = ReportPlan("quick", ("qp",), ablation=(str(tmp_path / "mine"),))
     theirs = [entry.experiment.name for entry in plan.entries if entry.spec.name == "learned"]
     assert theirs == ["intervention"] * 3 + ["foot-displacement"]
@@ -74,9 +74,11 @@ def test_an_unknown_experiment_and_a_controller_given_twice_are_refused():
 def test_clouds_grow_from_the_nominal_hands_with_the_level():
     kinematics = Kinematics(load_robot())
     kinematics.update(make_state())
-    for hand, side in zip(hand_clouds(0.0, 5), ("left", "right"), strict=True):
+    for hand, side in zip(hand_clouds(load_robot(), 0.0, 5), ("left", "right"), strict=True):
         np.testing.assert_allclose(hand, np.tile(kinematics.position(f"{side}_hand"), (5, 1)), atol=1e-6)
-    spreads = [np.mean([hand.std(axis=0).sum() for hand in hand_clouds(level, 60)]) for level in (0.25, 0.5, 1.0)]
+    spreads = [
+        np.mean([hand.std(axis=0).sum() for hand in hand_clouds(load_robot(), level, 60)]) for level in (0.25, 0.5, 1.0)
+    ]
     assert spreads[0] < spreads[1] < spreads[2]
-    left, right = hand_clouds(0.25, 60)
+    left, right = hand_clouds(load_robot(), 0.25, 60)
     assert left[:, 1].mean() > 0.2 and right[:, 1].mean() < -0.2

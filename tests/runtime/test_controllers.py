@@ -97,6 +97,17 @@ def test_a_policy_is_told_no_robot(name):
         load_controller(name, drives="ideal")
 
 
+@pytest.mark.parametrize(
+    ("name", "policy"), [("learned", "h1"), ("unitree-h1", "unitree-h1"), ("leggedlab-h1", "leggedlab-h1")]
+)
+def test_a_policy_refuses_another_robot_by_name(name, policy):
+    message = f"policy '{policy}' is for the robot h1, and this is g1; train one: hugwbc train --env.robot g1"
+    with pytest.raises(ConfigError, match=message):
+        ControllerSpec(name).told(arena_of("g1"))
+    with pytest.raises(ConfigError, match=message):
+        load_controller(name, robot="g1")
+
+
 def test_plugins_that_do_not_work_are_refused(third_party):
     third_party(broken="no_such_module:Controller", wrong="pathlib:Path")
     with pytest.raises(ConfigError, match=r"controller 'broken' .* cannot be loaded: ModuleNotFoundError: No module"):

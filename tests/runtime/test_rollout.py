@@ -243,7 +243,11 @@ class Mute:
 @pytest.mark.parametrize(
     ("controller", "source", "words"),
     [
-        (Few(load_robot()), Command(), "a joint command in which q, dq, kp, kd, tau are not 19 finite numbers each"),
+        (
+            Few(load_robot()),
+            Command(),
+            "hold gave a joint command in which q, dq, kp, kd, tau are not 19 finite numbers each",
+        ),
         (Bare(load_robot()), Command(), "act of hold returned a ndarray instead of a JointCommand"),
         (Raising(load_robot()), Command(), r"hold raised ValueError: no such thing \(test_rollout.py, line \d+\)"),
         (HoldController(load_robot()), Mute(), "it gave a NoneType and a NoneType instead of a Command"),

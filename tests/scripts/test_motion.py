@@ -19,6 +19,8 @@ from hugwbc.scripts.motion import (
     load_motions,
 )
 
+ROBOT = load_robot()
+
 ARMS = load_robot().arm_names
 
 
@@ -29,26 +31,26 @@ def write(path: pathlib.Path, **changes: object) -> pathlib.Path:
 
 
 def test_noise_range_is_the_papers_mirrored_and_within_limits(robot) -> None:
-    low, high = arm_noise_range()
+    low, high = arm_noise_range(ROBOT)
     assert low.tolist() == pytest.approx([-2.6, -0.3, -1.2, -1.2, -2.6, -3.0, -4.3, -1.2])
     assert high.tolist() == pytest.approx([2.6, 3.0, 4.3, 2.5, 2.6, 0.3, 1.2, 2.5])
     assert (low >= robot.lower[robot.arms]).all() and (high <= robot.upper[robot.arms]).all()
 
 
 def test_resampling_is_linear_in_time() -> None:
-    motion = ArmMotion("m", 20.0, np.linspace(0.0, 1.0, 3)[:, None] * np.arange(8))  # 0.1 s
+    motion = ArmMotion("m", 20.0, np.linspace(0.0, 1.0, 3)[:, None] * np.arange(8), ROBOT)  # 0.1 s
     fast = motion.resampled(50.0)
     assert fast.fps == 50.0 and fast.positions.shape == (6, 8)
     np.testing.assert_allclose(fast.positions, np.linspace(0.0, 1.0, 6)[:, None] * np.arange(8), atol=1e-12)
     # At 40 Hz from 30 Hz the last frame lies beyond the end: 4 frames are 0.1 s.
-    uneven = ArmMotion("m", 30.0, np.array([0.0, 1.0, 4.0, 9.0])[:, None] * np.ones(8)).resampled(40.0)
+    uneven = ArmMotion("m", 30.0, np.array([0.0, 1.0, 4.0, 9.0])[:, None] * np.ones(8), ROBOT).resampled(40.0)
     np.testing.assert_allclose(uneven.positions[:, 0], [0.0, 0.75, 2.5, 5.25, 9.0], atol=1e-12)
 
 
 def test_a_saved_motion_is_read_back(tmp_path: pathlib.Path) -> None:
-    (motion,) = generate_motions(seed=3, count=1, duration=2.0)
+    (motion,) = generate_motions(ROBOT, seed=3, count=1, duration=2.0)
     motion.save(tmp_path / "wave.npz")
-    read = load_motion(tmp_path / "wave.npz")
+    read = load_motion(tmp_path / "wave.npz", ROBOT)
     assert (read.name, read.fps) == ("wave", 50.0)
     np.testing.assert_array_equal(read.positions, motion.positions)
 
@@ -57,7 +59,7 @@ def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.
     names = ("some_finger", *ARMS[::-1])
     path = write(tmp_path / "a.npz", joint_names=np.array(names), positions=np.tile(0.14 * np.arange(9.0), (2, 1)))
     expected = np.minimum(0.14 * np.arange(8, 0, -1), robot.upper[robot.arms])
-    np.testing.assert_allclose(load_motion(path).positions, np.tile(expected, (2, 1)))
+    np.testing.assert_allclose(load_motion(path, ROBOT).positions, np.tile(expected, (2, 1)))
     told = r"100\.0% of the frames .* by up to 0\.08 rad \(right_shoulder_roll_joint\); they are clamped"
     assert re.search(told, caplog.text)
 
@@ -66,15 +68,15 @@ def test_joints_that_do_not_follow_a_motion_are_told(tmp_path: pathlib.Path, cap
     names = ("left_knee_joint", *ARMS, "torso_joint")
     for name in ("a", "b"):
         write(tmp_path / f"{name}.npz", joint_names=np.array(names), positions=np.zeros((4, 10)))
-    motion = load_motion(tmp_path / "a.npz")
+    motion = load_motion(tmp_path / "a.npz", ROBOT)
     assert motion.unused == motion.resampled(20.0).unused == ("left_knee_joint", "torso_joint")
     told = "only the arms follow a motion; not used: left_knee_joint, torso_joint"
     assert caplog.messages == [f"{tmp_path / 'a.npz'}: {told}"]
     caplog.clear()
-    assert [motion.unused for motion in load_motions(tmp_path)] == [motion.unused] * 2
+    assert [motion.unused for motion in load_motions(tmp_path, ROBOT)] == [motion.unused] * 2
     assert caplog.messages == [f"{tmp_path}: {told}"], "one line for the folder"
     caplog.clear()
-    assert load_motion(write(tmp_path / "arms.npz")).unused == () and not caplog.messages
+    assert load_motion(write(tmp_path / "arms.npz"), ROBOT).unused == () and not caplog.messages
 
 
 @pytest.mark.parametrize(
@@ -98,27 +100,27 @@ def test_joints_that_do_not_follow_a_motion_are_told(tmp_path: pathlib.Path, cap
 )
 def test_bad_files_are_refused(changes: dict, message: str, tmp_path: pathlib.Path) -> None:
     with pytest.raises(MotionFileError, match=message):
-        load_motion(write(tmp_path / "bad.npz", **changes))
+        load_motion(write(tmp_path / "bad.npz", **changes), ROBOT)
 
 
 def test_missing_and_foreign_files_are_refused(tmp_path: pathlib.Path) -> None:
     (tmp_path / "text.npz").write_text("no motion")
     for name, reason in (("none", "No such file"), ("text", r"it is not an \.npz archive$")):
         with pytest.raises(MotionFileError, match=reason):
-            load_motion(tmp_path / f"{name}.npz")
+            load_motion(tmp_path / f"{name}.npz", ROBOT)
     (tmp_path / "empty").mkdir()
     with pytest.raises(MotionFileError, match="holds no motion files"):
-        load_motions(tmp_path / "empty")
+        load_motions(tmp_path / "empty", ROBOT)
 
 
 def test_a_folder_is_read_in_the_order_of_names(tmp_path: pathlib.Path) -> None:
     for name in ("b", "a"):
         write(tmp_path / f"{name}.npz")
-    assert [motion.name for motion in load_motions(tmp_path)] == ["a", "b"]
+    assert [motion.name for motion in load_motions(tmp_path, ROBOT)] == ["a", "b"]
 
 
 def test_generated_motions_follow_their_seed_and_move_like_arms(robot) -> None:
-    motions, same, other = (generate_motions(seed, count=4, duration=10.0) for seed in (1, 1, 2))
+    motions, same, other = (generate_motions(ROBOT, seed, count=4, duration=10.0) for seed in (1, 1, 2))
     for a, b, c in zip(motions, same, other, strict=True):
         assert a.duration == pytest.approx(10.0)
         np.testing.assert_array_equal(a.positions, b.positions)
@@ -140,7 +142,7 @@ def table(path: pathlib.Path, *lines: str) -> pathlib.Path:
 
 
 def test_a_table_with_joint_names_is_a_motion(tmp_path: pathlib.Path, robot) -> None:
-    motion = load_motion(table(tmp_path / "wave.csv"))
+    motion = load_motion(table(tmp_path / "wave.csv"), ROBOT)
     assert (motion.name, motion.fps, motion.unused) == ("wave", pytest.approx(20.0), ("torso_joint",))
     expected = np.clip(0.1 * np.arange(3)[:, None] * np.ones(8), robot.lower[robot.arms], robot.upper[robot.arms])
     np.testing.assert_allclose(motion.positions, expected)
@@ -161,12 +163,12 @@ def test_a_table_with_joint_names_is_a_motion(tmp_path: pathlib.Path, robot) -> 
 )
 def test_bad_tables_are_refused(lines: tuple[str, ...], message: str, tmp_path: pathlib.Path) -> None:
     with pytest.raises(MotionFileError, match=message):
-        load_motion(table(tmp_path / "bad.csv", *lines))
+        load_motion(table(tmp_path / "bad.csv", *lines), ROBOT)
 
 
 def test_other_kinds_of_files_are_refused(tmp_path: pathlib.Path) -> None:
     with pytest.raises(MotionFileError, match=r"'\.fbx' is not a motion file type; valid for arms"):
-        load_motion(tmp_path / "dance.fbx")
+        load_motion(tmp_path / "dance.fbx", ROBOT)
 
 
 def member(path: pathlib.Path, name: str, content: bytes) -> pathlib.Path:
@@ -183,12 +185,12 @@ def test_archives_made_to_harm_are_refused(tmp_path: pathlib.Path) -> None:
     pickled = member(tmp_path / "pickled.npz", "x.pkl", pickle.dumps({}))
     for path, message in ((bomb, "unpacks to"), (huge, "cannot read"), (pickled, "'x.pkl' is not a NumPy array")):
         with pytest.raises(MotionFileError, match=message):
-            load_motion(path)
+            load_motion(path, ROBOT)
 
 
 def test_a_thousand_other_joints_make_one_short_line(tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture) -> None:
     names = [*ARMS, *(f"joint_{index}" for index in range(1000))]
-    load_motion(write(tmp_path / "m.npz", joint_names=np.array(names), positions=np.zeros((4, len(names)))))
+    load_motion(write(tmp_path / "m.npz", joint_names=np.array(names), positions=np.zeros((4, len(names)))), ROBOT)
     (record,) = caplog.records
     assert "joint_0" in record.message and "and 980 more" in record.message and len(record.message) < 500
 
@@ -197,7 +199,7 @@ def waving(fps: float = 50.0, seconds: float = 4.0) -> ArmMotion:
     """Both elbows swing between 0.2 and 1.4 rad, every 2 s."""
     t = np.arange(0.0, seconds, 1.0 / fps)
     bent = 0.8 - 0.6 * np.cos(np.pi * t)
-    return ArmMotion("wave", fps, bent[:, None] * [name.endswith("elbow_joint") for name in ARMS])
+    return ArmMotion("wave", fps, bent[:, None] * [name.endswith("elbow_joint") for name in ARMS], ROBOT)
 
 
 @pytest.mark.parametrize(
@@ -212,8 +214,8 @@ def test_other_units_and_jumps_are_refused_wherever_a_motion_enters(change, mess
     wrong = dataclasses.replace(waving(), positions=change(waving().positions))
     wrong.save(tmp_path / "wave.npz")
     for enter in (
-        lambda: load_motion(tmp_path / "wave.npz"),
-        lambda: load_motions(tmp_path),
+        lambda: load_motion(tmp_path / "wave.npz", ROBOT),
+        lambda: load_motions(tmp_path, ROBOT),
         lambda: Segment("wave", 4.0, motion=wrong),
     ):
         with pytest.raises(HugwbcError, match=message):
@@ -228,13 +230,13 @@ def as_table(path: pathlib.Path, motion: ArmMotion, times: np.ndarray) -> pathli
 def test_a_table_may_have_any_clock_but_is_in_seconds(tmp_path: pathlib.Path) -> None:
     motion = waving(fps=125.0)
     times = np.arange(len(motion.positions)) / motion.fps
-    assert load_motion(as_table(tmp_path / "unix.csv", motion, 1764208000.0 + times)).fps == pytest.approx(125.0)
+    assert load_motion(as_table(tmp_path / "unix.csv", motion, 1764208000.0 + times), ROBOT).fps == pytest.approx(125.0)
     with pytest.raises(MotionFileError, match="8 s between samples: its times look like milliseconds; give seconds"):
-        load_motion(as_table(tmp_path / "ms.csv", motion, 1e3 * times))
+        load_motion(as_table(tmp_path / "ms.csv", motion, 1e3 * times), ROBOT)
     with pytest.raises(MotionFileError, match=r"from 0\.02 to 0\.02 s; .* with enough decimals"):
-        load_motion(as_table(tmp_path / "rounded.csv", motion, np.round(times, 2)))
+        load_motion(as_table(tmp_path / "rounded.csv", motion, np.round(times, 2)), ROBOT)
 
 
 def test_tables_of_a_folder_train_too(tmp_path: pathlib.Path) -> None:
     as_table(tmp_path / "wave.csv", waving(), np.arange(200) / 50.0)
-    assert [motion.name for motion in load_motions(tmp_path)] == ["wave"]
+    assert [motion.name for motion in load_motions(tmp_path, ROBOT)] == ["wave"]

@@ -6,6 +6,7 @@ import pytest
 
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.scripts.hand_paths import Hold, Line, Swing
 from hugwbc.scripts.motion import ArmMotion
 from hugwbc.scripts.script import HandMotion, Script, Segment, while_walking
@@ -74,8 +75,8 @@ def test_while_walking_puts_a_walk_under_a_script():
         while_walking(Script("test", (squat,)), 9.0)
 
 
-RAISE = ArmMotion("raise", 10.0, np.linspace(0.0, 0.3, 21)[:, None] * np.ones(8))
-LOWER = ArmMotion("lower", 10.0, np.full((21, 8), -0.2))
+RAISE = ArmMotion("raise", 10.0, np.linspace(0.0, 0.3, 21)[:, None] * np.ones(8), load_robot())
+LOWER = ArmMotion("lower", 10.0, np.full((21, 8), -0.2), load_robot())
 
 
 def test_a_motion_of_the_arms_plays_goes_on_and_rests_at_its_end():
@@ -134,8 +135,8 @@ def test_bad_hand_motions_are_refused():
 
 
 def test_the_velocity_of_joints_is_that_of_their_positions_from_one_motion_to_the_next():
-    rising = ArmMotion("rising", 50.0, np.tile(np.linspace(0.0, 0.3, 201)[:, None], 8))
-    falling = ArmMotion("falling", 50.0, np.tile(np.linspace(0.2, -0.3, 201)[:, None], 8))
+    rising = ArmMotion("rising", 50.0, np.tile(np.linspace(0.0, 0.3, 201)[:, None], 8), load_robot())
+    falling = ArmMotion("falling", 50.0, np.tile(np.linspace(0.2, -0.3, 201)[:, None], 8), load_robot())
     script = Script("both", (Segment("a", 1.0, motion=rising), Segment("b", 2.0, motion=falling, ramp=1.5)))
     for t in (1.201, 1.751, 2.301, 2.705):  # between two frames
         before, now, after = (script.hands_at(t + dt) for dt in (-1e-4, 0.0, 1e-4))

@@ -6,11 +6,14 @@ import pytest
 from hugwbc.commands import VELOCITY_NAMES
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.scripts.hand_paths import Circle, Hold, Line
 from hugwbc.scripts.motion import generate_motions, load_motion
 from hugwbc.scripts.script import HandMotion, Script, Segment
 from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
 from hugwbc.settings_file import parse as parse_settings
+
+ROBOT = load_robot()
 
 GOOD = """\
 about: everything a segment can say
@@ -48,15 +51,15 @@ def test_a_script_is_what_the_file_says():
 
 
 def test_a_segment_may_play_a_motion_file(tmp_path):
-    generate_motions(seed=0, count=1, duration=2.0)[0].save(tmp_path / "wave.npz")
+    generate_motions(ROBOT, seed=0, count=1, duration=2.0)[0].save(tmp_path / "wave.npz")
     text = "segments: [{label: a, duration: 1, motion: wave.npz}, {label: b, duration: 1, motion: %s}]"
     (tmp_path / "scene.yaml").write_text(text % "wave.npz")
-    first, second = load_script(tmp_path / "scene.yaml").segments
+    first, second = load_script(tmp_path / "scene.yaml", ROBOT).segments
     assert first.motion is not None and first.motion is second.motion
-    assert first.motion.positions == pytest.approx(load_motion(tmp_path / "wave.npz").positions)
+    assert first.motion.positions == pytest.approx(load_motion(tmp_path / "wave.npz", ROBOT).positions)
     (tmp_path / "scene.yaml").write_text(text % "other.npz")
     with pytest.raises(ConfigError, match=r"scene.yaml:1:7\d: cannot read .*other.npz"):
-        load_script(tmp_path / "scene.yaml")
+        load_script(tmp_path / "scene.yaml", ROBOT)
 
 
 def test_directions_and_hands_that_hold_one_thing():

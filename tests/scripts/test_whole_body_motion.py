@@ -20,7 +20,7 @@ def asked(motion, name):
 
 @pytest.mark.parametrize(("up", "unit", "prefix"), [("y", 1.0, ""), ("z", 0.01, "mixamorig:"), ("y", 1.0, "Bob:")])
 def test_a_person_who_stands_asks_for_nothing_but_hands(up, unit, prefix, tmp_path, robot):
-    motion = load_whole_body_motion(write_bvh(tmp_path / "stand.bvh", up=up, unit=unit, prefix=prefix))
+    motion = load_whole_body_motion(write_bvh(tmp_path / "stand.bvh", up=up, unit=unit, prefix=prefix), load_robot())
     assert motion.duration == pytest.approx(5.0) and not motion.walking.any()
     np.testing.assert_allclose(motion.asked, 0.0, atol=1e-6)
     # Each arm goes half of its length down and half of it forward, from the robot's own shoulder.
@@ -35,7 +35,7 @@ def test_a_person_who_stands_asks_for_nothing_but_hands(up, unit, prefix, tmp_pa
 def test_a_walk_is_scaled_by_the_leg_and_turns_with_the_person(tmp_path):
     # 0.6 m/s to the file's +x with the person turned by 90 degrees about the vertical: straight ahead.
     motion = load_whole_body_motion(
-        write_bvh(tmp_path / "walk.bvh", lambda t: {"position": (60 * t, 80, 0), "Hips": (0, 0, 90)})
+        write_bvh(tmp_path / "walk.bvh", lambda t: {"position": (60 * t, 80, 0), "Hips": (0, 0, 90)}), load_robot()
     )
     middle = slice(60, 190)
     np.testing.assert_allclose(asked(motion, "v_x")[middle], 0.6 * load_robot().leg_length / 0.8, atol=1e-6)
@@ -45,7 +45,7 @@ def test_a_walk_is_scaled_by_the_leg_and_turns_with_the_person(tmp_path):
 
 
 def test_a_turn_is_a_yaw_rate(tmp_path):
-    motion = load_whole_body_motion(write_bvh(tmp_path / "turn.bvh", lambda t: {"Hips": (0, 0, 100 * t)}))
+    motion = load_whole_body_motion(write_bvh(tmp_path / "turn.bvh", lambda t: {"Hips": (0, 0, 100 * t)}), load_robot())
     np.testing.assert_allclose(asked(motion, "omega")[60:190], np.deg2rad(100), atol=1e-4)
     np.testing.assert_allclose(motion.allowed[60:190, PARTS.index("omega")], 1.0)
     np.testing.assert_allclose(asked(motion, "v_x"), 0.0, atol=1e-6)
@@ -58,7 +58,7 @@ def test_leaning_twisting_and_squatting(tmp_path):
         down |= {f"{side}Leg": (0, 2 * bent, 0) for side in ("Left", "Right")}
         return {"position": (0, 40, 0), **down} if t > 4.0 else {"Spine": (0, 20, 30)} if t < 2.0 else {}
 
-    motion = load_whole_body_motion(write_bvh(tmp_path / "lean.bvh", move))
+    motion = load_whole_body_motion(write_bvh(tmp_path / "lean.bvh", move), load_robot())
     assert np.rad2deg(asked(motion, "w")[50]) == pytest.approx(30.0, abs=3.0), "to the left is positive"
     assert asked(motion, "p")[50] > 0.2, "forward is positive"
     leg = load_robot().leg_length
@@ -71,8 +71,8 @@ def test_leaning_twisting_and_squatting(tmp_path):
 
 
 def test_errors_are_those_of_the_clip_the_ranges_and_the_robot(tmp_path):
-    motion = load_whole_body_motion(write_bvh(tmp_path / "turn.bvh", lambda t: {"Spine": (0, 0, 80)}))
-    robot, score = load_robot(), MotionScore(load_whole_body_motion(tmp_path / "turn.bvh"), load_robot())
+    motion = load_whole_body_motion(write_bvh(tmp_path / "turn.bvh", lambda t: {"Spine": (0, 0, 80)}), load_robot())
+    robot, score = load_robot(), MotionScore(load_whole_body_motion(tmp_path / "turn.bvh", load_robot()), load_robot())
     still = make_state(yaw=0.7, position=(1.0, 2.0, robot.nominal_height - 0.1), velocity=np.zeros(3))
     for t in np.arange(0.0, 5.0, 0.02):
         level = motion.hands[motion.frame_at(t)] + [0.0, 0.0, 0.05]
@@ -192,7 +192,7 @@ def test_a_squat_is_as_deep_whatever_the_joints_are_called(tmp_path):
         path = tmp_path / f"{convention}.bvh"
         write_bvh(path, lambda t, down=down: {"position": (0, 86 if t < 3 else 45, 0), **(down if t > 3 else {})},
                   skeleton=skeleton)  # fmt: skip
-        depth[convention] = asked(load_whole_body_motion(path), "h")[-1]
+        depth[convention] = asked(load_whole_body_motion(path, load_robot()), "h")[-1]
     assert depth["lafan"] == pytest.approx(-0.5 * load_robot().leg_length, abs=0.01)
     assert depth["smpl"] == depth["unreal"] == depth["lafan"]
 
@@ -201,7 +201,7 @@ def test_a_folded_rest_pose_such_as_lafans_stands_along_y(tmp_path):
     folded = {name: (parent, (x, abs(y), z)) for name, (parent, (x, y, z)) in SKELETON.items()}
     unfold = {f"{side}{part}": (0, 180, 0) for side in ("Left", "Right") for part in ("UpLeg", "Arm")}
     path = write_bvh(tmp_path / "folded.bvh", lambda t: unfold, skeleton=folded)
-    np.testing.assert_allclose(load_whole_body_motion(path).asked, 0.0, atol=1e-6)
+    np.testing.assert_allclose(load_whole_body_motion(path, load_robot()).asked, 0.0, atol=1e-6)
 
 
 BOTH = ("Left", "Right")
@@ -245,18 +245,20 @@ def test_a_clip_that_leaves_the_feet_is_refused_with_the_times(pose, words, tmp_
     path = write_bvh(tmp_path / "part.bvh", move)
     message = rf"part: .*{words}[^0-9]* from (1\.[6-9]|2\.0) to 3\.[5-9] s.*cut the file to 0\.0 to (1\.[6-9]|2\.0) s"
     with pytest.raises(MotionFileError, match=message):
-        load_whole_body_motion(path)
+        load_whole_body_motion(path, load_robot())
 
 
 def test_a_short_time_off_the_feet_is_told(tmp_path, caplog):
-    load_whole_body_motion(write_bvh(tmp_path / "a.bvh", lambda t: POSES["handstand"] if 2.0 <= t < 2.4 else {}))
+    load_whole_body_motion(
+        write_bvh(tmp_path / "a.bvh", lambda t: POSES["handstand"] if 2.0 <= t < 2.4 else {}), load_robot()
+    )
     assert "lying or head down from 2.0 to 2.4 s; cut the file to 2.4 to 5.0 s" in caplog.text
 
 
 @pytest.mark.parametrize("pose", ["plank", "on the back", "crawl"])
 def test_up_is_that_of_the_rest_pose_not_of_the_clip(pose, tmp_path):
     with pytest.raises(MotionFileError, match=r"lying or head down from 0\.0 to 5\.0 s.*rest pose"):
-        load_whole_body_motion(write_bvh(tmp_path / "floor.bvh", lambda t: POSES[pose]))
+        load_whole_body_motion(write_bvh(tmp_path / "floor.bvh", lambda t: POSES[pose]), load_robot())
 
 
 def test_bows_hops_and_lunges_stay_on_the_feet(tmp_path):
@@ -267,12 +269,14 @@ def test_bows_hops_and_lunges_stay_on_the_feet(tmp_path):
             return {"position": (0, 80 + 20 * (t % 0.5 < 0.3), 0)}
         return {"position": (0, 62, 0), "LeftUpLeg": (0, -39, 0), "RightUpLeg": (0, 39, 0)}
 
-    assert load_whole_body_motion(write_bvh(tmp_path / "move.bvh", move)).duration == pytest.approx(5.0)
+    assert load_whole_body_motion(write_bvh(tmp_path / "move.bvh", move), load_robot()).duration == pytest.approx(5.0)
 
 
 def test_a_jump_of_the_root_is_refused(tmp_path):
     with pytest.raises(MotionFileError, match=r"cut jumps by 1\.25 leg lengths within 0\.04 s at 1\.9"):
-        load_whole_body_motion(write_bvh(tmp_path / "cut.bvh", lambda t: {"position": (100 * (t > 1.97), 80, 0)}))
+        load_whole_body_motion(
+            write_bvh(tmp_path / "cut.bvh", lambda t: {"position": (100 * (t > 1.97), 80, 0)}), load_robot()
+        )
 
 
 def test_units_of_a_clip_are_told(tmp_path, caplog):

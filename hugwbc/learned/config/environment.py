@@ -264,7 +264,7 @@ class EnvConfig:
 
     def __post_init__(self) -> None:
         """Check what no single type can say."""
-        further_terms(self.observations)
+        further_terms(self.observations, load_robot(self.robot))
         for name in self.terms:
             if hasattr(self.rewards, name) or hasattr(self.extra, name):
                 raise ConfigError(f"reward '{name}' exists; give another name", at=("terms", name))
@@ -283,11 +283,11 @@ class EnvConfig:
         return self.timestep * self.substeps
 
     def action_scales(self, robot: Robot) -> np.ndarray:
-        """Return the radians of joint target per unit of action, shape (19,)."""
+        """Return the radians of joint target per unit of action, shape (joints,)."""
         return self._with_yaw(np.full(len(robot.joint_names), self.action_scale), self.yaw_action_factor, robot)
 
     def damping(self, robot: Robot) -> np.ndarray:
-        """Return the damping of the joints' PD [N*m*s/rad], shape (19,)."""
+        """Return the damping of the joints' PD [N*m*s/rad], shape (joints,)."""
         return self._with_yaw(robot.kd, self.yaw_damping_factor, robot)
 
     def contract(self) -> Contract:

@@ -132,7 +132,7 @@ class ArmServoGains:
     """Of shoulder yaw and elbow [N*m*s/rad]."""
 
     def of(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-        """Return stiffness and damping of the arm joints of a robot, shape (8,) each."""
+        """Return stiffness and damping of the arm joints of a robot, shape (arm joints,) each."""
         distal = np.isin(robot.arms, (robot.pair("shoulder_yaw"), robot.pair("elbow")))
         stiffness = np.full(distal.shape, self.stiffness)
         return stiffness, np.where(distal, self.distal_damping, self.shoulder_damping)

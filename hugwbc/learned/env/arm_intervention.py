@@ -13,27 +13,28 @@ import numpy as np
 import torch
 
 from hugwbc.learned.env.random_numbers import rand, randint
-from hugwbc.mirror import Mirror
-from hugwbc.robot import load_robot
+from hugwbc.mirror import load_mirror
+from hugwbc.robot import Robot
 from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
 
 RAMP_FRACTION = 2.0 / 3.0
 FADE_STEPS = 25  # control steps over which a motion takes over from the posture before it
-_ARMS = 8
 
 
-def _nominal_arms(device: torch.device) -> torch.Tensor:
-    robot = load_robot()
+def _nominal_arms(robot: Robot, device: torch.device) -> torch.Tensor:
     return torch.tensor(robot.nominal[robot.arms], dtype=torch.float32, device=device)
 
 
 class NoiseTargets:
     """The paper's noise: uniform targets over the range of `arm_noise_range`, approached linearly."""
 
-    def __init__(self, count: int, interval: int, generator: torch.Generator, paired: float = 0.0) -> None:
+    def __init__(
+        self, robot: Robot, count: int, interval: int, generator: torch.Generator, paired: float = 0.0
+    ) -> None:
         """Start at the nominal posture.
 
         Args:
+            robot: whose arms.
             count: number of robots.
             interval: control steps between two draws of a target.
             generator: source of the draws.
@@ -41,26 +42,26 @@ class NoiseTargets:
                 paper.
         """
         self.interval, self._paired = interval, paired
-        robot, device = load_robot(), generator.device
-        signed = Mirror.of(robot).arms(
-            1.0 + np.arange(_ARMS), robot
-        )  # the partner of each arm joint, from 1, with its sign
+        device = generator.device
+        # The partner of each arm joint, from 1, with its sign.
+        signed = load_mirror(robot).arms(1.0 + np.arange(len(robot.arms)), robot)
         self._partner = torch.as_tensor(np.abs(signed).astype(int) - 1, device=device)
         self._sign = torch.as_tensor(np.sign(signed), dtype=torch.float32, device=device)
         self._generator = generator
-        self._low, self._high = (torch.tensor(b, dtype=torch.float32, device=device) for b in arm_noise_range())
-        self._nominal = _nominal_arms(device)
+        self._low, self._high = (torch.tensor(b, dtype=torch.float32, device=device) for b in arm_noise_range(robot))
+        self._nominal = _nominal_arms(robot, device)
         self._initial = self._nominal.repeat(count, 1)
         self._target = self._draw(count)
         self._age = randint(generator, interval, count)  # so that robots do not draw in step
 
     def _draw(self, count: int) -> torch.Tensor:
-        sample = rand(self._generator, count, _ARMS)
+        arms = len(self._low)
+        sample = rand(self._generator, count, arms)
         targets = self._low + sample * (self._high - self._low)
         if self._paired > 0.0:
-            image = (targets[:, self._partner] * self._sign)[:, _ARMS // 2 :]
+            image = (targets[:, self._partner] * self._sign)[:, arms // 2 :]
             chosen = rand(self._generator, count) < self._paired
-            targets[:, _ARMS // 2 :] = torch.where(chosen[:, None], image, targets[:, _ARMS // 2 :])
+            targets[:, arms // 2 :] = torch.where(chosen[:, None], image, targets[:, arms // 2 :])
         return targets
 
     def reset(self, robots: torch.Tensor) -> None:
@@ -79,7 +80,7 @@ class NoiseTargets:
             self._age[due] = 0
 
     def targets(self) -> torch.Tensor:
-        """Return (1 - r) initial + r target [rad], shape (n, 8); r rises to 1 in two thirds of the interval."""
+        """Return (1 - r) initial + r target [rad], (n, arm joints); r rises to 1 in two thirds of the interval."""
         ratio = (self._age / (RAMP_FRACTION * self.interval)).clamp(max=1.0)[:, None]
         return (1.0 - ratio) * self._initial + ratio * self._target
 
@@ -97,10 +98,11 @@ class NoiseTargets:
 class MotionTargets:
     """Motions: each is played from a random frame to its end, and another one follows."""
 
-    def __init__(self, count: int, motions: Sequence[ArmMotion], generator: torch.Generator) -> None:
+    def __init__(self, robot: Robot, count: int, motions: Sequence[ArmMotion], generator: torch.Generator) -> None:
         """Start at the nominal posture.
 
         Args:
+            robot: whose arms.
             count: number of robots.
             motions: motions at any rate; they are resampled to the control rate.
             generator: source of the choices.
@@ -111,7 +113,7 @@ class MotionTargets:
         self._length = torch.tensor([len(clip) for clip in clips], device=device)
         self._begin = self._length.cumsum(0) - self._length
         self._generator = generator
-        self._nominal = _nominal_arms(device)
+        self._nominal = _nominal_arms(robot, device)
         self._previous = self._nominal.repeat(count, 1)
         self._clip, self._frame, self._played = torch.zeros(3, count, dtype=torch.long, device=device)
         self._choose(torch.arange(count, device=device))
@@ -137,7 +139,7 @@ class MotionTargets:
             self._choose(ended)
 
     def targets(self) -> torch.Tensor:
-        """Return the posture of the motion, faded in from the posture before it [rad], shape (n, 8)."""
+        """Return the posture of the motion, faded in from the posture before it [rad], shape (n, arm joints)."""
         ratio = (self._played / FADE_STEPS).clamp(max=1.0)[:, None]
         return (1.0 - ratio) * self._previous + ratio * self._frames[self._begin[self._clip] + self._frame]
 
@@ -159,6 +161,7 @@ ArmTargets = NoiseTargets | MotionTargets
 
 def make_arm_targets(
     kind: str,
+    robot: Robot,
     count: int,
     *,
     interval: int,
@@ -171,6 +174,7 @@ def make_arm_targets(
 
     Args:
         kind: "motion", or anything else for noise, which does no harm where nothing is intervened.
+        robot: whose arms.
         count: number of robots.
         interval: control steps between two draws of the noise.
         motions: folder of motion files; None for generated motions.
@@ -179,9 +183,9 @@ def make_arm_targets(
         paired: share of the noise's draws that are mirror-symmetric.
     """
     if kind != "motion":
-        return NoiseTargets(count, interval, generator, paired)
-    clips = generate_motions(motions_seed) if motions is None else load_motions(motions)
-    return MotionTargets(count, clips, generator)
+        return NoiseTargets(robot, count, interval, generator, paired)
+    clips = generate_motions(robot, motions_seed) if motions is None else load_motions(motions, robot)
+    return MotionTargets(robot, count, clips, generator)
 
 
 class Intervention:
@@ -224,14 +228,14 @@ class Intervention:
         self.source.step()
 
     def targets(self) -> torch.Tensor:
-        """Return the external targets of the arms [rad], shape (n, 8)."""
+        """Return the external targets of the arms [rad], shape (n, arm joints)."""
         return self.source.targets()
 
     def blend(self, policy: torch.Tensor) -> torch.Tensor:
-        """Blend the external targets into the policy's where I = 1; return what the joints receive [rad], shape (n, 8).
+        """Blend the external targets into the policy's where I = 1; return what the joints receive [rad].
 
         Args:
-            policy: arm targets of the policy [rad], shape (n, 8).
+            policy: arm targets of the policy [rad], shape (n, arm joints).
         """
         blended = self.alpha * self.targets() + (1.0 - self.alpha) * policy
         return torch.where(self.active[:, None], blended, policy)

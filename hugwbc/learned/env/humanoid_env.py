@@ -1,4 +1,4 @@
-"""The training environment: many H1s, their commands, interventions, rewards and resets; torch in, torch out."""
+"""The training environment: many robots, their commands, interventions, rewards and resets; torch in, torch out."""
 
 import functools
 from collections.abc import Callable, Mapping
@@ -44,7 +44,7 @@ _START_TENSORS = ("command", "gait", "phase", "history", "waist")
 
 
 class HumanoidEnv:
-    """n H1s in MuJoCo under the HugWBC training task.
+    """n robots in MuJoCo under the HugWBC training task.
 
     Attributes:
         config: the settings; `adopt` changes those that may change.
@@ -57,10 +57,10 @@ class HumanoidEnv:
         statistics: running figures.
         command, gait, phase: commands (n, 8), gaits (n,) and common phases (n,).
         age: control steps since the start of the episode, shape (n,).
-        actions: last three policy outputs, newest first, shape (3, n, 19).
-        history: last five proprioceptive frames, oldest first, shape (n, 5, 63).
+        actions: last three policy outputs, newest first, shape (3, n, joints).
+        history: last five proprioceptive frames, oldest first, shape (n, 5, size).
         friction: sliding friction of each robot, shape (n,).
-        noise: half-widths of the paper's observation noise, shape (63,).
+        noise: half-widths of the paper's observation noise, shape (size,).
         further: observation terms besides the paper's.
         sensors: errors of the sensors.
         loads: what the robots carry and what pulls and pushes them.
@@ -69,8 +69,8 @@ class HumanoidEnv:
         body: constants of the robot.
         waist: joint target of the waist before the action is added [rad], shape (n,).
         posture: height [m] and pitch [rad] that the feed-forward of squats has reached, shape (n, 2).
-        nominal_qpos: nominal stand at the origin, shape (26,).
-        action_scale: radians of joint target per unit of action, shape (19,).
+        nominal_qpos: nominal stand at the origin, shape (7 + joints,).
+        action_scale: radians of joint target per unit of action, shape (joints,).
         starts: recorded motion in which episodes may start; None if all episodes start from a stand.
         held_foot: rule that ends hops on both feet; None if it is off.
     """
@@ -115,6 +115,7 @@ class HumanoidEnv:
         self._intervenable = ~self.agile & (config.intervention != "none")
         targets = make_arm_targets(
             config.intervention,
+            self.robot,
             self.count,
             interval=config.noise_interval,
             motions=config.motions,
@@ -132,19 +133,20 @@ class HumanoidEnv:
         self.body = Body.of(self.robot, self.dt, place)
         hops = config.command.hopping_fraction > 0.0
         self.statistics = Statistics(self.count, self.robot.waist, hopping=hops, device=place)
-        self.further = further_terms(config.observations)
-        self._further_noise = obs.noise_amplitude(self.further).to(place)
-        self.noise = obs.noise_amplitude(obs.FRAME).to(place) * config.randomization.noise
-        self.sensors = SensorErrors(self.count, obs.JOINTS, config.randomization.sensing, self.generator)
+        self.further = further_terms(config.observations, self.robot)
+        self._further_noise = obs.noise_amplitude(self.further, self.robot).to(place)
+        self.noise = obs.noise_amplitude(obs.FRAME, self.robot).to(place) * config.randomization.noise
+        joints = len(self.robot.joint_names)
+        self.sensors = SensorErrors(self.count, joints, config.randomization.sensing, self.generator)
         grace = config.held_foot_grace
         self.held_foot = FeetRule(self.count, grace, self.dt, place) if grace > 0.0 else None
-        self.starts = None if config.starts is None else RecordedStarts.load(config.starts, place)
+        self.starts = None if config.starts is None else RecordedStarts.load(config.starts, self.robot, place)
         zeros = functools.partial(torch.zeros, device=place)
         self.command = zeros(self.count, len(COMMAND_NAMES))
         self.gait, self.age = zeros(2, self.count, dtype=torch.long)
         self.phase, self.waist = zeros(2, self.count)
-        self.actions = zeros(3, self.count, obs.JOINTS)
-        self.history = zeros(self.count, obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE)
+        self.actions = zeros(3, self.count, joints)
+        self.history = zeros(self.count, obs.HISTORY_FRAMES, len(self.noise))
         self.posture, self.bias = zeros(self.count, 2), zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count, device=place))
         nobody = zeros(self.count, dtype=torch.bool)
@@ -173,7 +175,7 @@ class HumanoidEnv:
         """Advance all robots by one control step and restart the episodes that ended.
 
         Args:
-            action: outputs of the policy, shape (n, 19).
+            action: outputs of the policy, shape (n, joints).
         """
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
         previous = self.readings
@@ -238,7 +240,7 @@ class HumanoidEnv:
         return waist, posture.float()
 
     def next_feed_forward(self) -> torch.Tensor:
-        """Return what the next step adds to nominal pose and action: waist, squat and swing [rad], shape (n, 19)."""
+        """Return what the next step adds to pose and action: waist, squat and swing [rad], shape (n, joints)."""
         return self._feed_forward(_ALL, *self._followed())
 
     def _feed_forward(self, robots: torch.Tensor | slice, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
@@ -399,7 +401,7 @@ class HumanoidEnv:
     # Observations ---------------------------------------------------------------------------------------------------
 
     def _frame(self) -> torch.Tensor:
-        """Return the proprioceptive frame of the current state with new noise, shape (n, 63)."""
+        """Return the proprioceptive frame of the current state with new noise, shape (n, size)."""
         r = self.sensors.sensed(self.readings)
         sensed = (r.angular_velocity, r.gravity, r.q, r.dq, self.actions[0])
         frame = observe(obs.FRAME, self._sensed(_ALL, *sensed))
@@ -411,7 +413,7 @@ class HumanoidEnv:
         """Return the observations of the current state, of all robots or of some (indices)."""
         r = self.readings
         history = self.history[robots].flatten(1)
-        sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1], self._pose))
+        sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1], self._pose, self.robot))
         command, further = observe(obs.COMMAND, sensed), observe(self.further, sensed)
         if any(term.noise for term in self.further):
             further += (2.0 * rand(self.generator, *further.shape) - 1.0) * self._further_noise
@@ -428,7 +430,7 @@ class HumanoidEnv:
             self._body_facts[robots],
         )
         terrain = terrain_samples(self.ground, r.position[robots], r.heading[robots], height, self.robot.nominal_height)
-        critic = torch.cat((history[:, -obs.PROPRIOCEPTION_SIZE :], command, privileged, further, terrain), dim=1)
+        critic = torch.cat((history[:, -len(self.noise) :], command, privileged, further, terrain), dim=1)
         return Observation(
             history, torch.cat((command, further), 1), critic, obs.estimate_target(velocity, clearance, height)
         )

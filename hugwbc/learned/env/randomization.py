@@ -25,7 +25,7 @@ def randomize(
         simulation: the batch; its model fields become per-robot.
         config: the ranges.
         rng: source of the draws.
-        damping_factor: factor on the damping of each joint's PD before the draws, shape (19,).
+        damping_factor: factor on the damping of each joint's PD before the draws, shape (joints,).
 
     Returns:
         Friction coefficient of each robot, shape (count,).
@@ -56,7 +56,7 @@ def randomize(
 
 
 def _scale_actuators(simulation: RobotBatch, stiffness: np.ndarray, damping: np.ndarray) -> None:
-    """Scale kp and kd of the PD law tau = kp (target - q) - kd dq by factors of shape (count, 19)."""
+    """Scale kp and kd of the PD law tau = kp (target - q) - kd dq by factors of shape (count, joints)."""
     simulation.expand("actuator_gainprm")[:, :, 0] *= simulation.tensor(stiffness)
     bias = simulation.expand("actuator_biasprm")
     bias[:, :, 1] *= simulation.tensor(stiffness)
@@ -118,7 +118,7 @@ class Latency:
     """Action latency: joint targets take effect some physics steps later, with a delay per robot.
 
     Attributes:
-        targets: last joint targets, newest first [rad], shape (control steps kept, n, 19).
+        targets: last joint targets, newest first [rad], shape (control steps kept, n, joints).
     """
 
     def __init__(self, delay: np.ndarray, substeps: int, simulation: RobotBatch) -> None:
@@ -136,7 +136,7 @@ class Latency:
         self.targets = simulation.ctrl.new_zeros(1 + int(age.max()), *simulation.ctrl.shape)
 
     def reset(self, robots: torch.Tensor, target: torch.Tensor) -> None:
-        """Fill the past of robots (indices) with one target [rad], shape (k, 19)."""
+        """Fill the past of robots (indices) with one target [rad], shape (k, joints)."""
         self.targets[:, robots] = target.to(self.targets)
 
     def step(self) -> torch.Tensor:

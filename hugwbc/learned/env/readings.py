@@ -30,8 +30,8 @@ class Readings:
     """State of n robots after a control step.
 
     Attributes:
-        q, dq: joint positions and velocities, shape (n, 19).
-        torque: joint torques of the last physics step, shape (n, 19).
+        q, dq: joint positions and velocities, shape (n, joints).
+        torque: joint torques of the last physics step, shape (n, joints).
         angular_velocity: of the pelvis in its own frame, shape (n, 3).
         gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
         roll, pitch: of the pelvis, shape (n,).
@@ -44,7 +44,7 @@ class Readings:
         foot_offset: left minus right sole in the heading frame, shape (n, 3).
         foot_velocity: of both soles in the world, shape (n, 2, 3).
         foot_force: ground reaction on both feet in the world, shape (n, 2, 3).
-        link_force: magnitude of the contact force on each of `Robot.contact_links`, shape (n, 11).
+        link_force: magnitude of the contact force on each of `Robot.contact_links`, shape (n, links).
     """
 
     q: torch.Tensor
@@ -78,9 +78,9 @@ class Transition:
         angular_velocity: of the pelvis in its own frame, shape (n, 3).
         yaw_rate: about gravity, shape (n,).
         height, pitch, roll: pelvis height minus the nominal one, pelvis pitch and roll, shape (n,).
-        q, dq, previous_dq: joint positions and velocities, shape (n, 19).
-        torque: joint torques, shape (n, 19).
-        action, previous_action, older_action: last three policy outputs, newest first, shape (n, 19).
+        q, dq, previous_dq: joint positions and velocities, shape (n, joints).
+        torque: joint torques, shape (n, joints).
+        action, previous_action, older_action: last three policy outputs, newest first, shape (n, joints).
         clearance: of both soles above the ground, shape (n, 2).
         foot_velocity, foot_force: of both soles in the world, shape (n, 2, 3).
         touch_down: whether each foot came to the ground in this step, shape (n, 2), bool.
@@ -174,8 +174,8 @@ class Body:
     """Constants of the robot that the rewards read, as tensors.
 
     Attributes:
-        nominal, lower, upper: nominal joint positions and their limits [rad], shape (19,).
-        arms, hips, waist_and_legs: indices of joints.
+        nominal, lower, upper: nominal joint positions and their limits [rad], shape (joints,).
+        arms, held, hips, waist_and_legs: indices of joints; `held` are those in no chain, such as wrists.
         waist: index of the waist joint.
         dt: control period [s].
     """
@@ -184,6 +184,7 @@ class Body:
     lower: torch.Tensor
     upper: torch.Tensor
     arms: torch.Tensor
+    held: torch.Tensor
     hips: torch.Tensor
     waist_and_legs: torch.Tensor
     waist: int
@@ -198,6 +199,7 @@ class Body:
             lower=tensor(robot.lower, device),
             upper=tensor(robot.upper, device),
             arms=torch.as_tensor(robot.arms, device=device),
+            held=torch.as_tensor(robot.held, device=device),
             hips=torch.as_tensor(robot.hip_yaw_roll, device=device),
             waist_and_legs=torch.as_tensor(others, device=device),
             waist=robot.waist,

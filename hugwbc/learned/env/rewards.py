@@ -127,9 +127,9 @@ def joint_acceleration(t: Transition, body: Body) -> torch.Tensor:
 
 
 def upper_joint_deviation(t: Transition, body: Body) -> torch.Tensor:
-    """|q_upper - q_upper_nominal|^2, masked while I = 1."""
-    deviation = (t.q - body.nominal)[:, body.arms].square().sum(1)
-    return deviation * ~t.intervention
+    """|q_upper - q_upper_nominal|^2 of the arms, masked while I = 1, and of joints that no command moves."""
+    deviation = (t.q - body.nominal).square()
+    return deviation[:, body.arms].sum(1) * ~t.intervention + deviation[:, body.held].sum(1)
 
 
 def hip_joint_deviation(t: Transition, body: Body) -> torch.Tensor:

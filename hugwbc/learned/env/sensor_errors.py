@@ -18,7 +18,7 @@ class SensorErrors:
 
     Attributes:
         scale: factor of each robot, shape (n, 1).
-        encoder_offset: error of the joints' zero positions [rad], shape (n, 19).
+        encoder_offset: error of the joints' zero positions [rad], shape (n, joints).
         gyro_bias: [rad/s], shape (n, 3).
         tilt_bias: error of the attitude about the pelvis's axes [rad], shape (n, 3).
     """

@@ -18,7 +18,6 @@ from hugwbc.learned.config import RecordConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.starts import StartRecorder
 from hugwbc.learned.env.terminations import held_foot_down
-from hugwbc.learned.policy.critic_observations import JOINTS
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
@@ -51,7 +50,7 @@ class Teacher(Protocol):
 
 
 def equivalent_targets(command: JointCommand, robot: Robot, damping: np.ndarray) -> np.ndarray:
-    """Return position targets q* with which the policy's PD does what a joint command asks for [rad], shape (19,).
+    """Return position targets q* with which the policy's PD does what a joint command asks for [rad], shape (joints,).
 
     kp (q* - q) - kd dq = tau + kp (q_d - q) + kd (dq_d - dq) for every q and dq gives q* = q_d + (tau + kd dq_d) / kp:
     feed-forward torque and motion of the command at the policy's stiffness instead of the command's.
@@ -59,7 +58,7 @@ def equivalent_targets(command: JointCommand, robot: Robot, damping: np.ndarray)
     Args:
         command: joint command of the controller.
         robot: the robot, with the policy's stiffness.
-        damping: damping of the policy's PD [N*m*s/rad], shape (19,).
+        damping: damping of the policy's PD [N*m*s/rad], shape (joints,).
     """
     return command.q + (command.tau + damping * command.dq) / robot.kp
 
@@ -94,7 +93,7 @@ def record_starts(
         if recorder.full:
             return recorder
         # Noise pushes the robots off the controller's path; recorded states show the way back.
-        noise = config.exploration * torch.randn((env.count, JOINTS), generator=generator)
+        noise = config.exploration * torch.randn(action.shape, generator=generator)
         done = env.step(action + noise).done
         stepping = torch.tensor([teacher.stepping for teacher in teachers])
         agree = (stepping == (env.gait != int(Gait.STANDING))) & ~held_foot_down(env.readings, env.gait)
@@ -109,10 +108,10 @@ def record_starts(
 
 
 def _actions(env: HumanoidEnv, teachers: list[Teacher], damping: np.ndarray) -> torch.Tensor:
-    """Return the controllers' actions, shape (n, 19); robots take the phase of stepping controllers."""
+    """Return the controllers' actions, shape (n, joints); robots take the phase of stepping controllers."""
     arms, active = env.intervention.targets().double().numpy(), env.intervention.active.numpy()
     base = env.next_feed_forward().double().numpy()
-    targets = np.zeros((env.count, JOINTS))
+    targets = np.zeros((env.count, len(env.robot.joint_names)))
     for i, state in enumerate(env.simulation.states()):
         command, _ = Command.from_array(env.command[i].double().numpy(), Gait(int(env.gait[i]))).clamp()
         upper_body = UpperBody.targets(arms[i]) if active[i] else UpperBody.none()

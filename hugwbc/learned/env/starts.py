@@ -13,21 +13,26 @@ from hugwbc.learned.env.random_numbers import rand, uniform
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy import checkpoint, critic_observations as obs
 from hugwbc.learned.policy.records import versions
+from hugwbc.robot import Robot
 
-# Shapes of one recorded state: position and velocity of the simulation, and what the environment keeps of a robot.
-COLUMNS: dict[str, tuple[int, ...]] = {
-    "qpos": (7 + obs.JOINTS,),
-    "qvel": (6 + obs.JOINTS,),
-    "command": (len(COMMAND_NAMES),),
-    "gait": (),
-    "phase": (),
-    "actions": (3, obs.JOINTS),
-    "history": (obs.HISTORY_FRAMES, obs.PROPRIOCEPTION_SIZE),
-    "waist": (),
-}
+# Of a recorded state: position and velocity of the simulation, and what the environment keeps of a robot.
+COLUMNS = ("qpos", "qvel", "command", "gait", "phase", "actions", "history", "waist")
 
 START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
 START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start of an episode
+
+
+def column_shapes(robot: Robot) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of one recorded state by column."""
+    joints = len(robot.joint_names)
+    many = {
+        "qpos": (7 + joints,),
+        "qvel": (6 + joints,),
+        "command": (len(COMMAND_NAMES),),
+        "actions": (3, joints),
+        "history": (obs.HISTORY_FRAMES, obs.size_of(obs.FRAME, robot)),
+    }
+    return dict.fromkeys(COLUMNS, ()) | many
 
 
 class RecordedStarts:
@@ -41,22 +46,23 @@ class RecordedStarts:
     """
 
     def __init__(
-        self, columns: Mapping[str, torch.Tensor], path: pathlib.Path, device: torch.device | None = None
+        self, columns: Mapping[str, torch.Tensor], path: pathlib.Path, robot: Robot, device: torch.device | None = None
     ) -> None:
         """Take the columns of a file.
 
         Args:
             columns: the columns by name.
             path: path of the file, for messages.
+            robot: the robot that starts in them.
             device: where to keep them.
         """
         rows = len(columns["gait"]) if "gait" in columns else 0
-        for name, shape in COLUMNS.items():
+        for name, shape in column_shapes(robot).items():
             found = tuple(columns[name].shape) if name in columns else None
             if not rows or found != (rows, *shape):
                 raise PolicyFileError(
                     f"{path} has no usable recorded starts: '{name}' has the shape {found}, not {(rows, *shape)}; give "
-                    "a file that this version recorded"
+                    f"a file that this version recorded with the robot {robot.name}"
                 )
         self.columns = {name: column.to(device) for name, column in columns.items()}
         gait = self.columns["gait"]
@@ -65,10 +71,10 @@ class RecordedStarts:
         self._first = self._number.cumsum(0) - self._number
 
     @classmethod
-    def load(cls, path: pathlib.Path, device: torch.device | None = None) -> "RecordedStarts":
+    def load(cls, path: pathlib.Path, robot: Robot, device: torch.device | None = None) -> "RecordedStarts":
         """Read a file that `StartRecorder.save` wrote."""
         tensors, _ = checkpoint.load_file(path, "starts")
-        return cls(tensors, path, device)
+        return cls(tensors, path, robot, device)
 
     def draw(
         self, gait: torch.Tensor, share: float, generator: torch.Generator
@@ -131,13 +137,14 @@ def draw_starts(
     """Draw the stands in which robots start: nominal joints with noise, a random heading, a moving pelvis.
 
     Args:
-        nominal: pelvis position above the origin, quaternion (w, x, y, z) and joint positions, shape (26,).
+        nominal: pelvis position above the origin, quaternion (w, x, y, z) and joint positions, shape (7 + joints,).
         robots: indices, shape (k,).
         ground: rough ground on whose levels they start; None for a plane, where all start at the origin.
         generator: source of the draws.
 
     Returns:
-        Positions in the layout of `nominal`, shape (k, 26), and velocities, zero in the joints, shape (k, 25).
+        Positions in the layout of `nominal`, shape (k, 7 + joints), and velocities, zero in the joints, shape
+        (k, 6 + joints).
     """
     count, joints = robots.numel(), len(nominal) - 7
     yaw = uniform(generator, count, -math.pi, math.pi)

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from torch import nn
 
-from hugwbc.learned.policy.layout import PROPRIOCEPTION_SIZE
 from hugwbc.learned.policy.networks import Actor
 
 
@@ -15,6 +14,7 @@ class BareActor:
 
     def __init__(self, actor: Actor) -> None:
         """Take the weights of a network."""
+        self._frame_size = actor.frame_size
         self._parts = [
             [(layer.weight.detach(), layer.bias.detach()) for layer in part if isinstance(layer, nn.Linear)]
             for part in (actor.encoder, actor.estimator, actor.policy)
@@ -24,13 +24,13 @@ class BareActor:
         """Do nothing; the network has no memory."""
 
     def __call__(self, inputs: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the mean action, shape (19,), of `Actor.forward` for a history, shape (315,), and a command."""
+        """Return the mean action, shape (joints,), of `Actor.forward` for a history and a command."""
         history, command = (torch.from_numpy(row)[None] for row in inputs)
         encoder, estimator, policy = self._parts
         with torch.inference_mode():
             latent = _pass(encoder, history)
             estimate = _pass(estimator, latent)
-            newest = history[:, -PROPRIOCEPTION_SIZE:]
+            newest = history[:, -self._frame_size :]
             action = _pass(policy, torch.cat((latent, estimate, newest, command), dim=1))
         return action[0].numpy()
 

@@ -5,25 +5,25 @@ one as YAML beside the network's file.
 """
 
 import dataclasses
+import functools
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError
+from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.learned.policy.feed_forward import Curves, check_curves
 from hugwbc.learned.policy.policy_files import CONTRACT_FILE, policy_file
 from hugwbc.learned.policy.terms import TERMS
-from hugwbc.robot import DEFAULT_ROBOT, load_robot
+from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.settings import Beside, Gain, NotNegative, Positive, RobotName, Share, one_of, refusing, settings
 from hugwbc.settings_file import load
 
 _KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")
 
-JointName = Annotated[str, one_of("joint", lambda: load_robot().joint_names)]
 CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
 
 
@@ -34,11 +34,20 @@ def _once(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
-def _or_all(names: Any) -> Any:  # noqa: ANN401  what a file holds
-    return load_robot().joint_names if names == "all" else names
+def _known(names: Iterable[str], robot: Robot, *place: str | int) -> None:
+    for name in names:
+        if name not in robot.joint_names:
+            raise UnknownNameError("joint", name, robot.joint_names, at=place)
 
 
-Joints = Annotated[tuple[JointName, ...], BeforeValidator(_or_all), AfterValidator(refusing(_once))]
+def _of_robot(names: Any, info: ValidationInfo) -> Any:  # noqa: ANN401  what a file holds
+    """Return the joints of the contract's robot for "all", and refuse others than its joints."""
+    robot = load_robot(info.data.get("robot", DEFAULT_ROBOT))
+    _known(names if isinstance(names, list | tuple) else (), robot)
+    return robot.joint_names if names == "all" else names
+
+
+Joints = Annotated[tuple[str, ...], AfterValidator(refusing(_once))]
 
 
 def _for_each(value: Any, info: ValidationInfo) -> Any:  # noqa: ANN401
@@ -64,7 +73,7 @@ class Term:
     Attributes:
         term: one of `TERMS`, or "constant".
         scale: a factor for all its numbers, or one for each.
-        joints: joints of a term that has them; None for those that the policy moves.
+        joints: joints of a term that has them, or "all"; None for those that the policy moves.
         names: commands of the term "command"; None for all.
         offset: shift of the clock for this term [cycles].
         value: numbers of a constant.
@@ -72,7 +81,7 @@ class Term:
 
     term: Annotated[str, one_of("observation term", lambda: (*TERMS, "constant"))]
     scale: float | tuple[float, ...] = 1.0
-    joints: Joints | None = None
+    joints: Joints | Literal["all"] | None = None
     names: tuple[CommandName, ...] | None = None
     offset: float = 0.0
     value: tuple[float, ...] = ()
@@ -84,23 +93,6 @@ class Term:
             raise ConfigError(f"{self.term} takes no joints; leave them out", at=("joints",))
         if self.names is not None and self.term != "command":
             raise ConfigError(f"{self.term} takes no names; leave them out", at=("names",))
-
-    def columns(self, moved: tuple[str, ...]) -> np.ndarray | None:
-        """Return which numbers of the table's term are read; None for all.
-
-        Args:
-            moved: joints that the policy moves.
-        """
-        if self.term in _KINDS_OF_JOINTS:
-            return load_robot().indices(moved if self.joints is None else self.joints)
-        return None if self.names is None else np.array([COMMAND_NAMES.index(name) for name in self.names])
-
-    def size(self, moved: tuple[str, ...]) -> int:
-        """Return how many numbers the term has."""
-        if self.term in ("last_action", "constant"):
-            return len(moved) if self.term == "last_action" else len(self.value)
-        columns = self.columns(moved)
-        return TERMS[self.term].size if columns is None else len(columns)
 
 
 def _spelled_out(entry: Any) -> Any:  # noqa: ANN401
@@ -169,7 +161,7 @@ class Contract:
     name: str = ""
     robot: RobotName = DEFAULT_ROBOT
     period: Annotated[float, Field(ge=1e-3, le=1)]
-    joints: Joints
+    joints: Annotated[Joints, BeforeValidator(refusing(_of_robot))]
     default_pose: Angles
     kp: Gains
     kd: Gains
@@ -182,7 +174,7 @@ class Contract:
     state: dict[str, str] = dataclasses.field(default_factory=dict)
     action: str = ""
     clock_period: Positive | None = None
-    held_pose: dict[JointName, float] = dataclasses.field(default_factory=dict)
+    held_pose: dict[str, float] = dataclasses.field(default_factory=dict)
     waist_rate: NotNegative = 0.0
     squat_gain: Gain = 0.0
     swing_gain: Share = 0.0
@@ -190,9 +182,12 @@ class Contract:
     policy: Beside | None = None
 
     def __post_init__(self) -> None:
+        _known(self.held_pose, self.described, "held_pose")
         for group in ("observation", "command"):
             for index, term in enumerate(getattr(self, group)):
-                size = term.size(self.joints)
+                if isinstance(term.joints, tuple):
+                    _known(term.joints, self.described, group, index, term.term, "joints")
+                size = self.size(term)
                 if isinstance(term.scale, tuple) and len(term.scale) != size:
                     problem = f"{term.term} has {len(term.scale)} scales; give {size}, one per number, or a single one"
                     raise ConfigError(problem, at=(group, index))
@@ -200,15 +195,33 @@ class Contract:
             if name in self.joints:
                 raise ConfigError(f"the policy moves '{name}'; leave it out of held_pose", at=("held_pose", name))
 
+    @functools.cached_property
+    def described(self) -> Robot:
+        """Description of the robot."""
+        return load_robot(self.robot)
+
+    def columns(self, term: Term) -> np.ndarray | None:
+        """Return which numbers of the table's term are read; None for all."""
+        if term.term in _KINDS_OF_JOINTS and term.joints != "all":
+            return self.described.indices(self.joints if term.joints is None else term.joints)
+        return None if term.names is None else np.array([COMMAND_NAMES.index(name) for name in term.names])
+
+    def size(self, term: Term) -> int:
+        """Return how many numbers a term has."""
+        if term.term in ("last_action", "constant"):
+            return len(self.joints) if term.term == "last_action" else len(term.value)
+        columns = self.columns(term)
+        return TERMS[term.term].count(self.described) if columns is None else len(columns)
+
     @property
     def observation_size(self) -> int:
         """Number of values of one observation, without history."""
-        return sum(term.size(self.joints) for term in self.observation)
+        return sum(map(self.size, self.observation))
 
     @property
     def input_sizes(self) -> tuple[int, ...]:
         """Numbers of values of the network's inputs: observations, and commands if it has them apart."""
-        sizes = (self.observation_size * self.history.frames, sum(term.size(self.joints) for term in self.command))
+        sizes = (self.observation_size * self.history.frames, sum(map(self.size, self.command)))
         return sizes if self.command else sizes[:1]
 
     @property

@@ -7,31 +7,27 @@ from collections.abc import Sequence
 import torch
 
 from hugwbc.learned.policy.layout import (
+    ACTION as ACTION,
     COMMAND as COMMAND,
-    COMMAND_SIZE as COMMAND_SIZE,
-    CRITIC_CORE_SIZE as CRITIC_CORE_SIZE,
-    CRITIC_SIZE as CRITIC_SIZE,
+    CRITIC_CORE as CRITIC_CORE,
     ESTIMATE as ESTIMATE,
-    ESTIMATE_SIZE as ESTIMATE_SIZE,
     FRAME as FRAME,
+    HISTORY as HISTORY,
     HISTORY_FRAMES as HISTORY_FRAMES,
-    JOINTS as JOINTS,
     LENGTH_SCALE as LENGTH_SCALE,
     PRIVILEGED as PRIVILEGED,
-    PRIVILEGED_SIZE as PRIVILEGED_SIZE,
-    PROPRIOCEPTION_SIZE as PROPRIOCEPTION_SIZE,
     TERRAIN_SHAPE as TERRAIN_SHAPE,
     TERRAIN_SIZE as TERRAIN_SIZE,
     TERRAIN_SPACING as TERRAIN_SPACING,
-    Part as Part,
-    size_of as size_of,
 )
 from hugwbc.learned.policy.symmetry import SignedPermutation
+from hugwbc.learned.policy.terms import Part as Part, size_of as size_of
+from hugwbc.robot import Robot
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Observation:
-    """The inputs of the networks, and the target of the estimator.
+    """The inputs of the networks, and the target of the estimator; sizes are those of the H1.
 
     Attributes:
         history: last five proprioceptive frames, oldest first, shape (n, 315).
@@ -52,21 +48,22 @@ def _scaled(parts: Sequence[Part], *values: torch.Tensor) -> torch.Tensor:
     return torch.cat([value * torch.tensor(part.scale) for value, part in zip(values, parts, strict=True)], dim=1)
 
 
-def noise_amplitude(parts: Sequence[Part]) -> torch.Tensor:
+def noise_amplitude(parts: Sequence[Part], robot: Robot) -> torch.Tensor:
     """Return the half-widths of the noise on parts side by side, in observation units, shape (sum of sizes,)."""
     return torch.cat(
-        [torch.zeros(0), *(torch.ones(part.size) * part.noise * torch.tensor(part.scale) for part in parts)]
+        [torch.zeros(0), *(torch.ones(part.count(robot)) * part.noise * torch.tensor(part.scale) for part in parts)]
     )
 
 
-def in_units(frame: torch.Tensor, pose: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Return what proprioceptive frames, shape (n, 63), say in physical units, with absolute joint positions.
+def in_units(frame: torch.Tensor, pose: torch.Tensor, robot: Robot) -> tuple[torch.Tensor, ...]:
+    """Return what proprioceptive frames, shape (n, size), say in physical units, with absolute joint positions.
 
     Args:
         frame: the frames, as the network reads them.
-        pose: joint positions at action 0 [rad], shape (19,).
+        pose: joint positions at action 0 [rad], shape (joints,).
+        robot: the robot.
     """
-    values = zip(frame.double().split([part.size for part in FRAME], 1), FRAME, strict=True)
+    values = zip(frame.double().split([part.count(robot) for part in FRAME], 1), FRAME, strict=True)
     omega, gravity, offset, dq, action = (
         value / torch.tensor(part.scale, dtype=torch.float64) for value, part in values
     )
@@ -95,7 +92,7 @@ def privileged(
     load: torch.Tensor,
     body: torch.Tensor,
 ) -> torch.Tensor:
-    """Build the privileged part of the critic's observation, shape (n, 40).
+    """Build the privileged part of the critic's observation, shape (n, 29 + contact links).
 
     Args:
         velocity: velocity of the pelvis in the heading frame [m/s], shape (n, 3).
@@ -103,7 +100,7 @@ def privileged(
         clearance: clearance of both soles [m], shape (n, 2).
         friction: friction coefficient of the robot's geometry, shape (n,).
         foot_force: ground reaction on both feet [N], shape (n, 2, 3).
-        link_contact: contact flags of trunk, hips, thighs, shanks, shoulders and arms, shape (n, 11), bool.
+        link_contact: contact flags of `Robot.contact_links`, shape (n, links), bool.
         bias: filtered errors of v_x, v_y [m/s] and omega [rad/s], which some rewards depend on, shape (n, 3).
         load: payload of the left and the right hand [kg], then the forces on the left hand, the right hand and the
             trunk in the heading frame [N], shape (n, 11).
@@ -138,59 +135,12 @@ def terrain_points() -> torch.Tensor:
 # Mirror maps ----------------------------------------------------------------------------------------------------------
 
 
-def _mirror(parts: Sequence[Part]) -> SignedPermutation:
-    """Return the mirror map of parts side by side."""
-    images = (part.image() for part in parts)
-    return SignedPermutation.joined(
-        [
-            SignedPermutation(torch.as_tensor(index), torch.as_tensor(sign, dtype=torch.float32))
-            for index, sign in images
-        ]
-    )
-
-
 @functools.cache
-def action_mirror() -> SignedPermutation:
-    """Return the mirror map of joints and actions, n = 19."""
-    return _mirror([Part("joints", JOINTS, "joints")])
-
-
-@functools.cache
-def frame_mirror() -> SignedPermutation:
-    """Return the mirror map of a proprioceptive frame, n = 63."""
-    return _mirror(FRAME)
-
-
-@functools.cache
-def history_mirror() -> SignedPermutation:
-    """Return the mirror map of a history, n = 315."""
-    return SignedPermutation.joined([frame_mirror()] * HISTORY_FRAMES)
-
-
-@functools.cache
-def command_mirror(further: tuple[Part, ...] = ()) -> SignedPermutation:
-    """Return the mirror map of a command observation, n = 18: hops change legs, clocks change feet.
-
-    Args:
-        further: parts that come after it.
-    """
-    return _mirror([*COMMAND, *further])
-
-
-@functools.cache
-def estimate_mirror() -> SignedPermutation:
-    """Return the mirror map of an output of the estimator, n = 6: v_y changes sign, the soles swap."""
-    return _mirror(ESTIMATE)
-
-
-@functools.cache
-def critic_mirror(further: tuple[Part, ...] = ()) -> SignedPermutation:
-    """Return the mirror map of the critic's observation without the terrain, n = 121.
-
-    Args:
-        further: parts that come after it.
-    """
-    return _mirror([*FRAME, *COMMAND, *PRIVILEGED, *further])
+def mirror(parts: tuple[Part, ...], robot: Robot) -> SignedPermutation:
+    """Return the mirror map of parts side by side: hops change legs, clocks change feet, v_y changes its sign."""
+    images = (part.image(robot) for part in parts)
+    maps = [SignedPermutation(torch.as_tensor(i), torch.as_tensor(s, dtype=torch.float32)) for i, s in images]
+    return SignedPermutation.joined(maps)
 
 
 @functools.cache

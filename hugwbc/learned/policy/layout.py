@@ -2,7 +2,7 @@
 
 import math
 
-from hugwbc.learned.policy.terms import JOINTS as JOINTS, TERMS, Part, size_of
+from hugwbc.learned.policy.terms import TERMS, Part
 from hugwbc.mirror import VECTOR_SIGNS
 
 HISTORY_FRAMES = 5
@@ -20,19 +20,22 @@ _VECTOR = tuple(VECTOR_SIGNS.tolist())
 FRAME_TERMS = ("angular_velocity", "gravity", "joint_position", "joint_velocity", "last_action")
 COMMAND_TERMS = ("command", "gait", "foot_sin", "foot_cos", "intervention")
 FRAME = tuple(TERMS[name] for name in FRAME_TERMS)  # proprioception at one time
+HISTORY = FRAME * HISTORY_FRAMES
 COMMAND = tuple(TERMS[name] for name in COMMAND_TERMS)
+ACTION = (Part("joint targets", "joints", "joints"),)
 ESTIMATE = (
     Part("velocity of the pelvis in the heading frame", 3, _VECTOR, scale=LINEAR_VELOCITY_SCALE),
     Part("clearance of the left and the right sole", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
     Part("pelvis height minus the nominal one", 1, (1.0,), scale=LENGTH_SCALE),
 )
+ESTIMATE_SIZE = sum(int(part.size) for part in ESTIMATE)
 PRIVILEGED = (  # what the critic sees besides frame, command and terrain
     Part("velocity of the pelvis in the heading frame", 3, _VECTOR, scale=LINEAR_VELOCITY_SCALE),
     Part("measured minus commanded height", 1, (1.0,), scale=LENGTH_SCALE),
     Part("clearance of the left and the right sole", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
     Part("friction coefficient", 1, (1.0,)),
     Part("ground reaction on the left and the right foot", 6, _VECTOR, sides=True, scale=FORCE_SCALE),
-    Part("whether each link touches something", 11, "links"),
+    Part("whether each link touches something", "links", "links"),
     Part("filtered errors of v_x, v_y and omega", 3, (1.0, -1.0, -1.0), scale=BIAS_SCALE),
     Part("payload of the left and the right hand", 2, (1.0,), sides=True, scale=PAYLOAD_SCALE),
     Part("force on the left and the right hand", 6, _VECTOR, sides=True, scale=LOAD_SCALE),
@@ -40,14 +43,10 @@ PRIVILEGED = (  # what the critic sees besides frame, command and terrain
     Part("mass of the robot, minus 1 of its description", 1, (1.0,), scale=MASS_SCALE),
     Part("latency", 1, (1.0,), scale=LATENCY_SCALE),
 )
-PROPRIOCEPTION_SIZE, COMMAND_SIZE = size_of(FRAME), size_of(COMMAND)
-ESTIMATE_SIZE, PRIVILEGED_SIZE = size_of(ESTIMATE), size_of(PRIVILEGED)
-CRITIC_CORE_SIZE = PROPRIOCEPTION_SIZE + COMMAND_SIZE + PRIVILEGED_SIZE  # what is left of it without the terrain
-CRITIC_SIZE = CRITIC_CORE_SIZE + TERRAIN_SIZE
+CRITIC_CORE = (*FRAME, *COMMAND, *PRIVILEGED)  # what is left of what it sees without the terrain
 
 # Widths of the policy's layers.
 LATENT_SIZE = 32
-ACTION_SIZE = JOINTS
 ENCODER_HIDDEN = (256, 128)
 ESTIMATOR_HIDDEN = (64, 32)
 POLICY_HIDDEN = (256, 128, 64)

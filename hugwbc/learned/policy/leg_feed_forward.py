@@ -18,7 +18,7 @@ from hugwbc import gait as gaits
 from hugwbc.arrays import Array, Place, double, namespace
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.policy.contract import Contract
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 
 HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward follows the commands
 _MARGIN = 0.98  # of a straight leg's length, and of the joints' ranges
@@ -46,7 +46,7 @@ class LegFeedForward:
         self._column = place(column)
 
     def offsets(self, height: Array, pitch: Array, clearance: Array | float = 0.0) -> Array:
-        """Return what to add to the nominal joint positions [rad], shape (n, 19), in double precision.
+        """Return what to add to the nominal joint positions [rad], shape (n, joints), in double precision.
 
         Args:
             height: of the pelvis minus the nominal one [m], shape (n,).
@@ -88,7 +88,7 @@ class CommandFeedForward:
 
     def __init__(self, contract: Contract, place: Place = np.asarray) -> None:
         """Take robot, period, rate and gains of a contract."""
-        robot, period = load_robot(contract.robot), contract.period
+        robot, period = contract.described, contract.period
         self._legs, self._period = LegFeedForward(robot, place), period
         self._waist = place(np.eye(len(robot.joint_names))[robot.waist])
         self._waist_reach = contract.waist_rate * period
@@ -107,7 +107,7 @@ class CommandFeedForward:
         return waist, posture + _clip(command[:, _SQUAT] - posture, -self._squat_reach, self._squat_reach)
 
     def offsets(self, waist: Array, posture: Array, phase: Array, gait: Array, command: Array) -> Array:
-        """Return what to add to pose and action [rad], shape (n, 19).
+        """Return what to add to pose and action [rad], shape (n, joints).
 
         Args:
             waist: what `follow` returned.

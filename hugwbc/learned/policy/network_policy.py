@@ -16,7 +16,6 @@ from hugwbc.learned.policy.feed_forward import FeedForward
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
 from hugwbc.learned.policy.network_files import Network, OnnxNetwork, TorchScriptNetwork, load_network
 from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
-from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
 
 _GAIN_FACTOR = 10.0  # of the robot's own gains; public policies have up to 5
@@ -54,7 +53,7 @@ def load_onnx_policy(path: pathlib.Path) -> "NetworkPolicy":
 def tried(network: Network, contract: Contract, path: pathlib.Path) -> Network:
     """Return a network after checking that its inputs and outputs fit a contract."""
     sizes = contract.input_sizes
-    terms = [" + ".join(f"{t.term} {t.size(contract.joints)}" for t in part) for part in _inputs(contract)]
+    terms = [" + ".join(f"{t.term} {contract.size(t)}" for t in part) for part in _inputs(contract)]
     asked = f"{contract.history.frames} x ({'), and ('.join(terms)}) = {' and '.join(map(str, sizes))} numbers"
     try:
         network.reset()
@@ -96,7 +95,7 @@ def _check_gains(contract: Contract, path: pathlib.Path) -> None:
 
     A delay t takes kp * t away from the damping kd of a joint, and nothing is left from kp * t = kd on.
     """
-    robot = load_robot(contract.robot)
+    robot = contract.described
     for name, kp, kd in zip(contract.joints, contract.kp, contract.kd, strict=True):
         joint = robot.index(name)
         if kp * robot.command_delay >= kd or max(kp / robot.kp[joint], kd / robot.kd[joint]) > _GAIN_FACTOR:
@@ -131,7 +130,7 @@ class NetworkPolicy:
         self.contract = contract
         self.name, self.period = contract.name, contract.period
         self.held = 0
-        self.robot = load_robot(contract.robot)
+        self.robot = contract.described
         self._network = network
         self._joints = self.robot.indices(contract.joints)
         self._pose = self.robot.nominal.copy()
@@ -220,8 +219,8 @@ class _Reader:
 
     def __init__(self, contract: Contract, terms: Sequence[Term]) -> None:
         self._limit = contract.observation_clip
-        self._parts = [(term, term.columns(contract.joints)) for term in terms]
-        scales = [np.broadcast_to(np.asarray(t.scale, dtype=np.float32), t.size(contract.joints)) for t in terms]
+        self._parts = [(term, contract.columns(term)) for term in terms]
+        scales = [np.broadcast_to(np.asarray(t.scale, dtype=np.float32), contract.size(t)) for t in terms]
         self._scale = np.concatenate(scales)
 
     def __call__(self, sensed: Sensed) -> np.ndarray:
@@ -244,7 +243,7 @@ class _History:
 
     def __init__(self, contract: Contract) -> None:
         self._settings = contract.history
-        self._ends = np.cumsum([term.size(contract.joints) for term in contract.observation])[:-1]
+        self._ends = np.cumsum([contract.size(term) for term in contract.observation])[:-1]
         self._size = contract.observation_size
         self.reset()
 

@@ -16,18 +16,16 @@ from torch import nn
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.layout import (
-    ACTION_SIZE,
-    COMMAND_SIZE,
     ENCODER_HIDDEN,
     ESTIMATE_SIZE,
     ESTIMATOR_HIDDEN,
     HISTORY_FRAMES,
     LATENT_SIZE,
     POLICY_HIDDEN,
-    PROPRIOCEPTION_SIZE,
-    Part,
 )
 from hugwbc.learned.policy.symmetry import EvenOdd
+from hugwbc.learned.policy.terms import Part
+from hugwbc.robot import Robot
 
 CRITIC_HIDDEN = (512, 256, 128)
 _OUTPUT_BOUND = 0.01  # of the last weights of the policy: it starts close to the nominal pose
@@ -50,30 +48,32 @@ class Actor(nn.Module):
     policy to the estimate: its own loss alone trains it, so that it remains an estimate of the state.
 
     Attributes:
-        command_size: width of the command observation.
+        frame_size: width of a proprioceptive frame, 63 for the H1.
+        command_size: width of the command observation, 18 without further terms.
+        action_size: number of joints.
     """
 
-    def __init__(self, command_size: int = COMMAND_SIZE) -> None:
-        """Set up the layers for a width of the command observation."""
+    def __init__(self, frame_size: int, command_size: int, action_size: int) -> None:
+        """Set up the layers."""
         super().__init__()
-        self.command_size = command_size
-        self.encoder = _mlp(HISTORY_FRAMES * PROPRIOCEPTION_SIZE, ENCODER_HIDDEN, LATENT_SIZE)
+        self.frame_size, self.command_size, self.action_size = frame_size, command_size, action_size
+        self.encoder = _mlp(HISTORY_FRAMES * frame_size, ENCODER_HIDDEN, LATENT_SIZE)
         self.estimator = _mlp(LATENT_SIZE, ESTIMATOR_HIDDEN, ESTIMATE_SIZE)
-        self.policy = _mlp(LATENT_SIZE + ESTIMATE_SIZE + PROPRIOCEPTION_SIZE + command_size, POLICY_HIDDEN, ACTION_SIZE)
+        self.policy = _mlp(LATENT_SIZE + ESTIMATE_SIZE + frame_size + command_size, POLICY_HIDDEN, action_size)
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action and estimate.
 
         Args:
-            history: the last five proprioceptive frames, oldest first, shape (n, 315).
+            history: the last five proprioceptive frames, oldest first, shape (n, 5 frame_size).
             command: commands, gait, clocks and indicator, shape (n, 18), then further terms.
 
         Returns:
-            Mean action, shape (n, 19), and estimate [v, l, h] in observation units, shape (n, 6).
+            Mean action, shape (n, joints), and estimate [v, l, h] in observation units, shape (n, 6).
         """
         latent = self.encoder(history)
         estimate = self.estimator(latent)
-        newest = history[:, -PROPRIOCEPTION_SIZE:]
+        newest = history[:, -self.frame_size :]
         return self.policy(torch.cat((latent, estimate.detach(), newest, command), dim=1)), estimate
 
 
@@ -178,12 +178,12 @@ class SplitMlp(nn.Module):
 class SymmetricActor(nn.Module):
     """`Actor` with pi(F o) = F pi(o) for the mirror maps F of observations and actions."""
 
-    def __init__(self, further: tuple[Part, ...] = ()) -> None:
-        """Set up the layers, with further inputs for further observation terms."""
+    def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
+        """Set up the layers for a robot, with further inputs for further observation terms."""
         super().__init__()
-        self._history, self._command = EvenOdd(obs.history_mirror()), EvenOdd(obs.command_mirror(further))
-        self._frame, self._action = EvenOdd(obs.frame_mirror()), EvenOdd(obs.action_mirror())
-        self._estimate = EvenOdd(obs.estimate_mirror())
+        parts = (obs.HISTORY, (*obs.COMMAND, *further), obs.FRAME, obs.ACTION, obs.ESTIMATE)
+        splits = [EvenOdd(obs.mirror(part, robot)) for part in parts]
+        self._history, self._command, self._frame, self._action, self._estimate = splits
         half = LATENT_SIZE // 2
         parts = (self._estimate, self._frame, self._command)
         state = (half + sum(part.even for part in parts), half + sum(part.odd for part in parts))
@@ -210,7 +210,7 @@ class SymmetricActor(nn.Module):
 
     def plain(self) -> Actor:
         """Return the equivalent plain network."""
-        actor = Actor(len(self._command.matrix))
+        actor = Actor(*(len(part.matrix) for part in (self._frame, self._command, self._action)))
         latent = torch.eye(LATENT_SIZE)
         self.encoder.write_to(actor.encoder, self._history.matrix, latent)
         self.estimator.write_to(actor.estimator, latent, self._estimate.matrix.T)
@@ -223,12 +223,13 @@ class SymmetricActor(nn.Module):
 
 
 class SymmetricCritic(nn.Module):
-    """The value of a privileged observation, shape (n, 342), or (n, 122) on a plane, with V(F o) = V(o)."""
+    """The value of a privileged observation, shape (n, size), with V(F o) = V(o)."""
 
-    def __init__(self, further: tuple[Part, ...] = ()) -> None:
-        """Set up the layers, with further inputs for further observation terms."""
+    def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
+        """Set up the layers for a robot, with further inputs for further observation terms."""
         super().__init__()
-        self._core, self._terrain = EvenOdd(obs.critic_mirror(further)), EvenOdd(obs.terrain_mirror())
+        self._core = EvenOdd(obs.mirror((*obs.CRITIC_CORE, *further), robot))
+        self._terrain = EvenOdd(obs.terrain_mirror())
         inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
         self.value = SplitMlp(inputs, CRITIC_HIDDEN)
         self.output = nn.Linear(CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
@@ -281,7 +282,7 @@ class ActorNetwork(Protocol):
     """What an evaluation needs of a policy network: mean action and estimate."""
 
     def __call__(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return mean action, shape (n, 19), and estimate, shape (n, 6)."""
+        """Return mean action, shape (n, joints), and estimate, shape (n, 6)."""
         ...
 
 
@@ -289,18 +290,22 @@ class ActorCritic(nn.Module):
     """Actor, critic and one exploration standard deviation per joint; joints that are mirror images share theirs.
 
     Attributes:
-        further: observation terms besides those of `layout` that the networks read.
+        core: numbers of even coordinates of the critic's observation, without further observation terms and terrain,
+            and the same of the odd ones.
+        further: the same of the observation terms besides those of `layout` that the networks read.
     """
 
     _partner: torch.Tensor  # of each joint, in the mirror
 
-    def __init__(self, std: float = 1.0, *, further: tuple[Part, ...] = ()) -> None:
-        """Draw the weights, and set the std of all joints."""
+    def __init__(self, robot: Robot, std: float = 1.0, *, further: tuple[Part, ...] = ()) -> None:
+        """Draw the weights for a robot, and set the std of all joints."""
         super().__init__()
-        self.further = further
-        self.actor, self.critic = SymmetricActor(further), SymmetricCritic(further)
-        self.register_buffer("_partner", obs.action_mirror().index.clone(), persistent=False)
-        self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(std)).log())
+        self.actor, self.critic = SymmetricActor(robot, further), SymmetricCritic(robot, further)
+        self.core = _sizes(EvenOdd(obs.mirror(obs.CRITIC_CORE, robot)))
+        even, odd = _sizes(self.critic._core)
+        self.further = even - self.core[0], odd - self.core[1]
+        self.register_buffer("_partner", obs.mirror(obs.ACTION, robot).index.clone(), persistent=False)
+        self.log_std = nn.Parameter(torch.full((len(robot.joint_names),), float(std)).log())
         last = self.actor.policy.layers[-1]
         assert isinstance(last, SplitLinear)
         for linear in (last.even, last.odd):
@@ -308,7 +313,7 @@ class ActorCritic(nn.Module):
         nn.init.zeros_(last.even.bias)
 
     def exploration(self) -> torch.Tensor:
-        """Return the log of the standard deviation of every joint, shape (19,)."""
+        """Return the log of the standard deviation of every joint, shape (joints,)."""
         return 0.5 * (self.log_std + self.log_std[self._partner])
 
     def prepare(self, observation: Observation) -> Observation:

@@ -11,8 +11,8 @@ from torch import nn
 
 from hugwbc.errors import PolicyFileError, needing
 from hugwbc.files import write_whole, writing
-from hugwbc.learned.policy import critic_observations as obs
-from hugwbc.learned.policy.networks import ACTION_SIZE, Actor
+from hugwbc.learned.policy.layout import ESTIMATE_SIZE, HISTORY_FRAMES
+from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy import LearnedController
 
 OPSET = 17
@@ -32,8 +32,8 @@ def _onnx() -> tuple[Any, Any]:
 def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
     """Write the network of a policy with its contract to an ONNX file, and compare the two.
 
-    Inputs: history, shape (n, 315), and command, shape (n, 18), as the contract lays them out. Outputs: action, shape
-    (n, 19), and estimate, shape (n, 6). Contract and training record are in the file's metadata, as JSON.
+    Inputs: history and command, as the contract lays them out. Outputs: action, shape (n, joints), and estimate, shape
+    (n, 6). Contract and training record are in the file's metadata, as JSON.
 
     Args:
         controller: the policy.
@@ -89,13 +89,13 @@ def _model(onnx: Any, actor: Actor) -> Any:  # noqa: ANN401  an optional package
 
     mlp("encoder", actor.encoder, "history", "latent")
     mlp("estimator", actor.estimator, "latent", "estimate")
-    ends = [constant("newest_begin", -obs.PROPRIOCEPTION_SIZE), constant("newest_end", 2**31), constant("axis", 1)]
+    ends = [constant("newest_begin", -actor.frame_size), constant("newest_end", 2**31), constant("axis", 1)]
     nodes.append(helper.make_node("Slice", ["history", *ends], ["newest"]))
     nodes.append(helper.make_node("Concat", ["latent", "estimate", "newest", "command"], ["joined"], axis=1))
     mlp("policy", actor.policy, "joined", "action")
 
-    sizes = {"history": obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE, "command": actor.command_size}
-    results = {"action": ACTION_SIZE, "estimate": obs.ESTIMATE_SIZE}
+    sizes = {"history": HISTORY_FRAMES * actor.frame_size, "command": actor.command_size}
+    results = {"action": actor.action_size, "estimate": ESTIMATE_SIZE}
     inputs, outputs = (
         [helper.make_tensor_value_info(name, kind, ["n", size]) for name, size in group.items()]
         for group in (sizes, results)
@@ -108,7 +108,7 @@ def _model(onnx: Any, actor: Actor) -> Any:  # noqa: ANN401  an optional package
 @torch.no_grad()
 def _difference(session: Any, actor: Actor) -> float:  # noqa: ANN401  an optional package
     generator = torch.Generator().manual_seed(0)
-    history = torch.randn(_SAMPLES, obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE, generator=generator)
+    history = torch.randn(_SAMPLES, HISTORY_FRAMES * actor.frame_size, generator=generator)
     command = torch.randn(_SAMPLES, actor.command_size, generator=generator)
     found = session.run(["action", "estimate"], {"history": history.numpy(), "command": command.numpy()})
     expected = actor(history, command)

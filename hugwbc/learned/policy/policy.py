@@ -29,7 +29,7 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     tensors, metadata = checkpoint.load_file(path, "policy")
     contract = contract_of(metadata, path)
     stored = {name: tensor for name, tensor in tensors.items() if name.startswith(self_test.PREFIX)}
-    actor = Actor(contract.input_sizes[-1])
+    actor = Actor(contract.observation_size, contract.input_sizes[-1], len(contract.joints))
     try:
         actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
     except RuntimeError as error:

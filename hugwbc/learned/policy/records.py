@@ -7,9 +7,11 @@ import pathlib
 import platform
 from typing import Any
 
-from hugwbc.errors import PolicyFileError
+from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.learned.policy.contract import contract_of, load_contract
 from hugwbc.learned.policy.network_files import ONNX_SUFFIX, OnnxNetwork
 from hugwbc.learned.policy.policy_files import policy_file, read_header
+from hugwbc.robot import load_robot
 
 
 def versions() -> dict[str, str]:
@@ -46,16 +48,33 @@ def _named(value: object) -> str:
     return f"{value.__module__}.{getattr(value, '__qualname__', type(value).__name__)}"
 
 
+def _metadata(path: pathlib.Path) -> Any:  # noqa: ANN401  what a file holds
+    """Return what a policy's file says besides the network."""
+    if path.suffix == ONNX_SUFFIX:
+        return OnnxNetwork(path, {}).metadata
+    try:
+        return json.loads(read_header(path).get("metadata", "{}"))
+    except (ValueError, RecursionError) as error:  # brackets nested by the thousand
+        raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
+
+
+def check_robot(what: str, own: str, robot: str) -> None:
+    """Refuse what was learnt for a robot with other joints than that which is here, both given by name."""
+    if load_robot(own).joint_names != load_robot(robot).joint_names:
+        raise ConfigError(
+            f"{what} is for the robot {own}, and this is {robot}; train one: hugwbc train --env.robot {robot}"
+        )
+
+
+def robot_of(path: pathlib.Path) -> str:
+    """Return the robot for which a policy or contract was made, by name, given its file."""
+    found = load_contract(path) if path.name.endswith((".yaml", ".yml")) else contract_of(_metadata(path), path)
+    return found.robot
+
+
 def trained_with(name_or_path: str | pathlib.Path) -> str | None:
     """Return what moved the arms in a policy's training ("noise", "motion" or "none"); None without a record."""
-    path = policy_file(name_or_path)
-    if path.suffix == ONNX_SUFFIX:
-        record: Any = OnnxNetwork(path, {}).metadata
-    else:
-        try:
-            record = json.loads(read_header(path).get("metadata", "{}"))
-        except (ValueError, RecursionError) as error:  # brackets nested by the thousand
-            raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
+    record = _metadata(policy_file(name_or_path))
     for key in ("training", "config", "env", "intervention"):
         record = record.get(key) if isinstance(record, dict) else None
     return record if isinstance(record, str) else None

@@ -4,9 +4,10 @@ import numpy as np
 import torch
 
 from hugwbc.commands import COMMAND_NAMES, Command, command_ranges
-from hugwbc.controller import Controller, UpperBody
+from hugwbc.controller import UpperBody
 from hugwbc.gait import Gait
-from hugwbc.robot import load_robot
+from hugwbc.learned.policy.network_policy import NetworkPolicy
+from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
 PREFIX = "self_test."  # of the names of its tensors in the file
@@ -16,9 +17,9 @@ _STEPS_EACH = 6  # of each gait, one more than the history holds
 _SEED = 0
 
 
-def _inputs() -> dict[str, torch.Tensor]:
+def _inputs(robot: Robot) -> dict[str, torch.Tensor]:
     """Make up an episode with every gait, commands over their ranges, and arms at times under external control."""
-    rng, robot = np.random.default_rng(_SEED), load_robot()
+    rng = np.random.default_rng(_SEED)
     steps, joints = _STEPS_EACH * len(Gait), len(robot.joint_names)
     tilt = 0.2 * rng.standard_normal((steps, 3))
     orientation = np.column_stack((np.ones(steps), tilt))
@@ -40,8 +41,8 @@ def _inputs() -> dict[str, torch.Tensor]:
     return {name: torch.from_numpy(array) for name, array in arrays.items()}
 
 
-def _targets(controller: Controller, inputs: dict[str, torch.Tensor]) -> torch.Tensor:
-    """Return the joint targets of the controller at every step, shape (k, 19)."""
+def _targets(controller: NetworkPolicy, inputs: dict[str, torch.Tensor]) -> torch.Tensor:
+    """Return the joint targets of the controller at every step, shape (k, joints)."""
     rows = {name: inputs[name].numpy() for name in _INPUTS}
     targets = []
     for i in range(len(rows["q"])):
@@ -54,17 +55,17 @@ def _targets(controller: Controller, inputs: dict[str, torch.Tensor]) -> torch.T
     return torch.stack(targets)
 
 
-def record(controller: Controller) -> dict[str, torch.Tensor]:
+def record(controller: NetworkPolicy) -> dict[str, torch.Tensor]:
     """Record what to store with a policy, in k successive calls after a reset; names begin with `PREFIX`.
 
-    Inputs are orientation (k, 4), angular_velocity (k, 3), q and dq (k, 19), command (k, 8), gait (k,), arms (k, 8) and
-    intervention (k,); they give target (k, 19), the joint targets [rad].
+    Inputs are orientation (k, 4), angular_velocity (k, 3), q and dq (k, joints), command (k, 8), gait (k,), arms
+    (k, arm joints) and intervention (k,); they give target (k, joints), the joint targets [rad].
     """
-    inputs = _inputs()
+    inputs = _inputs(controller.robot)
     return {PREFIX + name: tensor for name, tensor in (inputs | {"target": _targets(controller, inputs)}).items()}
 
 
-def deviation(controller: Controller, stored: dict[str, torch.Tensor]) -> float:
+def deviation(controller: NetworkPolicy, stored: dict[str, torch.Tensor]) -> float:
     """Return the largest difference between joint targets and stored ones [rad]; inf if any is not finite.
 
     Args:

@@ -4,9 +4,7 @@ from collections.abc import Mapping
 
 import torch
 
-from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.networks import ActorCritic
-from hugwbc.learned.policy.symmetry import EvenOdd
 
 
 def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None:
@@ -14,20 +12,18 @@ def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None
 
     Observation terms that the tensors' network did not read have weights of zero.
     """
-    widened = _widened(network, tensors) if network.further else {}
+    widened = _widened(network, tensors) if any(network.further) else {}
     network.load_state_dict(dict(tensors) | widened)
 
 
 def _widened(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Return the weights of first layers with zeros for further terms; none where they fit already."""
-    even = EvenOdd(obs.command_mirror(network.further)).even - EvenOdd(obs.command_mirror()).even
-    odd = obs.size_of(network.further) - even
-    core = EvenOdd(obs.critic_mirror())
+    even, odd = network.further
     places = {
         "actor.policy.layers.0.even.weight": (None, even),
         "actor.policy.layers.0.odd.weight": (None, odd),
-        "critic.value.layers.0.even.weight": (core.even, even),
-        "critic.value.layers.0.odd.weight": (core.odd, odd),
+        "critic.value.layers.0.even.weight": (network.core[0], even),
+        "critic.value.layers.0.odd.weight": (network.core[1], odd),
     }
     wide, wanted = {}, network.state_dict()
     for name, (place, count) in places.items():

@@ -19,9 +19,8 @@ from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, other_side
 
-JOINTS = 19
 _VECTOR, _AXIAL = tuple(VECTOR_SIGNS.tolist()), tuple(AXIAL_SIGNS.tolist())
 _ROWS, _SEED = 64, 0  # of the made-up robots on which a term is tried
 _TOLERANCE = 1e-4  # of a mirror image, relative to the larger of 1 and the number
@@ -33,7 +32,7 @@ class Part:
 
     Attributes:
         about: what they are.
-        size: how many they are.
+        size: how many they are; "joints" or "links" for one for each of the robot's joints or `Robot.contact_links`.
         signs: factors, +1 or -1, that make the mirror image of the numbers; "joints", "gaits" or "links" for numbers in
             the order of the robot's joints, of `Gait` or of `Robot.contact_links`.
         sides: whether they are those of the left side, then those of the right one: in a mirror image the two change
@@ -44,32 +43,38 @@ class Part:
     """
 
     about: str
-    size: int
+    size: int | Literal["joints", "links"]
     signs: tuple[float, ...] | Literal["joints", "gaits", "links"]
     sides: bool = False
     scale: float | tuple[float, ...] = 1.0
     noise: float = 0.0
 
-    def image(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return partner and sign of each number: image_i = sign_i x_partner_i."""
+    def count(self, robot: Robot) -> int:
+        """Return how many numbers there are of a robot."""
+        if isinstance(self.size, int):
+            return self.size
+        return len(robot.joint_names if self.size == "joints" else robot.contact_links)
+
+    def image(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+        """Return partner and sign of each number of a robot: image_i = sign_i x_partner_i."""
         if self.signs == "joints":
-            mirror = load_mirror(load_robot())
+            mirror = load_mirror(robot)
             return mirror.joint_index, mirror.joint_sign
         if self.signs == "gaits":
             return np.array([int(gait.mirrored()) for gait in Gait]), np.ones(len(Gait))
         if self.signs == "links":
-            names, swap = list(load_robot().contact_links), {"left": "right", "right": "left"}
-            partners = ["_".join([swap.get(word, word) for word in name.split("_")]) for name in names]
-            return np.array([names.index(name) for name in partners]), np.ones(len(names))
-        places, half = np.arange(self.size), self.size // 2
+            names = robot.contact_links
+            return np.array([names.index(other_side(name)) for name in names]), np.ones(len(names))
+        size = self.count(robot)
+        places = np.arange(size)
         if not self.sides:
             return places, np.array(self.signs)
-        return (places + half) % self.size, np.tile(self.signs, 2)
+        return (places + size // 2) % size, np.tile(self.signs, 2)
 
 
-def size_of(parts: Iterable[Part]) -> int:
-    """Return how many numbers parts have together."""
-    return sum(part.size for part in parts)
+def size_of(parts: Iterable[Part], robot: Robot) -> int:
+    """Return how many numbers parts have together for a robot."""
+    return sum(part.count(robot) for part in parts)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,13 +84,13 @@ class Sensed:
     Attributes:
         angular_velocity: of the pelvis in its own frame [rad/s], shape (n, 3).
         gravity: unit vector of gravity in the pelvis frame, shape (n, 3).
-        q, dq: joint positions [rad] and velocities [rad/s], shape (n, 19).
+        q, dq: joint positions [rad] and velocities [rad/s], shape (n, joints).
         action: the policy's last output, shape (n, number of its joints).
         command: in the order of `COMMAND_NAMES`, shape (n, 8).
         gait: values of `Gait`, shape (n,).
         phase: common phase of the gait, in [0, 1), shape (n,).
         indicator: whether the arms are under external control, shape (n,), bool.
-        pose: joint positions at action 0 [rad], shape (19,).
+        pose: joint positions at action 0 [rad], shape (joints,).
         velocity: of the pelvis in its own frame [m/s], shape (n, 3); None where nothing estimates it.
     """
 
@@ -117,9 +122,9 @@ class Sensed:
         names = [field.name for field in dataclasses.fields(self) if field.name != "pose"]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
-    def mirrored(self) -> "Sensed":
+    def mirrored(self, robot: Robot) -> "Sensed":
         """Return what the mirror images of the robots sense."""
-        joints = load_mirror(load_robot()).joints
+        joints = load_mirror(robot).joints
         walking = self.gait == Gait.WALKING  # whose feet are half a cycle apart
         return dataclasses.replace(
             self,
@@ -229,11 +234,11 @@ TERMS: dict[str, ObservationTerm] = {
         read=lambda s: s.gravity,
     ),
     "joint_position": _term(
-        about="q minus the pose at action 0", size=JOINTS, signs="joints", noise=0.01, read=_joint_position
+        about="q minus the pose at action 0", size="joints", signs="joints", noise=0.01, read=_joint_position
     ),
-    "absolute_joint_position": _term(about="q", size=JOINTS, signs="joints", read=lambda s: s.q),
-    "joint_velocity": _term(about="dq", size=JOINTS, signs="joints", scale=0.05, noise=1.5, read=lambda s: s.dq),
-    "last_action": _term(about="last action", size=JOINTS, signs="joints", read=lambda s: s.action),
+    "absolute_joint_position": _term(about="q", size="joints", signs="joints", read=lambda s: s.q),
+    "joint_velocity": _term(about="dq", size="joints", signs="joints", scale=0.05, noise=1.5, read=lambda s: s.dq),
+    "last_action": _term(about="last action", size="joints", signs="joints", read=lambda s: s.action),
     "command": _term(
         about="commands: " + ", ".join(COMMAND_NAMES),
         size=len(COMMAND_NAMES),
@@ -287,28 +292,28 @@ and cosine, and one number for each gait instead of the paper's psi, with which 
 # Terms of the user ----------------------------------------------------------------------------------------------------
 
 
-def further_terms(names: Sequence[str]) -> tuple[ObservationTerm, ...]:
+def further_terms(names: Sequence[str], robot: Robot) -> tuple[ObservationTerm, ...]:
     """Return terms that a training reads besides those of the paper, after trying each of them."""
     for name in names:
         if name not in TERMS:
             raise UnknownNameError("observation term", name, TERMS)
         if list(names).count(name) > 1:
             raise ConfigError(f"observation terms are {', '.join(names)}; give each once")
-        check_term(name)
+        check_term(name, robot)
     return tuple(TERMS[name] for name in names)
 
 
-def check_term(name: str) -> None:
+def check_term(name: str, robot: Robot) -> None:
     """Refuse a term that violates its declaration on random robots, on their mirror images or on a single one."""
-    term, robots = TERMS[name], _made_up()
-    partner, sign = term.image()
-    if len(partner) != term.size or not np.isin(sign, (-1.0, 1.0)).all() or len(sign) != term.size:
-        raise ConfigError(f"observation term '{name}' has the size {term.size} and other signs; give +1 or -1 for each")
+    term, robots = TERMS[name], _made_up(robot)
+    (partner, sign), size = term.image(robot), term.count(robot)
+    if len(partner) != size or not np.isin(sign, (-1.0, 1.0)).all() or len(sign) != size:
+        raise ConfigError(f"observation term '{name}' has the size {size} and other signs; give +1 or -1 for each")
     straight, mirrored, alone = (
-        np.asarray(term.read(s), dtype=float) for s in (robots, robots.mirrored(), robots.row(3))
+        np.asarray(term.read(s), dtype=float) for s in (robots, robots.mirrored(robot), robots.row(3))
     )
-    if straight.shape != (_ROWS, term.size) or alone.shape != (1, term.size):
-        raise ConfigError(f"observation term '{name}' gives shape {straight.shape}; give {(_ROWS, term.size)} here")
+    if straight.shape != (_ROWS, size) or alone.shape != (1, size):
+        raise ConfigError(f"observation term '{name}' gives shape {straight.shape}; give {(_ROWS, size)} here")
     if not np.isfinite(np.concatenate((straight, mirrored))).all():
         raise ConfigError(f"observation term '{name}' gives numbers that are not finite; give finite ones")
     if _differ(alone, straight[3:4]).any():
@@ -326,18 +331,18 @@ def _differ(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def _made_up() -> Sensed:
+def _made_up(robot: Robot) -> Sensed:
     """Return robots in random states under commands over their ranges, in every gait."""
-    rng, robot = np.random.default_rng(_SEED), load_robot()
+    rng, joints = np.random.default_rng(_SEED), len(robot.joint_names)
     ranges = command_ranges(Gait.WALKING)
     low, high = np.array([ranges[name].initial for name in COMMAND_NAMES]).T
     gravity = np.array([0.0, 0.0, -1.0]) + 0.3 * rng.standard_normal((_ROWS, 3))
     return Sensed(
         angular_velocity=rng.standard_normal((_ROWS, 3)),
         gravity=gravity / np.linalg.norm(gravity, axis=1, keepdims=True),
-        q=robot.nominal + 0.3 * rng.standard_normal((_ROWS, JOINTS)),
-        dq=2.0 * rng.standard_normal((_ROWS, JOINTS)),
-        action=rng.standard_normal((_ROWS, JOINTS)),
+        q=robot.nominal + 0.3 * rng.standard_normal((_ROWS, joints)),
+        dq=2.0 * rng.standard_normal((_ROWS, joints)),
+        action=rng.standard_normal((_ROWS, joints)),
         command=rng.uniform(low, high, (_ROWS, len(COMMAND_NAMES))),
         gait=np.arange(_ROWS) % len(Gait),
         phase=rng.uniform(0.0, 1.0, _ROWS),

@@ -16,9 +16,10 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env.random_numbers import randn
 from hugwbc.learned.env.readings import StepResult
-from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
-from hugwbc.learned.policy.networks import ACTION_SIZE, ActorCritic
+from hugwbc.learned.policy.networks import ActorCritic
+from hugwbc.learned.policy.terms import Part
+from hugwbc.robot import Robot
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "kl")
@@ -108,19 +109,11 @@ class Rollout:
     group: torch.Tensor
 
     @classmethod
-    def empty(cls, horizon: int, count: int, command: int, critic: int, device: torch.device) -> "Rollout":
-        """Allocate storage for `horizon` steps of `count` robots, given the widths of two observations."""
-        sizes = {
-            "history": (obs.HISTORY_FRAMES * obs.PROPRIOCEPTION_SIZE,),
-            "command": (command,),
-            "critic": (critic,),
-            "estimate": (obs.ESTIMATE_SIZE,),
-            "action": (ACTION_SIZE,),
-            "mean": (ACTION_SIZE,),
-            "log_prob": (),
-            "value": (),
-            "reward": (),
-        }
+    def empty(cls, horizon: int, seen: Observation, actions: int) -> "Rollout":
+        """Allocate storage for `horizon` steps of robots that see observations like `seen` and have `actions`."""
+        count, device = len(seen.history), seen.history.device
+        sizes = {field.name: tuple(getattr(seen, field.name).shape[1:]) for field in dataclasses.fields(seen)}
+        sizes |= {"action": (actions,), "mean": (actions,), "log_prob": (), "value": (), "reward": ()}
         tensors = {name: torch.empty(horizon, count, *size, device=device) for name, size in sizes.items()}
         done, disturbed = torch.zeros(2, horizon, count, dtype=torch.bool, device=device)
         group = torch.zeros(horizon, count, dtype=torch.long, device=device)
@@ -140,21 +133,21 @@ class PPO:
     def __init__(
         self,
         config: PPOConfig,
-        count: int,
+        robot: Robot,
         generator: torch.Generator,
-        further: tuple[obs.Part, ...] = (),
+        further: tuple[Part, ...] = (),
     ) -> None:
         """Build networks and optimiser.
 
         Args:
             config: the settings.
-            count: number of robots.
+            robot: the robot.
             generator: source of exploration noise and minibatches, on whose device everything is.
             further: observation terms besides those of `layout`.
         """
         self.config = config
         self.device = generator.device
-        self.network = ActorCritic(config.std_initial, further=further).to(self.device)
+        self.network = ActorCritic(robot, config.std_initial, further=further).to(self.device)
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
         actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]
@@ -163,7 +156,7 @@ class PPO:
             [{"params": actor, "lr": self.learning_rate}, {"params": critic, "lr": config.critic_learning_rate}],
             fused=True,
         )
-        self._count, self._groups = count, _GROUPS.to(self.device)
+        self._groups = _GROUPS.to(self.device)
         self._rollout: Rollout | None = None
         self.skipped = 0
         self._generator = generator
@@ -190,14 +183,9 @@ class PPO:
             raise RuntimeError("there is no experience yet: call act for step 0 first")
         return self._rollout
 
-    def allocate(self, critic: int) -> None:
-        """Make room for an iteration of the present horizon, with a critic's observation of `critic` numbers."""
-        command = obs.COMMAND_SIZE + obs.size_of(self.network.further)
-        self._rollout = Rollout.empty(self.config.horizon, self._count, command, critic, self.device)
-
     @torch.no_grad()
     def act(self, t: int, observation: Observation, gait: torch.Tensor) -> torch.Tensor:
-        """Sample actions for step t, shape (n, 19), and store what the update needs.
+        """Sample actions for step t, shape (n, joints), and store what the update needs.
 
         Args:
             t: number of the step in the iteration.
@@ -207,7 +195,7 @@ class PPO:
         seen = self.network.prepare(observation)
         r, width = self._rollout, seen.critic.shape[1]  # rough ground adds columns for the critic
         if r is None or len(r.reward) != self.config.horizon or r.critic.shape[2] != width:
-            self.allocate(width)
+            self._rollout = Rollout.empty(self.config.horizon, seen, len(self.network.log_std))
         r = self.rollout
         for field in dataclasses.fields(seen):
             getattr(r, field.name)[t] = getattr(seen, field.name)

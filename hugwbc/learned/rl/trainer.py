@@ -19,7 +19,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.random_numbers import restore as restore_generator
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor, ActorCritic
-from hugwbc.learned.policy.records import settings_record, versions
+from hugwbc.learned.policy.records import check_robot, settings_record, versions
 from hugwbc.learned.policy.snapshots import load_into
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
@@ -66,13 +66,16 @@ class Trainer:
         self.begin = {"iteration": 0, "steps": 0}
         if path is not None:
             self._read_counters(metadata, path)
+            with _readable(path):
+                before = metadata["config"]["env"].get("robot", config.env.robot)
+            check_robot(str(path), before, config.env.robot)
         now = config.at(self.run_steps)
         # The networks start equal in all processes; robots, commands and noise must not.
         self._seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
         self.env = self._robots(now.env)
         self.generator = torch.Generator(self.env.device).manual_seed(self._seed)
-        self.ppo = PPO(now.ppo, config.env.count, self.generator, self.env.further)
+        self.ppo = PPO(now.ppo, self.env.robot, self.generator, self.env.further)
         self.product = copy.deepcopy(self.ppo.network)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}

@@ -17,6 +17,8 @@ from hugwbc.mirror import Mirror
 from hugwbc.robot import load_robot
 from hugwbc.scripts.motion import MOTION_FPS, ArmMotion, arm_noise_range, generate_motions
 
+ROBOT = load_robot()
+
 FIRST = torch.tensor([0])
 NOMINAL = torch.tensor(load_robot().nominal[load_robot().arms], dtype=torch.float32)
 
@@ -27,7 +29,7 @@ def generator() -> torch.Generator:
 
 def make(count: int, flip: float = 0.005, interval: int = 90) -> Intervention:
     own = generator()
-    return Intervention(torch.ones(count, dtype=torch.bool), flip, NoiseTargets(count, interval, own), own)
+    return Intervention(torch.ones(count, dtype=torch.bool), flip, NoiseTargets(ROBOT, count, interval, own), own)
 
 
 def test_indicator_flips_at_the_paper_s_rate() -> None:
@@ -44,7 +46,7 @@ def test_indicator_flips_at_the_paper_s_rate() -> None:
 def test_only_eligible_robots_are_intervened() -> None:
     eligible = torch.tensor([True, False] * 50)
     own = generator()
-    source = Intervention(eligible, 0.5, NoiseTargets(100, 90, own), own)
+    source = Intervention(eligible, 0.5, NoiseTargets(ROBOT, 100, 90, own), own)
     for _ in range(10):
         source.step()
     assert source.active[eligible].any()
@@ -79,7 +81,7 @@ def play(source: NoiseTargets | MotionTargets, steps: int) -> list[torch.Tensor]
 
 
 def test_noise_ramps_for_two_thirds_then_holds() -> None:
-    source = NoiseTargets(1, 90, generator())
+    source = NoiseTargets(ROBOT, 1, 90, generator())
     source.reset(FIRST)
     history = play(source, 90)
     end = history[-2]
@@ -90,24 +92,24 @@ def test_noise_ramps_for_two_thirds_then_holds() -> None:
 
 
 def test_paired_noise_is_mirror_symmetric() -> None:
-    source = NoiseTargets(400, 90, generator(), paired=0.5)
+    source = NoiseTargets(ROBOT, 400, 90, generator(), paired=0.5)
     targets = source._target.double().numpy()
     robot = load_robot()
     image = Mirror.of(robot).arms(targets, robot)
     symmetric = np.abs(targets - image).max(axis=1) < 1e-6
     assert 150 < symmetric.sum() < 250
-    low, high = arm_noise_range()
+    low, high = arm_noise_range(ROBOT)
     assert (targets >= low - 1e-6).all() and (targets <= high + 1e-6).all()
 
 
 def ramps() -> list[ArmMotion]:
     """Two motions at 25 Hz whose joints all rise by 0.01 rad a frame, one from 0, one from 10."""
     rise = 0.01 * np.arange(40)[:, None] * np.ones((1, 8))
-    return [ArmMotion("low", 25.0, rise), ArmMotion("high", 25.0, 10.0 + rise)]
+    return [ArmMotion("low", 25.0, rise, ROBOT), ArmMotion("high", 25.0, 10.0 + rise, ROBOT)]
 
 
 def test_motions_are_played_at_the_control_rate_to_their_end() -> None:
-    source = MotionTargets(1, ramps(), generator())
+    source = MotionTargets(ROBOT, 1, ramps(), generator())
     source.reset(FIRST)
     source._frame[0] = 0
     length = (40 - 1) * round(MOTION_FPS / 25.0) + 1
@@ -124,7 +126,7 @@ def test_motions_are_played_at_the_control_rate_to_their_end() -> None:
 
 
 def test_every_motion_is_played_by_some_robot() -> None:
-    source = MotionTargets(200, ramps(), generator())
+    source = MotionTargets(ROBOT, 200, ramps(), generator())
     for _ in range(FADE_STEPS):
         source.step()
     high = source.targets()[:, 0] > 5.0
@@ -135,7 +137,7 @@ def test_every_motion_is_played_by_some_robot() -> None:
 def test_state_survives_a_round_trip_and_foreign_state_is_ignored(kind: str) -> None:
     def make(seed: int) -> NoiseTargets | MotionTargets:
         own = torch.Generator().manual_seed(seed)
-        return NoiseTargets(5, 90, own) if kind == "noise" else MotionTargets(5, ramps(), own)
+        return NoiseTargets(ROBOT, 5, 90, own) if kind == "noise" else MotionTargets(ROBOT, 5, ramps(), own)
 
     source, other = make(0), make(1)
     play(source, 50)
@@ -143,19 +145,21 @@ def test_state_survives_a_round_trip_and_foreign_state_is_ignored(kind: str) -> 
     other.load_state_dict(state)
     torch.testing.assert_close(other.targets(), source.targets())
     before = other.targets().clone()
-    foreign = MotionTargets(5, ramps(), generator()) if kind == "noise" else NoiseTargets(5, 90, generator())
+    foreign = (
+        MotionTargets(ROBOT, 5, ramps(), generator()) if kind == "noise" else NoiseTargets(ROBOT, 5, 90, generator())
+    )
     other.load_state_dict(foreign.state_dict())
     assert torch.equal(other.targets(), before)
 
 
 def test_a_source_by_name(tmp_path: pathlib.Path) -> None:
     def make(kind: str, motions: pathlib.Path | None = None) -> ArmTargets:
-        return make_arm_targets(kind, 2, interval=7, motions=motions, motions_seed=3, generator=generator())
+        return make_arm_targets(kind, ROBOT, 2, interval=7, motions=motions, motions_seed=3, generator=generator())
 
     noise = make("noise")
     assert isinstance(noise, NoiseTargets) and noise.interval == 7
     generated = make("motion")
-    expected = MotionTargets(2, generate_motions(3), generator())
+    expected = MotionTargets(ROBOT, 2, generate_motions(ROBOT, 3), generator())
     for _ in range(60):
         generated.step()
         expected.step()

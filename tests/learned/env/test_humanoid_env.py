@@ -19,7 +19,7 @@ from hugwbc.state import RobotState
 def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:
     generator = torch.Generator().manual_seed(seed)
     for _ in range(steps):
-        env.step(0.3 * torch.randn((env.count, 19), generator=generator))
+        env.step(0.3 * torch.randn(env.actions[0].shape, generator=generator))
 
 
 def state_of(env: HumanoidEnv, i: int) -> RobotState:
@@ -46,8 +46,8 @@ def test_measured_quantities_agree_with_pinocchio(small_env: HumanoidEnv) -> Non
 def test_observation_shapes_and_finiteness(small_env: HumanoidEnv) -> None:
     run(small_env, 5)
     o = small_env.observe()
-    assert o.history.shape == (8, 315) and o.command.shape == (8, obs.COMMAND_SIZE)
-    assert o.critic.shape == (8, obs.CRITIC_CORE_SIZE + 1) and o.estimate.shape == (8, 6)
+    assert o.history.shape == (8, 315) and o.command.shape == (8, 18)
+    assert o.critic.shape == (8, 121 + 1) and o.estimate.shape == (8, 6)
     for tensor in (o.history, o.command, o.critic, o.estimate):
         assert torch.isfinite(tensor).all()
 
@@ -57,7 +57,7 @@ def test_newest_frame_is_last_in_the_history() -> None:
     env = HumanoidEnv(config, seed=0, threads=1)
     action = 0.1 * torch.ones(4, 19)
     env.step(action)
-    newest = env.observe().history[:, -obs.PROPRIOCEPTION_SIZE :]
+    newest = env.observe().history[:, -63:]
     torch.testing.assert_close(newest[:, -19:], action)
     torch.testing.assert_close(newest[:, 3:6], env.readings.gravity)
 
@@ -87,7 +87,7 @@ def test_a_time_out_is_told_from_a_failure(small_env: HumanoidEnv) -> None:
     small_env.age[5] = small_env.config.episode_steps - 1
     result = small_env.step(torch.zeros(8, 19))
     assert result.timed_out.tolist() == [5]
-    assert result.final_critic.shape == (1, obs.CRITIC_CORE_SIZE + 1)
+    assert result.final_critic.shape == (1, 121 + 1)
     assert small_env.age[5] == 0
 
 
@@ -237,15 +237,15 @@ def test_without_robots_to_intervene_on_the_noise_level_stays() -> None:
 
 def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
     """Put another environment into the mirror image of one."""
-    mirror = load_mirror(load_robot())
+    mirror = load_mirror(env.robot)
     twin.age[:] = env.age
     twin.gait[:] = torch.tensor([int(Gait(int(value)).mirrored()) for value in env.gait])
     twin.command[:] = env.command * torch.tensor(COMMAND_SIGNS, dtype=torch.float32)
     twin.phase[:] = torch.where(env.gait == Gait.WALKING, (env.phase + 0.5) % 1.0, env.phase)
     twin.waist[:] = -env.waist
     twin.bias[:] = env.bias * torch.tensor([1.0, -1.0, -1.0])
-    twin.actions[:] = torch.stack([obs.action_mirror()(actions) for actions in env.actions])
-    twin.history[:] = obs.history_mirror()(env.history.flatten(1)).view_as(env.history)
+    twin.actions[:] = torch.stack([obs.mirror(obs.ACTION, env.robot)(actions) for actions in env.actions])
+    twin.history[:] = obs.mirror(obs.HISTORY, env.robot)(env.history.flatten(1)).view_as(env.history)
     qpos, qvel = env.simulation.qpos.numpy(), env.simulation.qvel.numpy()
     new_qpos, new_qvel = twin.simulation.qpos.numpy(), twin.simulation.qvel.numpy()
     pose = np.concatenate((qpos[:, :3] * VECTOR_SIGNS, qpos[:, 3:7] * QUATERNION_SIGNS), axis=1)
@@ -256,8 +256,9 @@ def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
     twin.readings = read(twin.simulation)
 
 
-def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward() -> None:
-    config = EnvConfig(count=8, randomization=RandomizationConfig.off(), intervention="none")
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward(robot: str) -> None:
+    config = EnvConfig(count=8, robot=robot, randomization=RandomizationConfig.off(), intervention="none")
     env, twin = (HumanoidEnv(config, seed=3, threads=1) for _ in range(2))
     env.gait[:] = torch.tensor([*Gait, Gait.WALKING, Gait.JUMPING, Gait.WALKING])
     env.age[:] = 10
@@ -265,17 +266,19 @@ def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward() -> No
     mirrored_twin(env, twin)
     generator = torch.Generator().manual_seed(1)
     for _ in range(4):
-        action = 0.3 * torch.randn((8, 19), generator=generator)
-        reward, image = env.step(action).reward, twin.step(obs.action_mirror()(action)).reward
+        action = 0.3 * torch.randn(env.actions[0].shape, generator=generator)
+        reward, image = env.step(action).reward, twin.step(obs.mirror(obs.ACTION, env.robot)(action)).reward
         # The order in which the solver goes through the contacts leaves a little: rewards are of the size of 0.1.
         torch.testing.assert_close(image, reward, atol=2e-3, rtol=0.0)
         seen, image = env.observe(), twin.observe()
-        torch.testing.assert_close(image.history, obs.history_mirror()(seen.history), atol=0.02, rtol=0.0)
-        torch.testing.assert_close(image.command, obs.command_mirror()(seen.command), atol=1e-5, rtol=0.0)
-        core = slice(0, obs.CRITIC_CORE_SIZE)
-        critic = obs.critic_mirror()(seen.critic[:, core])
+        torch.testing.assert_close(image.history, obs.mirror(obs.HISTORY, env.robot)(seen.history), atol=0.02, rtol=0.0)
+        torch.testing.assert_close(image.command, obs.mirror(obs.COMMAND, env.robot)(seen.command), atol=1e-5, rtol=0.0)
+        core = slice(0, obs.size_of(obs.CRITIC_CORE, env.robot))
+        critic = obs.mirror(obs.CRITIC_CORE, env.robot)(seen.critic[:, core])
         torch.testing.assert_close(image.critic[:, core], critic, atol=0.05, rtol=0.0)
-        torch.testing.assert_close(image.estimate, obs.estimate_mirror()(seen.estimate), atol=0.01, rtol=0.0)
+        torch.testing.assert_close(
+            image.estimate, obs.mirror(obs.ESTIMATE, env.robot)(seen.estimate), atol=0.01, rtol=0.0
+        )
 
 
 def test_restored_run_continues_bit_for_bit() -> None:

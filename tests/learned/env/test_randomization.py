@@ -141,7 +141,7 @@ def test_a_push_changes_the_velocity() -> None:
 
 def test_observation_noise_has_the_papers_widths() -> None:
     truth, noisy = make_env(), make_env(noise=1.0)
-    width = obs.noise_amplitude(obs.FRAME)
+    width = obs.noise_amplitude(obs.FRAME, ROBOT)
     differences = []
     for _ in range(60):
         clean = truth._frame()

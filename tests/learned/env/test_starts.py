@@ -14,6 +14,7 @@ from hugwbc.learned.env.starts import (
     START_VELOCITY,
     RecordedStarts,
     StartRecorder,
+    column_shapes,
     draw_starts,
 )
 from hugwbc.learned.policy import checkpoint
@@ -27,7 +28,7 @@ def states(gait: list[int], first: int = 1) -> dict[str, torch.Tensor]:
     """Recorded states that can be told apart."""
     rows = len(gait)
     generator = torch.Generator().manual_seed(first)
-    sizes = {name: torch.rand(rows, *shape, generator=generator) for name, shape in COLUMNS.items()}
+    sizes = {name: torch.rand(rows, *shape, generator=generator) for name, shape in column_shapes(load_robot()).items()}
     nominal = BatchSimulation(1, robot=load_robot()).qpos[0]
     qpos = nominal.repeat(rows, 1)
     qpos[:, 7:] += 0.01 * torch.arange(first, first + rows)[:, None]
@@ -45,7 +46,7 @@ def starts_file(tmp_path: pathlib.Path) -> pathlib.Path:
 
 
 def test_recorded_starts_are_drawn_by_gait_and_share(starts_file: pathlib.Path) -> None:
-    starts, generator = RecordedStarts.load(starts_file), torch.Generator().manual_seed(0)
+    starts, generator = RecordedStarts.load(starts_file, load_robot()), torch.Generator().manual_seed(0)
     assert starts.columns["gait"].tolist() == [3, 3, 4, 4, 3]
     gait = torch.tensor([3, 4, 0, 3, 1] * 100)
     having, drawn = starts.draw(gait, 1.0, generator)
@@ -94,7 +95,7 @@ def test_recorded_states_give_themselves_again(starts_file: pathlib.Path) -> Non
     robots = torch.arange(20)
     env.begin_episodes(robots)
     again = env.recorded(robots[env.gait >= Gait.HOPPING_LEFT])
-    columns = RecordedStarts({name: value.clone() for name, value in again.items()}, starts_file).columns
+    columns = RecordedStarts({name: value.clone() for name, value in again.items()}, starts_file, load_robot()).columns
     source = env.starts.columns if env.starts else {}
     row = (columns["qpos"][:, None, 7:] == source["qpos"][:, 7:]).all(-1).int().argmax(1)
     for name in COLUMNS.keys() - {"qpos"}:
@@ -104,14 +105,14 @@ def test_recorded_states_give_themselves_again(starts_file: pathlib.Path) -> Non
 def test_unusable_starts_are_refused(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "starts.safetensors"
     with pytest.raises(PolicyFileError, match="cannot read"):
-        RecordedStarts.load(path)
+        RecordedStarts.load(path, load_robot())
     for damage in ({"qpos": torch.zeros(2, 25)}, {"gait": torch.zeros(0)}, {"history": torch.zeros(3, 5, 63)}):
         checkpoint.save_file(path, states([3, 4]) | damage, "starts", {})
         with pytest.raises(PolicyFileError, match="no usable recorded starts"):
-            RecordedStarts.load(path)
+            RecordedStarts.load(path, load_robot())
     checkpoint.save_file(path, states([3, 4]), "policy", {})
     with pytest.raises(PolicyFileError, match="policy file"):
-        RecordedStarts.load(path)
+        RecordedStarts.load(path, load_robot())
 
 
 def test_starts_are_about_the_nominal_pose_in_any_heading() -> None:

@@ -44,7 +44,7 @@ def warp_batch(count: int = 4, **settings: object) -> RobotBatch:
 
 def shipped_actor() -> Actor:
     tensors, _ = load_file(policy_file(), "policy")
-    actor = Actor()
+    actor = Actor(63, 18, 19)
     actor.load_state_dict({name: value for name, value in tensors.items() if name in actor.state_dict()})
     return actor
 

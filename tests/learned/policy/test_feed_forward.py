@@ -45,7 +45,7 @@ def test_the_commands_of_the_caller_are_not_changed() -> None:
 
 def test_a_policy_with_it_acts_as_one_that_is_asked_for_more(tmp_path: pathlib.Path) -> None:
     torch.manual_seed(0)
-    actor = Actor()
+    actor = Actor(63, 18, 19)
     save_policy(tmp_path / "plain.safetensors", actor, EnvConfig().contract(), {})
     save_policy(
         tmp_path / "fed.safetensors", actor, dataclasses.replace(EnvConfig().contract(), feed_forward=CURVES), {}

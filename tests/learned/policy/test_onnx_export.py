@@ -26,7 +26,7 @@ def test_any_number_of_robots(session: onnxruntime.InferenceSession) -> None:
 
 
 def test_a_network_that_onnx_cannot_follow_is_refused(tmp_path: pathlib.Path) -> None:
-    actor = Actor()
+    actor = Actor(63, 18, 19)
     with torch.no_grad():
         actor.policy[-1].bias[3] = float("nan")
     with pytest.raises(PolicyFileError, match="differs"):

@@ -25,7 +25,7 @@ ROBOT = load_robot()
 
 def random_actor() -> Actor:
     torch.manual_seed(0)
-    return Actor().eval()
+    return Actor(63, 18, 19).eval()
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from hugwbc.learned.policy.networks import Actor
 
 def controller(**changes: float) -> LearnedController:
     torch.manual_seed(0)
-    return LearnedController(Actor(), EnvConfig(**changes).contract())
+    return LearnedController(Actor(63, 18, 19), EnvConfig(**changes).contract())
 
 
 def test_a_policy_agrees_with_its_own_record() -> None:

@@ -3,11 +3,14 @@ import torch
 
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.symmetry import EvenOdd, SignedPermutation
+from hugwbc.robot import load_robot
 
 
-@pytest.mark.parametrize("name", ["action", "history", "command", "estimate", "critic", "terrain"])
-def test_a_mirror_image_negates_the_odd_coordinates_alone(name: str) -> None:
-    mirror = getattr(obs, f"{name}_mirror")()
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+@pytest.mark.parametrize("name", ["action", "history", "command", "critic", "terrain"])
+def test_a_mirror_image_negates_the_odd_coordinates_alone(name: str, robot: str) -> None:
+    parts = {"action": obs.ACTION, "history": obs.HISTORY, "command": obs.COMMAND, "critic": obs.CRITIC_CORE}
+    mirror = obs.mirror(parts[name], load_robot(robot)) if name in parts else obs.terrain_mirror()
     split = EvenOdd(mirror)
     rows = torch.randn(3, len(mirror.index))
     even, odd = split(rows).split((split.even, split.odd), 1)
@@ -18,7 +21,7 @@ def test_a_mirror_image_negates_the_odd_coordinates_alone(name: str) -> None:
 
 def test_numbers_of_coordinates() -> None:
     # Of 19 joints nine pairs, and the waist, which turns the other way in a mirror.
-    split = EvenOdd(obs.action_mirror())
+    split = EvenOdd(obs.mirror(obs.ACTION, load_robot()))
     assert (split.even, split.odd) == (9, 10)
 
 

@@ -17,7 +17,10 @@ from hugwbc.learned.policy.snapshots import load_into
 from hugwbc.learned.policy.terms import TERMS, ObservationTerm, _made_up, check_term, observe
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.trainer import save_product
+from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
+
+ROBOT = load_robot()
 
 TILT = ObservationTerm(about="gravity, sideways", size=1, signs=(-1.0,), read=lambda s: s.gravity[:, 1:2])
 KNEES = ObservationTerm(
@@ -39,13 +42,14 @@ def both(monkeypatch):
 
 
 @pytest.mark.parametrize("name", [*FRAME_TERMS, *COMMAND_TERMS, "absolute_joint_position", "linear_velocity"])
-def test_our_terms_are_what_they_declare(name):
-    check_term(name)
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+def test_our_terms_are_what_they_declare(name, robot):
+    check_term(name, load_robot(robot))
 
 
 def test_training_and_deployment_read_the_same():
     """A term takes tensors as it takes arrays; one of a user's gets arrays in training too."""
-    arrays = _made_up()
+    arrays = _made_up(ROBOT)
     values = {field.name: getattr(arrays, field.name) for field in dataclasses.fields(arrays)}
     parts = {name: torch.tensor(value) for name, value in values.items()}
     terms = [*TERMS.values(), KNEES]
@@ -57,7 +61,7 @@ def test_training_and_deployment_read_the_same():
 
 def test_a_clock_without_a_gait_has_no_mirror_image():
     with pytest.raises(ConfigError, match="'phase_sin' violates its mirror signs at 0"):
-        check_term("phase_sin")
+        check_term("phase_sin", ROBOT)
 
 
 def test_names_are_refused(both):
@@ -90,16 +94,16 @@ def test_the_noise_is_the_declared_one(both):
 
 def test_the_networks_mirror_the_terms_as_declared():
     own = (TILT, KNEES)
-    network = ActorCritic(further=own)
-    mirror = obs.command_mirror(own)
+    network = ActorCritic(ROBOT, further=own)
+    mirror = obs.mirror((*obs.COMMAND, *own), ROBOT)
     assert mirror.sign[18:].tolist() == [-1.0, 1.0, 1.0] and mirror.index[18:].tolist() == [18, 20, 19]
     history, command = torch.randn(4, 315), torch.randn(4, 21)
     critic = torch.randn(4, 121 + 3 + 1)
-    image = torch.cat((obs.critic_mirror(own)(critic[:, :124]), critic[:, 124:]), dim=1)
+    image = torch.cat((obs.mirror((*obs.CRITIC_CORE, *own), ROBOT)(critic[:, :124]), critic[:, 124:]), dim=1)
     torch.testing.assert_close(network.critic(image), network.critic(critic), atol=1e-5, rtol=1e-5)
     straight, _ = network.actor(history, command)
-    mirrored, _ = network.actor(obs.history_mirror()(history), mirror(command))
-    torch.testing.assert_close(mirrored, obs.action_mirror()(straight), atol=1e-5, rtol=1e-5)
+    mirrored, _ = network.actor(obs.mirror(obs.HISTORY, ROBOT)(history), mirror(command))
+    torch.testing.assert_close(mirrored, obs.mirror(obs.ACTION, ROBOT)(straight), atol=1e-5, rtol=1e-5)
     plain = network.actor.plain()
     assert plain.command_size == 21
     torch.testing.assert_close(plain(history, command)[0], network.actor(history, command)[0], atol=1e-5, rtol=1e-4)
@@ -108,7 +112,7 @@ def test_the_networks_mirror_the_terms_as_declared():
 def test_ppo_learns_with_them(both):
     env = HumanoidEnv(both, seed=1, threads=1)
     learner = PPO(
-        PPOConfig(horizon=2, minibatches=1, epochs=1), 6, torch.Generator().manual_seed(0), further=env.further
+        PPOConfig(horizon=2, minibatches=1, epochs=1), ROBOT, torch.Generator().manual_seed(0), further=env.further
     )
     first = learner.network.actor.plain().state_dict()["policy.0.weight"][:, -3:].clone()
     for t in range(2):
@@ -118,7 +122,7 @@ def test_ppo_learns_with_them(both):
 
 
 def test_a_network_without_them_goes_on_as_the_same_function():
-    old, new = ActorCritic(), ActorCritic(further=(TILT, KNEES))
+    old, new = ActorCritic(ROBOT), ActorCritic(ROBOT, further=(TILT, KNEES))
     load_into(new, old.state_dict())
     history, command, own = torch.randn(4, 315), torch.randn(4, 18), torch.randn(4, 3)
     core, ground = torch.randn(4, 121), torch.randn(4, 221)
@@ -131,7 +135,7 @@ def test_a_network_without_them_goes_on_as_the_same_function():
 
 def test_a_policy_with_them_runs_where_they_are_known_and_nowhere_else(both, monkeypatch, tmp_path):
     torch.manual_seed(0)
-    save_product(tmp_path, ActorCritic(further=(TILT, KNEES)), both, {})
+    save_product(tmp_path, ActorCritic(ROBOT, further=(TILT, KNEES)), both, {})
     policy = load_policy(tmp_path)
     assert [term.term for term in policy.contract.command[-2:]] == ["tilt", "knees"]
     q = policy.robot.nominal + 0.1

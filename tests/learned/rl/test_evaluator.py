@@ -15,7 +15,7 @@ from hugwbc.learned.rl.evaluator import FALL_COST, Evaluator, _Steps
 
 
 def still_actor() -> Actor:
-    actor = Actor()
+    actor = Actor(63, 18, 19)
     for parameter in actor.policy[-1].parameters():
         torch.nn.init.zeros_(parameter)
     return actor

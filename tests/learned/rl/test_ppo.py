@@ -7,11 +7,13 @@ import torch
 
 from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env.readings import StepResult
-from hugwbc.learned.policy.critic_observations import CRITIC_SIZE, Observation
+from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.networks import SymmetricCritic
 from hugwbc.learned.rl import ppo
 from hugwbc.learned.rl.ppo import PPO
+from hugwbc.robot import load_robot
 
+ROBOT, CRITIC_SIZE = load_robot(), 63 + 18 + 40 + 221
 GAIT = torch.ones(64, dtype=torch.long)
 
 
@@ -48,7 +50,7 @@ def test_surrogate_clips_on_the_right_side() -> None:
 def test_nothing_limits_how_far_a_value_moves_in_an_update() -> None:
     torch.manual_seed(0)
     config = PPOConfig(horizon=4, epochs=60, minibatches=1, critic_learning_rate=1e-3)
-    learner = PPO(config, 64, torch.Generator().manual_seed(0))
+    learner = PPO(config, ROBOT, torch.Generator().manual_seed(0))
     observation = Observation(
         torch.zeros(64, 315), torch.zeros(64, 18), torch.zeros(64, CRITIC_SIZE), torch.zeros(64, 6)
     )
@@ -70,7 +72,7 @@ def test_explained_variance_of_perfect_and_constant_critics() -> None:
 
 def make_learner(**changes: Any) -> PPO:
     torch.manual_seed(0)
-    return PPO(PPOConfig(horizon=2, **changes), 4, torch.Generator().manual_seed(0))
+    return PPO(PPOConfig(horizon=2, **changes), ROBOT, torch.Generator().manual_seed(0))
 
 
 def test_std_is_bounded_by_the_schedule() -> None:
@@ -113,7 +115,7 @@ def test_updates_improve_policy_value_and_estimate_on_a_known_task() -> None:
     torch.manual_seed(0)
     count, horizon = 64, 4
     config = PPOConfig(horizon=horizon, epochs=2, minibatches=2, learning_rate=1e-3, std_initial=0.5)
-    learner = PPO(config, count, torch.Generator().manual_seed(0))
+    learner = PPO(config, ROBOT, torch.Generator().manual_seed(0))
     history, mixing = torch.randn(count, 315), torch.randn(6, 315) / 315**0.5
     observation = Observation(history, torch.zeros(count, 18), torch.zeros(count, CRITIC_SIZE), history @ mixing.T)
     everything_done = torch.ones(count, dtype=torch.bool)
