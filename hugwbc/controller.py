@@ -155,7 +155,7 @@ _ARM_NUMBERS: dict[str, Shape] = {
 class Controller(Protocol):
     """A whole-body controller.
 
-    These four members are all that simulation, safety filter, evaluation, viewer and command line require; a class need
+    These four members are all that simulation, deployment, evaluation, viewer and command line require; a class need
     not inherit from this one. Properties that a controller may have beyond them (`hugwbc.runtime.moment.PlanView`):
 
     - `phase`: the common phase of the gait (`hugwbc.gait`) in the current control period, in [0, 1), for pictures.
@@ -198,7 +198,7 @@ def check_controller(controller: Any, origin: str) -> tuple[str, float]:  # noqa
 def override_arms(joint_command: JointCommand, upper_body: UpperBody, robot: Robot) -> JointCommand:
     """Return the command with the externally controlled arm joints driven as `upper_body` says.
 
-    `hugwbc.runtime.SafetyFilter` does this for every controller. A controller that also runs without the filter, and
+    `hugwbc.runtime.guard.Guard` does this for every controller. A controller that also runs without it, and
     does not place external arm targets in its own output, calls it as the last step of `act`.
     """
     if not upper_body.indicator:

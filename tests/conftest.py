@@ -2,16 +2,18 @@
 
 import pathlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from hugwbc import Command, Gait, Robot, RobotState, load_robot, rotations
+from hugwbc import Command, Gait, JointCommand, Robot, RobotState, UpperBody, load_robot, rotations
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.kinematics import MEASURED_NAMES
-from hugwbc.runtime.safety import SafetyReport
+from hugwbc.runtime.control_period import ControlPeriod
+from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.runtime.trace import Trace
 
 # A busy machine is no fault of what is tested.
@@ -30,6 +32,62 @@ def make_state(q=None, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.
     values = {name: value if value is None or np.isscalar(value) else np.array(value, dtype=float)
               for name, value in (state | fields).items()}  # fmt: skip
     return RobotState(**values)
+
+
+def bad_state():
+    return make_state(dq=np.full(19, np.nan))
+
+
+class Recorder:
+    """A controller that remembers what it was given and answers what it was told to."""
+
+    name, period = "recorder", 0.02
+
+    def __init__(self):
+        robot = load_robot()
+        self.answer: Any = JointCommand.position(robot, robot.nominal)
+        self.seen: list[tuple[RobotState, Command, UpperBody]] = []
+        self.resets = 0
+
+    def reset(self, state):
+        self.resets += 1
+
+    def act(self, state, command, upper_body):
+        self.seen.append((state, command, upper_body))
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+class ByHand:
+    """A control period outside a loop: the test gives the state, the command and the arm targets."""
+
+    solution = None
+
+    def __init__(self, controller, robot: Robot | None = None):
+        robot = robot or load_robot()
+        self.control = ControlPeriod(controller, self, None, robot=robot, estimator=None, upper_body=self)  # type: ignore[arg-type]
+        self.report = self.control.log.report
+
+    def start(self, state):
+        self.control.start(state, 0.0)
+
+    def act(self, state, command, arms):
+        self._asked = arms, command
+        self.control.observe(state, 0.0)
+        return self.control.decide(0.0)
+
+    def command_at(self, t):
+        return Command()
+
+    def hands_at(self, t):
+        return None
+
+    def reset(self):
+        pass
+
+    def update(self, state, hands, command, dt, commanded=None):
+        return self._asked
 
 
 def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", published=None, higher=False) -> Figure:

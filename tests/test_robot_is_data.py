@@ -14,11 +14,11 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
 from hugwbc.mirror import load_mirror
 from hugwbc.robot import robot_names, robot_table
-from hugwbc.runtime.safety import SafetyFilter
 from hugwbc.sim import Simulation
 from hugwbc.sim.variation import Variation
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
+from tests.conftest import ByHand
 
 ROOT = pathlib.Path(hugwbc.__file__).parent
 # May choose the default robot: `Simulation()` and the command line.
@@ -61,9 +61,9 @@ def test_the_rooms_count_the_joints_of_a_second_robot(g1: Robot, simulation: Sim
     assert Kinematics(g1).model.nv == 35
     np.testing.assert_array_equal(load_mirror(g1).joints(load_mirror(g1).joints(state.q)), state.q)
     none = UpperBody.none()
-    safe = SafetyFilter(WholeBodyController(g1), robot=g1)
-    safe.reset(state)
-    assert safe.act(state, Command(), none).q.shape == (29,) and safe.report().failures == 0
+    period = ByHand(WholeBodyController(g1), g1)
+    period.start(state)
+    assert period.act(state, Command(), none).q.shape == (29,) and period.report().failures == 0
     source = UpperBodySource(g1)
     hands = HandTargets.of(left=(0.25, 0.15, 0.1), right=(0.25, -0.15, 0.1), frame="pelvis")
     arms, _ = source.update(state, hands, Command(), 0.02)
@@ -73,10 +73,10 @@ def test_the_rooms_count_the_joints_of_a_second_robot(g1: Robot, simulation: Sim
 def test_a_record_of_another_robot_is_refused(g1: Robot, simulation: Simulation) -> None:
     """A state and a command of 19 joints reach neither the controller nor the drives of 29."""
     small = load_robot("h1")
-    safe = SafetyFilter(WholeBodyController(g1), robot=g1)
-    safe.reset(simulation.state())
-    safe.act(Simulation(robot=small).state(), Command(), UpperBody.none())
-    assert safe.report().bad_states == 1
+    period = ByHand(WholeBodyController(g1), g1)
+    period.start(simulation.state())
+    period.act(Simulation(robot=small).state(), Command(), UpperBody.none())
+    assert period.report().bad_states == 1
     before = simulation.rejected_commands
     simulation.step(JointCommand.position(small, small.nominal), 0.002)
     assert simulation.rejected_commands == before + 1

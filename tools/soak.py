@@ -20,6 +20,10 @@ from hugwbc import Command, Gait, Robot, RobotState, UpperBody, load_robot, rota
 from hugwbc.commands import sample_all
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import Constant, Simulation, load_controller, rollout
+from hugwbc.runtime.guard import Guard
+from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.safety_report import SafetyLog
+from hugwbc.runtime.state_check import StateCheck
 
 PERIOD_MS, STATES_PER_RESET, EPISODE_S = 2.0, 5, 20.0
 GROWTH = 0.05  # of the memory's peak, as a part of that of the first episode
@@ -55,15 +59,17 @@ def strange_states(ticks: int, seed: int) -> None:
     robot, gaits = load_robot(), list(Gait)
     for kind, draw in (("absurd", absurd_state), ("hard", hard_state)):
         rng, controller, outputs = np.random.default_rng(seed), WholeBodyController(robot), collections.Counter[str]()
+        log = SafetyLog()
+        guard = Guard(controller, StateCheck(robot), SafetyFilter(robot, log), log)
         times = np.zeros(ticks)  # [ms] of the processor
         for tick in range(ticks):
             state = draw(rng, robot)
             values = rng.normal(size=8) * 10.0 ** rng.uniform(0.0, 9.0)
-            command = Command.from_array(values, gaits[rng.integers(len(gaits))])
+            command, _ = Command.from_array(values, gaits[rng.integers(len(gaits))]).clamp()
             if tick % STATES_PER_RESET == 0:
-                controller.reset(state)
+                guard.reset(state)
             begin = time.process_time()
-            controller.act(state, command, UpperBody.none())
+            guard.act(state, command, UpperBody.none())
             times[tick] = 1e3 * (time.process_time() - begin)
             outputs[controller.diagnostics.output.value] += 1
         median, p99, longest = np.percentile(times, [50.0, 99.0, 100.0])

@@ -144,7 +144,7 @@ def _be_alone(endpoint: Endpoint, slower: float) -> None:
 
 def summary(side: RobotSide, wall: float) -> str:
     """Return a summary of the measured times."""
-    intake, timing, report = side.intake, side.timing, side.pilot.safe.report()
+    intake, timing, report = side.intake, side.timing, side.pilot.control.log.report()
     lines = [
         f"{intake.received} states in {wall:.1f} s: {intake.wrong_sum} with a wrong check sum, {intake.old} old, "
         f"{intake.torn} of a wrong size, longest gap {1e3 * intake.gap:.0f} ms",

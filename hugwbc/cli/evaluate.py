@@ -85,7 +85,7 @@ def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:
     lines += [experiment.note] if experiment.note else []
     for result in results:
         if failures := sum(row.get("failures") or 0 for row in result.rows):
-            lines.append(f"{result.controller} raised {failures} exceptions, which the safety filter caught.")
+            lines.append(f"{result.controller} raised {failures} exceptions, which were caught.")
     numbers = dict.fromkeys(f"{len(result.rows)} episodes" for result in results)
     return [*lines, *remarks(results), f"{' or '.join(numbers)}, seed {results[0].settings.seed}"]
 

@@ -15,12 +15,13 @@ from hugwbc.deploy.remote import ButtonWatch, Request
 from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
 from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
-from hugwbc.runtime.control_period import ArmSource, ControlPeriod, Due
+from hugwbc.runtime.control_period import ControlPeriod, Due
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import Grip
 from hugwbc.state import GRAVITY, RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 _ROUNDING = 1e-9  # [s]
 
@@ -36,7 +37,7 @@ class Decision:
 
 
 class Pilot:
-    """State estimator, state machine, and the controller behind its safety filter."""
+    """State estimator, state machine, and the control period with the controller."""
 
     def __init__(
         self,
@@ -45,7 +46,7 @@ class Pilot:
         robot: Robot,
         *,
         limits: Limits | None = None,
-        upper_body: ArmSource | None = None,
+        upper_body: UpperBodySource | None = None,
         tell: Callable[[Event], None] | None = None,
     ) -> None:
         """Connect the parts.
@@ -65,7 +66,7 @@ class Pilot:
         # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
         self.estimator = StateEstimator(robot, base_weight=0.0)
         self._world = CapturedWorld(lambda problem: self.machine.refuse(problem, self._last_time))
-        self._control = ControlPeriod(
+        self.control = ControlPeriod(
             controller,
             source,
             Sight(self._world, robot),
@@ -73,7 +74,6 @@ class Pilot:
             estimator=self.estimator,
             upper_body=upper_body,
         )
-        self.safe, self.plan = self._control.safe, self._control.plan  # the controller in its filter, and what it plans
         self.estimate: RobotState | None = None  # the last one
         self._robot = robot
         self._steer = getattr(source, "steer", None)
@@ -82,7 +82,7 @@ class Pilot:
         self._estimating = False
         self._last: JointCommand | None = None
         self._last_time = math.inf
-        self._due, self._run_start, self._decided = Due(self.safe.period), 0.0, 0.0
+        self._due, self._run_start, self._decided = Due(self.control.period), 0.0, 0.0
 
     @property
     def mode(self) -> Mode:
@@ -135,7 +135,7 @@ class Pilot:
         return Decision(state.time, self._last, new=True)
 
     def _estimate(self, state: RobotState) -> None:
-        control = self._control
+        control = self.control
         if self._estimating and state.time >= self._last_time:
             control.observe(state, state.time, driven=self.mode is Mode.RUN)
         elif state.is_usable:  # the first one, also of a robot that was restarted: its clock is back at 0
@@ -177,8 +177,8 @@ class Pilot:
     def _begin(self, state: RobotState) -> None:
         """Start the controller from a robot that stands still."""
         self.machine.enter(Mode.RUN, f"asked to run, with {100 * self.carried:.0f} % of the weight on the feet", state)
-        self._control.start(state, state.time)
-        self.estimate = self._control.estimate
+        self.control.start(state, state.time)
+        self.estimate = self.control.estimate
         self._run_start = self._decided = state.time
         self._due.restart(state.time)
 
@@ -190,8 +190,8 @@ class Pilot:
         if self._steer is not None:
             self._steer(message.remote, time)
         self._world.advance(time)
-        self._last = self._control.decide(time - self._run_start)
-        periods, self._decided = round((time - self._decided) / self.safe.period), time
+        self._last = self.control.decide(time - self._run_start)
+        periods, self._decided = round((time - self._decided) / self.control.period), time
         return Decision(time, self._last, new=True, skipped=max(periods - 1, 0))
 
     def damped(self) -> JointCommand:

@@ -54,7 +54,7 @@ class RobotSide(Line):
             tell: called with the messages of the watchdogs; a function that another process can import.
             connect: makes the endpoint of the relay's process, likewise; without it, the relay is a thread of this one.
         """
-        self._watch = Watch(robot, pilot.limits, pilot.safe.period, pilot.damped(), settings or Settings(), tell)
+        self._watch = Watch(robot, pilot.limits, pilot.control.period, pilot.damped(), settings or Settings(), tell)
         super().__init__(endpoint, self._watch, recorder)
         self.pilot, self._connect = pilot, connect
         self._asked: queue.SimpleQueue[Request] = queue.SimpleQueue()
@@ -271,5 +271,5 @@ class RobotSide(Line):
             self._endpoint.send(self._messages.answering(self._sent_decision, raws[-1]))
             self.sent += 1
             self._record(recording.PUBLISHED, self._sent_decision)
-        self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.safe.period)
+        self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.control.period)
         return True

@@ -84,7 +84,7 @@ class Episode:
         self._decided = False
         if not self._recorded:
             self._decide()
-        self._watch.sample(self.time, self._loop.safe.command.gait)
+        self._watch.sample(self.time, self._loop.control.chain.command.gait)
 
     def judge(self) -> Verdict:
         """Return the verdict on the episode, as if it ended now."""

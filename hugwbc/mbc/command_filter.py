@@ -1,4 +1,4 @@
-"""Filter of commands: clamped, rate-limited, corrected by the measured velocity."""
+"""Filter of commands: within what the legs can do now, rate-limited, corrected by the measured velocity."""
 
 import math
 from typing import NamedTuple
@@ -73,7 +73,7 @@ _STILL = GaitState()
 
 
 class CommandFilter:
-    """Clamps commands to their ranges and limits their rates, so that a jump does not topple the robot."""
+    """Limits the rates of commands, so that a jump does not topple the robot."""
 
     def __init__(self, params: ControllerParams, robot: Robot) -> None:
         self._params, self._robot = params, robot
@@ -98,19 +98,17 @@ class CommandFilter:
         """Return the command to follow now, and a report of its changes.
 
         Args:
-            command: command as given; NaN and values out of range are replaced and reported.
+            command: command as given, within its ranges.
             dt: time since the last call [s].
             legs: what the robot is doing.
         """
         # Most ticks repeat the last command after everything has arrived: their result is kept.
         if command is not self._given:
             self._given = command
-            valid, changes = command.clamp()
-            self._valid = valid, tuple(map(str, changes))
         elif self._arrived == legs:
             return self._result
         before = self._state
-        self._result = self._advance(*self._valid, dt, legs)
+        self._result = self._advance(command, dt, legs)
         self._arrived = legs if self._state == before else None
         return self._result
 
@@ -118,11 +116,10 @@ class CommandFilter:
     def _state(self) -> tuple[object, ...]:
         return self._velocity, self._frequency, *self._posture, *self._rate
 
-    def _advance(
-        self, command: Command, report: tuple[str, ...], dt: float, legs: GaitState
-    ) -> tuple[SmoothCommand, tuple[str, ...]]:
-        """Advance by one tick towards a valid command, and add to the report of what was clamped in it."""
+    def _advance(self, command: Command, dt: float, legs: GaitState) -> tuple[SmoothCommand, tuple[str, ...]]:
+        """Advance by one tick towards a command, and report what is not followed."""
         gait = command.gait
+        report: tuple[str, ...] = ()
         stepping = legs.stepping or gait is not Gait.STANDING
         params = self._params
         changing = legs.running not in (Gait.STANDING, gait)

@@ -26,16 +26,7 @@ from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
 
 _STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
-_NOTABLE = 1e-3  # [rad], change of an arm's target from which on it is reported
 _ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
-# What a body that can still be balanced does at most. Beyond it no solution helps, and the solver takes 40 times
-# as long.
-_LARGEST_TILT = 1.3  # [rad] between the pelvis's axis and the vertical; the robot has fallen at 1.0
-_LEAST_UPRIGHT = math.cos(_LARGEST_TILT)
-_LARGEST_RATE = 15.0  # [rad/s], of the pelvis
-_LARGEST_SPEED = 6.0  # [m/s], of the pelvis
-_FASTEST_JOINT = 3.0  # multiple of the robot's table; ankles reach 1.8 times theirs where a foot lands hard
-_BEYOND_RANGE = 0.5  # [rad] outside a joint's range; stops of rubber give way, and encoders have offsets
 
 
 class Output(enum.Enum):
@@ -60,7 +51,7 @@ class Diagnostics:
 
     Attributes:
         output: where the joint command came from.
-        status: outcome of the QP; FAILED also when it was not tried because the state was unusable.
+        status: outcome of the QP.
         iterations: iterations of the QP solver.
         mode: mode of the gait plan.
         swing: side of the swinging foot of a walk, or None.
@@ -73,7 +64,7 @@ class Diagnostics:
         out_of_reach: number of ticks since the reset in which the foothold of a walk was further away than a step.
         failed_plans: number of force plans since the reset that were not solved; the feet pushed evenly instead.
         friction: coefficient that the contact forces may use; less than usual after a slip.
-        report: what was clamped, replaced or not followed in the command.
+        report: what was not followed in the command.
     """
 
     output: Output = Output.DAMPING
@@ -134,7 +125,6 @@ class WholeBodyController:
         self._nominal_arms = self._robot.nominal[self._robot.arms]
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
-        self._implausible_speed = _FASTEST_JOINT * self._robot.velocity_limit
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
         # Drives hold these joints: a task of the QP alone leaves them where friction does.
         held = robot.held
@@ -206,16 +196,12 @@ class WholeBodyController:
         """Forget the past and start from this state, standing.
 
         Args:
-            state: state to start from; if it is unusable, the first usable one of `act` takes its place.
+            state: state to start from.
         """
         self._clear()
         self._qp.reset()
         self._slip.reset()
         self._locomotion.plan.reset()
-        if self._fits(state):
-            self._start(state)
-
-    def _start(self, state: RobotState) -> None:
         self._odometry.reset()
         self._predictor.reset()
         state = self._odometry.complete(state, np.ones(2, dtype=bool), 0.0)
@@ -229,23 +215,16 @@ class WholeBodyController:
         self._started = True
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Return the joint command for the next period. It never raises on bad numbers and never returns NaN.
+        """Return the joint command for the next period.
 
-        After an unusable state or an unsolved QP the last good command is held for a while, then the joints are damped.
-        `diagnostics` counts both.
+        After an unsolved QP the last good command is held for a while, then the joints are damped. `diagnostics` counts
+        both.
 
         Args:
             state: measured or estimated state; position, velocity and foot forces may be missing.
-            command: command to follow.
-            upper_body: targets of the arm joints under external control.
+            command: command to follow, within its ranges.
+            upper_body: targets of the arm joints under external control, within the joints' ranges.
         """
-        if not self._fits(state):
-            return self._fall_back(None, ("the state is not finite, or has no orientation",))
-        implausible = self._implausible(state)
-        if implausible:
-            return self._fall_back(None, (implausible,))
-        if not self._started:
-            self._start(state)
         state = self._odometry.complete(state, self._locomotion.contact, self.period)
         assert state.position is not None and state.velocity is not None
         self._locomotion.follow_jumps(state.position, state.velocity, self.period)
@@ -258,7 +237,7 @@ class WholeBodyController:
         self._watch_slips(state)
         smooth, report = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
-        report += self._set_posture(smooth, upper_body)
+        self._set_posture(smooth, upper_body)
         still = [self._still] if self._robot.held.size else []
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *still, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
@@ -284,32 +263,9 @@ class WholeBodyController:
         if self._slip.friction != self._qp.friction:  # also after a reset
             self._qp.friction = self._slip.friction
 
-    def _fits(self, state: RobotState) -> bool:
-        """Return whether a state can be used, and is of this robot's joints."""
-        return state.is_usable and state.q.size == self._kp.size
-
-    def _implausible(self, state: RobotState) -> str:
-        """Return why a state cannot belong to a balanced robot; empty if it is plausible."""
-        robot, velocity = self._robot, state.velocity
-        _, x, y, _ = state.orientation.tolist()
-        if 1.0 - 2.0 * (x * x + y * y) < _LEAST_UPRIGHT:
-            return "the robot has fallen: it leans too far"
-        if state.angular_velocity.dot(state.angular_velocity) > _LARGEST_RATE**2:
-            return "the pelvis turns faster than it can"
-        if velocity is not None and velocity.dot(velocity) > _LARGEST_SPEED**2:
-            return "the pelvis moves faster than it can"
-        if np.count_nonzero(np.abs(state.dq) > self._implausible_speed):
-            return "a joint moves faster than it can"
-        beyond = np.maximum(robot.lower - state.q, state.q - robot.upper)
-        return "a joint is outside its range" if np.count_nonzero(beyond > _BEYOND_RANGE) else ""
-
-    def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> tuple[str, ...]:
-        """Set the targets of waist and arms; arm joints under external control become prescribed motion.
-
-        Returns:
-            What was ignored or clamped in the targets.
-        """
-        params, robot = self.params, self._robot
+    def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> None:
+        """Set the targets of waist and arms; arm joints under external control become prescribed motion."""
+        params, mask = self.params, upper_body.mask
         # Without the acceleration the waist would lag and overshoot.
         self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
@@ -317,16 +273,9 @@ class WholeBodyController:
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()
-            return ()
+            return
         self._arms_free = False
-        finite = np.isfinite(upper_body.q) & np.isfinite(upper_body.dq) & np.isfinite(upper_body.ddq)
-        mask, report = upper_body.mask & finite, ()
-        if (upper_body.mask & ~finite).any():
-            report += ("arm targets that are not finite are ignored",)
-        target = np.clip(upper_body.q, robot.lower[robot.arms], robot.upper[robot.arms])
-        if (mask & (np.abs(target - upper_body.q) > _NOTABLE)).any():
-            report += ("arm targets beyond the joints' ranges are clamped",)
-        self._arms.target[:] = np.where(mask, target, robot.nominal[robot.arms])
+        self._arms.target[:] = np.where(mask, upper_body.q, self._nominal_arms)
         self._arms.rate[:] = np.where(mask, upper_body.dq, 0.0)
         self._arms.acceleration[:] = np.where(mask, upper_body.ddq, 0.0)
         self._arms.weight[:] = np.where(mask, params.takeover_weight, params.arm_weight)
@@ -335,7 +284,6 @@ class WholeBodyController:
         damping = min(params.takeover_gains[1], 0.8 / self.period)
         self._arms.stiffness[:] = np.where(mask, stiffness, params.arm_gains[0])
         self._arms.damping[:] = np.where(mask, damping, params.arm_gains[1])
-        return report
 
     def _attainable(self, arms: TaskTerms) -> TaskTerms:
         """Return the arms' terms, with accelerations limited to what their drives can give.
@@ -386,7 +334,7 @@ class WholeBodyController:
             tau=np.minimum(np.maximum(solution.torque + friction, self._lowest_torque), self._highest_torque),
         )
 
-    def _fall_back(self, solution: QpSolution | None, report: tuple[str, ...]) -> JointCommand:
+    def _fall_back(self, solution: QpSolution, report: tuple[str, ...]) -> JointCommand:
         """Return the last good command for up to `hold_time`, then one that only damps the joints."""
         self._fallbacks += 1
         self._held += 1

@@ -4,15 +4,14 @@ The names below are what users need. Modules of hugwbc itself import the submodu
 """
 
 from hugwbc.arm_servo import ArmServo
-from hugwbc.runtime.control_period import ArmSource
+from hugwbc.runtime.command_chain import feasible
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.feasibility import feasible
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.mujoco_robot import MujocoRobot
 from hugwbc.runtime.rollout import rollout
-from hugwbc.runtime.safety import SafetyFilter, SafetyReport
+from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.runtime.trace_file import read_trace, write_trace
 from hugwbc.scripts.command_source import CommandSource, Constant
@@ -22,7 +21,6 @@ from hugwbc.upper_ik import UpperBodySource
 __all__ = [
     "Arena",
     "ArmServo",
-    "ArmSource",
     "CommandSource",
     "Constant",
     "ControlLoop",
@@ -31,7 +29,6 @@ __all__ = [
     "HoldController",
     "Moment",
     "MujocoRobot",
-    "SafetyFilter",
     "SafetyReport",
     "SensorProfile",
     "Simulation",

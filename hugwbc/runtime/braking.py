@@ -37,10 +37,6 @@ class Braking:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Start from a standing robot."""
         self.active = False
         self._stood = math.inf  # [s] since the robot stands
         self._jumps = 0.0  # [s] of the jumps after hops that are left

@@ -1,28 +1,28 @@
-"""One period of control, the same in simulation and on a robot: estimate, arms, controller behind the safety filter."""
+"""One period of control, the same in simulation and on a robot: from a reading to a joint command, stage by stage."""
 
 import math
 import time
-import warnings
-from collections.abc import Sequence
-from typing import Protocol
-
-import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
-from hugwbc.numeric import changed
 from hugwbc.robot import Robot
-from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.arms import ArmDrive, Handover
+from hugwbc.runtime.command_chain import CommandChain
+from hugwbc.runtime.estimation import StateEstimator, joined
+from hugwbc.runtime.guard import Guard
+from hugwbc.runtime.lowering import Lowering
 from hugwbc.runtime.moment import PlanView
+from hugwbc.runtime.motor_watch import MotorWatch
 from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
-from hugwbc.scripts.command_source import CommandSource, SeeingSource
+from hugwbc.runtime.source_stage import SourceStage
+from hugwbc.runtime.state_check import StateCheck
+from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import View
 from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import IKSolution
-from hugwbc.upper_ik.source import STALE_TIME
+from hugwbc.upper_ik import UpperBodySource
 
 LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator, if the controller's period is longer
 _ROUNDING = 1e-9  # [s]
@@ -51,63 +51,21 @@ class Due:
         return True
 
 
-def joined(readings: Sequence[RobotState]) -> RobotState:
-    """Return the newest of some readings, with what is integrated averaged over all: gyro, accelerometer, torques."""
-    last, count = readings[-1], len(readings)
-    parts = []
-    for reading in readings:
-        gyro, accelerometer, torque = reading.imu_gyro, reading.imu_accelerometer, reading.torque
-        if count == 1 or gyro is None or accelerometer is None or torque is None:
-            return last
-        parts.append((gyro, accelerometer, torque))
-    gyro, accelerometer, torque = [sum(values[1:], values[0]) / count for values in zip(*parts, strict=True)]
-    return changed(last, imu_gyro=gyro, imu_accelerometer=accelerometer, torque=torque)
-
-
-class ArmSource(Protocol):
-    """An object that turns hand targets into arm joint targets, such as `hugwbc.upper_ik.UpperBodySource`."""
-
-    @property
-    def solution(self) -> IKSolution | None:
-        """The last IK solution; None while the controller moves the arms."""
-        ...
-
-    def reset(self) -> None:
-        """Give the arms back at once, for a new run."""
-        ...
-
-    def update(
-        self,
-        state: RobotState,
-        hands: HandTargets | None,
-        command: Command,
-        dt: float,
-        commanded: np.ndarray | None = None,
-    ) -> tuple[UpperBody, Command]:
-        """Return the arm targets for the next `dt` seconds, and the command as the hands need it.
-
-        Args:
-            state: the robot now.
-            hands: the hand targets; None gives the arms back to the controller.
-            command: the user's command; its h, p and w may change for targets that ask for the whole body.
-            dt: length of the control period [s].
-            commanded: the arm part of the last joint command [rad], shape (8,); None at the start.
-        """
-        ...
-
-
 class ControlPeriod:
     """What happens in every control period between a reading and a joint command.
 
-    `decide` goes downhill, each part once: the source of commands, the arms, the safety filter with the controller
-    inside it. `hugwbc.runtime.loop.ControlLoop` calls it for a simulated robot, `hugwbc.deploy.pilot.Pilot` for one
-    behind messages.
+    `decide` calls the stages in the order in which they act. `hugwbc.runtime.loop.ControlLoop` calls it for a simulated
+    robot, `hugwbc.deploy.pilot.Pilot` for one behind messages.
 
     Attributes:
-        safe: the controller behind its safety filter.
+        guard: the controller, behind a guard.
+        chain: of the command; its `command` is what the robot is asked for now.
+        log: counts what the stages change (`SafetyLog.report`).
+        period: of the controller [s].
         plan: what the controller plans.
         estimator: gives the controller the state from noisy sensors; None where the readings tell it.
         upper_body: turns hand targets into arm targets; None ignores hand targets, with a warning.
+        motors: finds dead motors of the legs.
         estimate: what the controller knows of the robot: the last estimate, or the last reading without an estimator.
         hands: the last hand targets, None where the controller moves the arms.
         ik_s: time that the last call of the arms' source took [s].
@@ -123,7 +81,7 @@ class ControlPeriod:
         *,
         robot: Robot,
         estimator: StateEstimator | None,
-        upper_body: ArmSource | None = None,
+        upper_body: UpperBodySource | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -131,26 +89,24 @@ class ControlPeriod:
             controller: any object with the members of `Controller`.
             source: gives commands and hand targets over time.
             sight: what a source that looks at robot and objects sees.
-            robot: whose limits the safety filter keeps.
+            robot: whose limits are kept, and whose arms are driven.
             estimator: estimates the state from the readings; None where they tell it.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
         """
-        self.safe = SafetyFilter(controller, robot=robot)
-        self.plan = PlanView(controller, self.safe)
         self.estimator, self.upper_body = estimator, upper_body
-        self.hands: HandTargets | None = None
-        self.ik_s = 0.0
-        self._source, self._sight = source, sight
-        self._update_due = Due(min(self.safe.period, LONGEST_UPDATE))
+        self._robot = robot
+        self.log = SafetyLog()
+        self._source = SourceStage(source, sight, self.log, moves_hands=upper_body is not None)
+        self.chain = CommandChain(self.log)
+        self.motors, self._lowering = MotorWatch(robot), Lowering(robot)
+        self._arm_drive = ArmDrive(robot, self.log)
+        self._check, self._limit = StateCheck(robot), SafetyFilter(robot, self.log)
+        self.guard = Guard(controller, self._check, self._limit, self.log)
+        self._handover = Handover(robot.arms)
+        self.period, self.plan = self.guard.period, PlanView(self.guard, self.log)
+        self._update_due = Due(min(self.period, LONGEST_UPDATE))
         self._unseen: list[RobotState] = []  # by the estimator
-        self._seeing = source if isinstance(source, SeeingSource) else None
-        self._arms = robot.arms
-        self._commanded_arms: np.ndarray | None = None
-        self._free_arms = UpperBody.none()
-        self._asked: tuple[Command, HandTargets | None] = (Command(), None)  # what the source gave last
-        self._unheard = 0.0  # [s] since then
-        self._started = self._warned = False
-        self._view: View | None = None
+        self._free_arms, self._started = UpperBody.none(), False
 
     def locate(self, reading: RobotState, now: float) -> None:
         """Start the estimate from the reading of a robot that stands at rest, which arrives now [s]."""
@@ -164,15 +120,14 @@ class ControlPeriod:
         """Start a run from the reading of a robot that stands at rest, which arrives now [s]."""
         self.locate(reading, now)
         self._started = True
-        self.safe.reset(self.estimate)
-        self.hands, self.ik_s, self._commanded_arms = None, 0.0, None
-        self._asked, self._unheard = (Command(), None), 0.0
+        for stage in (self.log, self._source, self.chain, self.motors, self._lowering):
+            stage.reset()
+        self._arm_drive.reset()
+        self._handover.reset()
+        self.guard.reset(self._check.admit(self.estimate))
+        self.hands, self.ik_s, self._last = None, 0.0, None
         if self.upper_body is not None:
             self.upper_body.reset()
-        if self._seeing is not None:
-            self._seeing.restart()
-            self._sight.reset()
-            self._view = None
 
     def observe(self, reading: RobotState, now: float, *, driven: bool = True) -> None:
         """Take a reading. The estimator is updated once a period, or every `LONGEST_UPDATE`.
@@ -187,64 +142,59 @@ class ControlPeriod:
             return
         self._unseen.append(reading)
         if driven and not self.estimate.coasted:  # what was replaced tells nothing of the motors
-            self.safe.motors.see(reading, now)
+            self.motors.see(reading, now)
         if self._update_due(now):
             planned = self.plan.acceleration if driven else None
             self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)
             self._unseen.clear()
 
+    def look(self, t: float) -> View:
+        """Return what is seen at time t of the run [s]; each time has one view."""
+        return self._source.look(t, self.estimate)
+
     def decide(self, t: float) -> JointCommand:
         """Return the joint command for the next period, which begins at time t of the run [s].
 
-        Where the source raises or gives something else, its last command and hand targets count for `STALE_TIME`;
-        then the robot stands, and the arms go back to the controller.
+        A state that the estimator calls lost (`RobotState.lost`), or a dead motor of a leg, makes the robot kneel down
+        and then damps its joints, until the next `start` (`hugwbc.runtime.lowering`).
         """
         if not self._started:
             raise ConfigError("decide was called before the run has begun; call reset of the loop first")
-        self._placed, arms = self.estimate, self._free_arms
-        asked = self.safe.ask("source_failures", "the source", lambda: self._ask(t))
-        self._unheard = 0.0 if asked is not None else self._unheard + self.safe.period
-        if asked is not None or self._unheard > STALE_TIME:
-            self._asked = asked or (Command(), None)
-        command, self.hands = self._asked
-        if self.upper_body is not None:
-            begin = time.perf_counter()
-            moved = self.safe.ask("source_failures", "the source of arm targets", lambda: self._move_arms(command))
-            arms, command = moved or (arms, command)
-            self.ik_s = time.perf_counter() - begin
-        joints = self.safe.act(self.estimate, command, arms)
-        self._commanded_arms = joints.q[self._arms]
-        return joints
+        state, dt = self._check.admit(self.estimate), self.period
+        self.log.count("ticks")
+        command, self.hands = self._source.ask(t, self.estimate, dt)
+        arms, command = self._solve_arms(command)
+        command = self.chain(command, state, dt)
+        for sensor in state.coasted:
+            self.log.count_of("readings_refused", sensor, f"readings of {sensor} refused and replaced")
+        lost = state.lost or (self.motors.dead and f"the motor of {self.motors.dead} is dead")
+        if lost or self._lowering.begun:
+            self.log.count("lowered", f"{lost}: kneeling down")
+            joints = self._lowering.command(state, dt)
+            self.guard.last_tick_s = 0.0
+        else:
+            arms = self._arm_drive(arms, state, dt)
+            joints = self.guard.act(state, command, arms)
+            joints = self._handover(joints, arms, dt)
+        self._last = self._limit(joints)
+        self.motors.note(self._last)
+        return self._last
 
-    def look(self, t: float) -> View:
-        """Return what is seen at time t of the run [s]; each time has one view."""
-        if self._view is None or self._view.time != t:
-            self._view = self._sight.look(t, self.estimate)
-        return self._view
-
-    def _ask(self, t: float) -> tuple[Command, HandTargets | None]:
-        """Ask the source for command and hand targets."""
-        if self._seeing is not None:
-            view = self.look(t)
-            self._placed = view.state
-            self._seeing.see(view)
-            self._sight.grip(self._seeing.grips)
-        command = self._source.command_at(t)
-        hands = self._source.hands_at(t)
-        if not isinstance(command, Command) or not isinstance(hands, HandTargets | None):
-            given = f"a {type(command).__name__} and a {type(hands).__name__}"
-            raise TypeError(f"it gave {given} instead of a Command, and HandTargets or None")
-        if hands is not None and self.upper_body is None:
-            if not self._warned:
-                self._warned = True
-                warnings.warn("hand targets are ignored: nothing moves the arms; give an UpperBodySource", stacklevel=2)
-            hands = None
-        return command, hands
-
-    def _move_arms(self, command: Command) -> tuple[UpperBody, Command]:
+    def _solve_arms(self, command: Command) -> tuple[UpperBody, Command]:
         """Return the arm targets, and the command as the hands need it."""
-        assert self.upper_body is not None
-        arms, adapted = self.upper_body.update(
-            self._placed, self.hands, command, self.safe.period, self._commanded_arms
+        source = self.upper_body
+        if source is None:
+            return self._free_arms, command
+        placed, last = self._source.placed, self._last
+        commanded = None if last is None else last.q[self._robot.arms]
+        begin = time.perf_counter()
+        moved = self.log.ask(
+            "source_failures",
+            "the source of arm targets",
+            lambda: source.update(placed, self.hands, command, self.period, commanded),
         )
+        self.ik_s = time.perf_counter() - begin
+        if moved is None:
+            return self._free_arms, command
+        arms, adapted = moved
         return arms, adapted

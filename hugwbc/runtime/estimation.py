@@ -6,6 +6,7 @@ The filter multiplies by `dot`: on matrices this small it takes half the time of
 import collections
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +14,7 @@ from eigenpy import LLT
 
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.contact import BASE_WEIGHT, ContactObserver
 from hugwbc.runtime.reading_guard import GYRO_JUMP, LARGEST_READING, ReadingGuard
@@ -116,6 +118,19 @@ class JointFilter:
         self._gains = gain_qq, noise_q * cross, noise_v * cross, gain_vv
         if np.abs(self._vv - before).max() < _STEADY * noise_v:
             self._steady = kind
+
+
+def joined(readings: Sequence[RobotState]) -> RobotState:
+    """Return the newest of some readings, with what is integrated averaged over all: gyro, accelerometer, torques."""
+    last, count = readings[-1], len(readings)
+    parts = []
+    for reading in readings:
+        gyro, accelerometer, torque = reading.imu_gyro, reading.imu_accelerometer, reading.torque
+        if count == 1 or gyro is None or accelerometer is None or torque is None:
+            return last
+        parts.append((gyro, accelerometer, torque))
+    gyro, accelerometer, torque = [sum(values[1:], values[0]) / count for values in zip(*parts, strict=True)]
+    return changed(last, imu_gyro=gyro, imu_accelerometer=accelerometer, torque=torque)
 
 
 class StateEstimator:

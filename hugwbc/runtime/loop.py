@@ -1,4 +1,4 @@
-"""The control loop of one robot in simulation: sensors, arms, controller behind the safety filter, joints."""
+"""The control loop of one robot in simulation: sensors, arms, controller, joints."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
-from hugwbc.runtime.control_period import ArmSource, ControlPeriod
+from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.controllers import load_controller
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
@@ -18,6 +18,7 @@ from hugwbc.scripts.view import View
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:
@@ -42,7 +43,6 @@ class ControlLoop:
 
     Attributes:
         control: what happens in a period.
-        safe: the controller behind its safety filter.
         simulation: the robot.
         period: the controller's period [s].
         substeps: physics steps in a period.
@@ -53,12 +53,12 @@ class ControlLoop:
         controller: Controller | str,
         source: CommandSource | Command,
         simulation: Engine,
-        upper_body: ArmSource | None = None,
+        upper_body: UpperBodySource | None = None,
         estimator: StateEstimator | None = None,
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.
 
-        The safety filter and the servo of the arms know the simulated robot with its drives. What the controller, the
+        The limits and the servo of the arms know the simulated robot with its drives. What the controller, the
         hand IK and the estimator are told is up to them.
 
         Args:
@@ -84,8 +84,8 @@ class ControlLoop:
         )
         estimator = estimator or estimator_for(simulation)
         self.control = ControlPeriod(controller, source, sight, robot=robot, estimator=estimator, upper_body=upper_body)
-        self.safe, self.simulation = self.control.safe, simulation
-        self.period = self.safe.period
+        self.simulation = simulation
+        self.period = self.control.period
         self.substeps = substeps_of(self.period, simulation.timestep, controller.name)
 
     def reset(self) -> None:
@@ -123,7 +123,7 @@ class ControlLoop:
         assert state.foot_force is not None
         return Moment(
             qpos=simulation.qpos,
-            gait=int(self.safe.command.gait),
+            gait=int(self.control.chain.command.gait),
             phase=self.control.plan.phase,
             foot_contact=foot_contacts(state),
             foot_force=state.foot_force.copy(),

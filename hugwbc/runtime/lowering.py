@@ -42,9 +42,12 @@ class Lowering:
         ankles = np.isin(np.arange(robot.kp.size), robot.pair("ankle_pitch"))
         self._kp = robot.kp * np.where(ankles, _ANKLE_STIFFNESS, _STIFFNESS)
         self._kd = robot.kd * np.where(ankles, _ANKLE_DAMPING, _DAMPING)
+        self.reset()
+
+    def reset(self) -> None:
+        """Let the robot stand again."""
         self._moves: list[tuple[float, float, np.ndarray]] = []  # when each begins and how long it takes [s], and where
-        self._from = robot.nominal
-        self._elapsed = 0.0
+        self._from, self._elapsed = self._robot.nominal, 0.0
 
     @property
     def begun(self) -> bool:

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from hugwbc.controller import Controller
 from hugwbc.numeric import floats
-from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.guard import Guard
+from hugwbc.runtime.safety_report import SafetyLog
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,14 +50,13 @@ SCENE_FIELDS = ("hand_force", "object_pose")  # which a record has only of a rob
 class PlanView:
     """A controller's plan, as far as it has one and gives it in its form (`hugwbc.controller.Controller`)."""
 
-    def __init__(self, controller: Controller, safe: SafetyFilter) -> None:
-        """Look at a controller; its safety filter counts what it raises."""
-        self._controller, self._safe = controller, safe
+    def __init__(self, guard: Guard, log: SafetyLog) -> None:
+        """Look at the controller behind a guard; the log counts what it raises."""
+        self._guard, self._log = guard, log
 
     def _read(self, name: str, shape: tuple[int, ...]) -> np.ndarray | None:
-        value = self._safe.ask(
-            "failures", f"{name} of {self._safe.name}", lambda: getattr(self._controller, name, None)
-        )
+        guard = self._guard
+        value = self._log.ask("failures", f"{name} of {guard.name}", lambda: getattr(guard.controller, name, None))
         return floats(value, shape)
 
     @property
@@ -75,4 +74,4 @@ class PlanView:
     @property
     def acceleration(self) -> np.ndarray | None:
         """The planned joint accelerations [rad/s^2], shape (n,); None without a plan."""
-        return self._read("planned_acceleration", self._safe.robot.kp.shape)
+        return self._read("planned_acceleration", self._guard.robot.kp.shape)

@@ -19,12 +19,13 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ModelError
 from hugwbc.kinematics import pinocchio_model
 from hugwbc.robot import SIDES, Robot, load_robot
-from hugwbc.runtime.control_period import ArmSource, ControlPeriod
+from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import Grip
 from hugwbc.sim.scenes.objects import Picture, force_on_second
 from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 _FARTHEST, _LEAST_ALIGNED = 0.01, 0.99  # [m] and cosine between a joint's axis in the model and in the description
 _FLAT = 0.005  # [m], height over the lowest point up to which a foot is its sole
@@ -96,7 +97,7 @@ class MujocoRobot:
         self.problems: list[str] = []
 
     def control_period(
-        self, controller: Controller, source: CommandSource | Command, upper_body: ArmSource | None = None
+        self, controller: Controller, source: CommandSource | Command, upper_body: UpperBodySource | None = None
     ) -> ControlPeriod:
         """Return the control of this robot by its exact state: `start` it, then `observe` and `decide` in each period.
 

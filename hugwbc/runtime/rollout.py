@@ -10,7 +10,6 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
-from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import MOMENT_FIELDS, SCENE_FIELDS, Moment
@@ -18,13 +17,14 @@ from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Disturber, Engine, Force
 from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 
 def rollout(
     controller: Controller | str,
     source: CommandSource | Command,
     simulation: Engine,
-    upper_body: ArmSource | None = None,
+    upper_body: UpperBodySource | None = None,
     *,
     duration: float,
     estimator: StateEstimator | None = None,
@@ -36,7 +36,7 @@ def rollout(
     past_falls: bool = False,
     strict: bool = True,
 ) -> Trace:
-    """Run a controller behind the safety filter from a standing start until it falls or the time is over.
+    """Run a controller from a standing start until it falls or the time is over.
 
     The loop runs at the controller's period and the physics at its own time step; a sample is recorded every
     `RECORD_PERIOD`. The controller reads the estimated state; the record holds the true one.
@@ -67,7 +67,7 @@ def rollout(
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
-    loop.safe.strict = strict
+    loop.control.log.strict = strict
     disturber = Disturber(simulation.link_names, simulation.robot.trunk, forces) if forces else None
     recorder = Recorder(loop, disturber, on_step)
     loop.reset()
@@ -75,8 +75,8 @@ def rollout(
     for tick in range(ticks):
         t = tick * loop.period
         joint_command = loop.decide(t)
-        if loop.safe.last_tick_s > 0.0:
-            recorder.tick_ms.append(loop.safe.last_tick_s * 1e3)
+        if (tick_s := loop.control.guard.last_tick_s) > 0.0:
+            recorder.tick_ms.append(tick_s * 1e3)
         if upper_body is not None:
             recorder.ik_ms.append(loop.control.ik_s * 1e3)
         if recorder.due(t):
@@ -140,7 +140,7 @@ class Recorder:
         self.rows.append(
             {
                 "time": t,
-                "command": self.loop.safe.command.array(),
+                "command": self.loop.control.chain.command.array(),
                 "measured": [getattr(measured, name) for name in MEASURED_NAMES],
                 "clearance": measured.clearance,
                 **{name: getattr(moment, name) for name in self._moment_fields},
@@ -156,7 +156,7 @@ class Recorder:
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """Return the record of the run."""
         return Trace(
-            name=self.loop.safe.name,
+            name=self.loop.control.guard.name,
             **{name: np.array([row[name] for row in self.rows]) for name in self.rows[0]},
             tick_ms=np.array(self.tick_ms),
             ik_ms=np.array(self.ik_ms),
@@ -165,7 +165,7 @@ class Recorder:
             fell=fell,
             survived_s=survived_s,
             steps=steps,
-            safety=self.loop.safe.report(),
+            safety=self.loop.control.log.report(),
             robot=self.simulation.robot.name,
             scene=self.simulation.scene,
             problems=tuple(self.simulation.objects.problems),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hugwbc.robot import DEFAULT_ROBOT
-from hugwbc.runtime.safety import SafetyReport
+from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.sim.scenes.scene import Scene
 
 RECORD_PERIOD = 0.02  # [s] between two samples
@@ -27,7 +27,7 @@ class Trace:
         time: times of the samples [s], shape (T,).
         command: the eight commanded values, clamped to their ranges, in the order of COMMAND_NAMES, shape (T, 8). They
             include the h, p and w of hand targets that ask for the whole body, but not the changes by the guard
-            (`runtime.feasibility`), which therefore count as errors.
+            (`runtime.command_chain`), which therefore count as errors.
         gait: values of `Gait`, shape (T,).
         measured: v_x, v_y, omega, h, p, w as executed (see `kinematics.Measured`), shape (T, 6).
         clearance: height of the left and right sole above the ground [m], shape (T, 2).
@@ -57,7 +57,7 @@ class Trace:
         fell: whether the robot fell or the physics diverged.
         survived_s: time of the fall, or the whole duration [s].
         steps: number of control steps executed.
-        safety: report of the safety filter.
+        safety: what was changed on the way to the joints.
         robot: name of the simulated robot.
         hand_force: force on each hand from outside, world frame [N], shape (T, 2, 3); empty without a scene.
         object_pose: position [m] and quaternion (w, x, y, z) of every body of the scene, in the order of

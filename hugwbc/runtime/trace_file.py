@@ -10,7 +10,7 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.files import write_whole, writing
-from hugwbc.runtime.safety import SafetyReport
+from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.motion import UNREADABLE
 from hugwbc.settings_file import parse

@@ -17,7 +17,7 @@ from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
-from hugwbc.runtime.feasibility import feasible
+from hugwbc.runtime.command_chain import feasible
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model

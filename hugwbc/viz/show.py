@@ -18,7 +18,6 @@ from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
 from hugwbc.robot import Robot
-from hugwbc.runtime.control_period import ArmSource
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
@@ -26,6 +25,7 @@ from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Engine, Force, Scene, Simulation
 from hugwbc.state import RobotState
+from hugwbc.upper_ik import UpperBodySource
 
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
 SETTLE = 1.0  # [s] after a start that do not count in mean velocities
@@ -104,7 +104,7 @@ def watch(
     controller: Controller,
     source: CommandSource | Command,
     simulation: Engine | None = None,
-    upper_body: ArmSource | None = None,
+    upper_body: UpperBodySource | None = None,
     *,
     duration: float,
     show: bool = False,
@@ -116,7 +116,7 @@ def watch(
     """Run a controller from a standing start and let people see it.
 
     Args:
-        controller: the controller; it runs behind the safety filter.
+        controller: the controller.
         source: commands and hand targets over time, such as a `Script`; or one command for all times.
         simulation: the robot; a new one by default.
         upper_body: turns hand targets into arm targets; without it hand targets are ignored.
@@ -194,7 +194,7 @@ def run_live(
             loop.step(loop.decide(loop.simulation.time), loop.period)
             simulated += loop.period
             if loop.simulation.time > SETTLE:
-                velocities += loop.safe.command.array()[:3], walked(loop.simulation.state())
+                velocities += loop.control.chain.command.array()[:3], walked(loop.simulation.state())
                 ticks += 1
             again = loop.simulation.fallen
             if draw is not None and (again or simulated >= next_frame):
@@ -207,17 +207,17 @@ def run_live(
                 if draw is not None:
                     clock.pause(FALLEN_PAUSE)
             if again:
-                messages += loop.safe.report().messages  # the reset clears them
+                messages += loop.control.log.report().messages  # the reset clears them
                 loop.reset()
             elif until():
                 break
     finally:  # also after Ctrl-C
-        tell(f"{loop.safe.name}: {simulated:.1f} s simulated, {falls} falls")
+        tell(f"{loop.control.guard.name}: {simulated:.1f} s simulated, {falls} falls")
         if ticks:
             tell(mean_velocities(*velocities / ticks))
         if (watch := getattr(loop.control.upper_body, "watch", None)) is not None and watch.tally.problem:
             tell(str(watch.tally))
-        for message in dict.fromkeys([*messages, *loop.safe.report().messages]):
+        for message in dict.fromkeys([*messages, *loop.control.log.report().messages]):
             tell(f"safety: {message}")
 
 

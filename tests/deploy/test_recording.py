@@ -51,14 +51,14 @@ def test_a_replay_notices_another_controller(tmp_path, standing, jumping_pilot) 
     path = tmp_path / "run.bin"
     record_a_run(path, standing)
     pilot = make_pilot()
-    act = pilot.safe.controller.act
+    act = pilot.control.guard.controller.act
 
     def other(*arguments):
         command = act(*arguments)
         command.q[0] += 1e-6
         return command
 
-    pilot.safe.controller.act = other  # type: ignore[method-assign]
+    pilot.control.guard.controller.act = other  # type: ignore[method-assign]
     result = replay(Recording(path), pilot, Messages(H1), 0.0)
     assert result.different == 50 and result.first is not None
 

@@ -12,7 +12,7 @@ import pytest
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.comparison import comparison_summary, figure_table, summarise
 from hugwbc.report import comparison_page
-from hugwbc.runtime.safety import SafetyReport
+from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.scripts.script import Script, Segment
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter
 from hugwbc.viz.plots import hand_panels, torque_panels, tracking_panels

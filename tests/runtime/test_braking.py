@@ -162,5 +162,5 @@ def test_the_policy_survives_a_switch_to_standing_at_1_m_s():
     for tick in range(round(4.5 / loop.period)):
         loop.step(loop.decide(tick * loop.period), loop.period)
     assert not simulation.fallen
-    assert 25 < loop.safe.report().braked < 150
+    assert 25 < loop.control.log.report().braked < 150
     assert np.hypot(*simulation.state().velocity[:2]) < 0.1

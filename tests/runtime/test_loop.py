@@ -62,7 +62,7 @@ def test_what_fades_after_a_hand_back_does_not_push_the_arms_beyond_the_limits()
     assert commands[TAKEN + 1] == pytest.approx(high)
     assert np.all(commands >= low) and np.all(commands <= high)
     assert commands[-1] == pytest.approx(ROBOT.upper[ROBOT.arms])
-    assert loop.safe.report().positions_limited > 0
+    assert loop.control.log.report().positions_limited > 0
 
 
 def test_the_filter_is_not_asked_twice_where_nothing_fades():
@@ -70,7 +70,7 @@ def test_the_filter_is_not_asked_twice_where_nothing_fades():
     loop.reset()
     for tick in range(3):
         loop.decide(tick * loop.period)
-    assert loop.safe.report().positions_limited == 0 and loop.safe.report().ticks == 3
+    assert loop.control.log.report().positions_limited == 0 and loop.control.log.report().ticks == 3
 
 
 def test_a_controller_reads_the_estimate_where_there_is_an_estimator():
@@ -140,7 +140,7 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
     heights = []
     for tick in range(round(4.0 / loop.period)):
         loop.decide(tick * loop.period)
-        heights.append(loop.safe.command.h)
+        heights.append(loop.control.chain.command.h)
         loop.simulation.data.time += loop.period  # the robot stays as it is: this is about commands
     second = round(1.0 / loop.period)
     assert heights[second] < -0.1
@@ -185,10 +185,10 @@ def test_a_source_that_raises_or_gives_something_else_leads_to_a_stand_and_is_to
     commands = []
     for tick in range(60):
         assert loop.decide(tick * loop.period).is_finite
-        commands.append(loop.safe.command)
+        commands.append(loop.control.chain.command)
     assert all(command.gait is Gait.WALKING for command in commands[:25]), "half a second of the last command"
     assert commands[-1] == Command()
-    report = loop.safe.report()
+    report = loop.control.log.report()
     assert report.source_failures == 55 and report.failures == 0 and any(words in m for m in report.messages)
 
 
@@ -220,8 +220,8 @@ def test_plans_that_raise_or_have_another_form_are_none_and_are_told():
     loop.step(loop.decide(0.0), loop.period)
     moment = loop.moment()
     assert np.isnan(moment.phase) and moment.foothold.shape == (2, 2) and np.isnan(moment.foothold).all()
-    assert loop.safe.report().failures > 0
-    assert loop.safe.report().messages[0].startswith("planned_acceleration of hold raised CommandError: no plan")
+    assert loop.control.log.report().failures > 0
+    assert loop.control.log.report().messages[0].startswith("planned_acceleration of hold raised CommandError: no plan")
 
 
 def test_hands_that_become_soft_during_the_takeover_never_have_negative_stiffness():
@@ -236,7 +236,7 @@ def test_hands_that_become_soft_during_the_takeover_never_have_negative_stiffnes
     )
     loop.reset()
     least = min(loop.decide(tick * loop.period).kp.min() for tick in range(40))
-    assert 0.0 < least < 20.0 and loop.safe.report().gains_limited == 0
+    assert 0.0 < least < 20.0 and loop.control.log.report().gains_limited == 0
 
 
 @pytest.mark.parametrize("sensing", ["exact", "robot"])

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from hugwbc import Command, UpperBody, load_robot
+from hugwbc import load_robot
 from hugwbc.controller import JointCommand
-from hugwbc.runtime import SafetyFilter
-from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.motor_watch import MotorWatch
 from tests.conftest import make_state
 
@@ -55,17 +53,3 @@ def test_neither_a_gap_between_readings_nor_the_same_reading_again_is_evidence()
     for tick in range(100):
         watch.see(quiet, 0.2 + tick * PERIOD)
     assert watch.dead == "", "frozen readings"
-
-
-def test_the_robot_kneels_when_a_motor_is_dead():
-    safe = SafetyFilter(HoldController(H1), robot=load_robot())
-    state = make_state()
-    safe.reset(state)
-    safe.act(state, Command(), UpperBody.none())
-    safe.motors.dead = "left_knee_joint"
-    safe.act(state, Command(), UpperBody.none())
-    report = safe.report()
-    assert report.lowered == 1 and "the motor of left_knee_joint is dead: kneeling" in " ".join(report.messages)
-    safe.reset(state)
-    safe.act(state, Command(), UpperBody.none())
-    assert safe.report().lowered == 0

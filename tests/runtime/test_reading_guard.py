@@ -6,10 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import Command, RobotState, UpperBody, load_robot
-from hugwbc.runtime import SafetyFilter
-from hugwbc.runtime.controllers import HoldController
-from hugwbc.runtime.lowering import LEANING
+from hugwbc import RobotState, load_robot
 from hugwbc.runtime.reading_guard import ALL, IMU, ReadingGuard
 
 H1 = load_robot()
@@ -136,20 +133,3 @@ def test_what_does_not_come_back_is_lost(walked, values, why):
     states = [guard.admit(changed(reading(tick, rng), joint=joint, **values)) for tick in range(1000, 1200)]
     assert not states[140].lost and why in states[-1].lost
     assert all(state.is_finite for state in states)
-
-
-def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
-    controller = HoldController(H1)
-    controller.period = PERIOD
-    safe, state = SafetyFilter(controller, robot=load_robot()), reading(0, np.random.default_rng(0), walking=False)
-    safe.reset(state)
-    lost = dataclasses.replace(state, coasted=(IMU,), lost="the IMU failed for 300 ms")
-    commands = [safe.act(lost, Command(), UpperBody.none())]
-    np.testing.assert_allclose(commands[0].q, state.q, atol=0.01)
-    commands += [safe.act(state, Command(), UpperBody.none()) for _ in range(1500)]
-    assert commands[600].q[KNEE] == pytest.approx(LEANING[1], abs=1e-3) and commands[600].kp[KNEE] > 0.0
-    assert (commands[-1].kp == 0.0).all() and (commands[-1].kd > 0.0).all(), "it stays down, and is damped in the end"
-    report = safe.report()
-    assert report.lowered == 1501 and report.readings_refused == {IMU: 1} and "kneeling" in " ".join(report.messages)
-    safe.reset(state)
-    np.testing.assert_array_equal(safe.act(state, Command(), UpperBody.none()).q, H1.nominal)

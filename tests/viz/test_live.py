@@ -388,7 +388,7 @@ def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, 
     page, simulation = browser_page, driven.simulation
     # A gait button and a slider: the robot walks ahead.
     page.get_by_role("button", name="walking").click()
-    assert driven.until(lambda: driven.loop.safe.command.gait is Gait.WALKING)
+    assert driven.until(lambda: driven.loop.control.chain.command.gait is Gait.WALKING)
     page.wait_for_function("document.querySelector('[data-action=walking]').ariaPressed == 'true'")
     slider = page.get_by_role("slider").first
     slider.focus()
@@ -400,7 +400,7 @@ def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, 
     # Stop, and stand.
     page.get_by_role("button", name="stop").click()
     page.get_by_role("button", name="standing").click()
-    assert driven.until(lambda: driven.loop.safe.command.gait is Gait.STANDING)
+    assert driven.until(lambda: driven.loop.control.chain.command.gait is Gait.STANDING)
     assert not simulation.fallen
 
 
@@ -413,7 +413,7 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     assert driven.until(lambda: simulation.data.qpos[0] > 0.4), "it walks"
     # A turns as well.
     page.keyboard.down("a")
-    assert driven.until(lambda: driven.loop.safe.command.omega > 0.5)
+    assert driven.until(lambda: driven.loop.control.chain.command.omega > 0.5)
     assert driven.until(lambda: simulation.state().yaw > 0.3), "it turns"
     page.keyboard.up("a")
     page.keyboard.up("w")

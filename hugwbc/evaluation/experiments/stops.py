@@ -1,7 +1,7 @@
 """A command to stand while the robot moves: does it brake and stay up?
 
 Every episode moves at one of several speeds and is told to stand at a random time of its stride, as by a key or by the
-end of a connection. The change of gait waits for the brake of the safety filter.
+end of a connection. The change of gait waits for the brake of the control period.
 """
 
 import dataclasses

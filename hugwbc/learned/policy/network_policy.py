@@ -18,7 +18,6 @@ from hugwbc.learned.policy.network_files import Network, OnnxNetwork, TorchScrip
 from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
 from hugwbc.state import RobotState
 
-LARGEST_READING = 1e10  # [rad], [rad/s], MuJoCo's own bound; far beyond it the network overflows
 _GAIN_FACTOR = 10.0  # of the robot's own gains; public policies have up to 5
 _log = logging.getLogger(__name__)
 _F = COMMAND_NAMES.index("f")
@@ -122,7 +121,7 @@ class NetworkPolicy:
         period: time between two actions [s].
         contract: description of the network.
         robot: robot that the policy was made for.
-        held: number of states and actions that could not be used and were replaced by the last good ones.
+        held: number of actions that could not be used and were replaced by the last good ones.
         inputs: what the network read last.
     """
 
@@ -146,12 +145,9 @@ class NetworkPolicy:
         self._readers = [_Reader(contract, terms) for terms in _inputs(contract)]
         self._history = _History(contract)
         self._given: Command | None = None
-        self._start(None)
+        self._clear()
 
-    def _start(self, state: RobotState | None) -> None:
-        """Forget the past; without a state, assume a stand."""
-        upright, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros_like(self._pose)
-        self._state = RobotState(self._pose, still, upright, np.zeros(3)) if state is None else state
+    def _clear(self) -> None:
         self._network.reset()
         self._history.reset()
         self._action = np.zeros(len(self._joints))
@@ -165,32 +161,25 @@ class NetworkPolicy:
 
     def reset(self, state: RobotState) -> None:
         """Forget the past: history, recurrent state, last action and clock."""
-        self._start(state if _is_readable(state) else None)
+        self._clear()
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return joint targets for the next period; arms under external control take their targets.
 
-        A state that is not finite, or beyond `LARGEST_READING`, leaves the history unchanged. An action that is not
-        finite leaves the targets unchanged and clears the network's memory, in which the bad number might remain.
-        Commands outside of their ranges are clamped.
+        An action that is not finite leaves the targets unchanged and clears the network's memory, in which the bad
+        number might remain.
         """
-        contract, readable = self.contract, _is_readable(state)
-        if readable:
-            self._state = state
-        else:
-            self.held += 1
         if command is not self._given:  # most calls repeat the last command
             self._given, self._request = command, self._requested(command)
         gait, asked, frequency = self._request
         self._phase = gaits.advance_phase(self._phase, frequency, self.period)
-        sensed = self._sensed(asked, gait, upper_body.indicator)
+        sensed = self._sensed(state, asked, gait, upper_body.indicator)
         observation, *commands = (read(sensed) for read in self._readers)
-        if readable or not self._history.started:
-            self._history.push(observation)
+        self._history.push(observation)
         self.inputs = (self._history.input(), *commands)
         action = self._network(self.inputs)
         if np.isfinite(action).all():
-            clip = contract.action_clip
+            clip = self.contract.action_clip
             self._action = action if clip is None else np.clip(action, -clip, clip)
         else:
             self.held += 1
@@ -204,13 +193,11 @@ class NetworkPolicy:
 
     def _requested(self, command: Command) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
         """Return gait, shape (1,), what to ask the network for, shape (1, 8), and frequency of the clock [Hz]."""
-        command, _ = command.clamp()
         gait, given, clock_period = np.array([int(command.gait)]), command.array()[None], self.contract.clock_period
         frequency = given[:, _F] if clock_period is None else 1.0 / clock_period
         return gait, self._feed_forward.asked(given, gait), frequency
 
-    def _sensed(self, command: np.ndarray, gait: np.ndarray, indicator: bool) -> Sensed:
-        state = self._state
+    def _sensed(self, state: RobotState, command: np.ndarray, gait: np.ndarray, indicator: bool) -> Sensed:
         velocity = state.velocity
         return Sensed(
             angular_velocity=state.angular_velocity[None],
@@ -225,12 +212,6 @@ class NetworkPolicy:
             pose=self._pose,
             velocity=None if velocity is None else rotations.rotate_inverse(state.orientation, velocity)[None],
         )
-
-
-def _is_readable(state: RobotState) -> bool:
-    """Return whether the network can read a state: an action that overflowed would stay in its inputs for ever."""
-    numbers = np.concatenate((state.q, state.dq, state.angular_velocity))
-    return state.is_finite and float(np.abs(numbers).max()) <= LARGEST_READING
 
 
 class _Reader:

@@ -49,7 +49,7 @@ def _targets(controller: NetworkPolicy, inputs: dict[str, torch.Tensor]) -> torc
         state = RobotState(*(rows[name][i] for name in ("q", "dq", "orientation", "angular_velocity")))
         if i == 0:
             controller.reset(state)
-        command = Command.from_array(rows["command"][i], Gait(int(rows["gait"][i])))
+        command, _ = Command.from_array(rows["command"][i], Gait(int(rows["gait"][i]))).clamp()
         upper_body = UpperBody.targets(rows["arms"][i]) if rows["intervention"][i] else UpperBody.none()
         targets.append(torch.from_numpy(controller.act(state, command, upper_body).q))
     return torch.stack(targets)

@@ -1,12 +1,12 @@
-"""Combinations of commands that the legs do not allow although each value is within its range.
-
-No limit acts while all commands but one are at their defaults.
-"""
+"""The way of every command to any controller: clamped to its gait, possible for the legs, braked between gaits."""
 
 import math
 
 from hugwbc.commands import SWING_REACTION, Command, CommandChange, changed_command, command_ranges
 from hugwbc.gait import Gait
+from hugwbc.runtime.braking import Braking
+from hugwbc.runtime.safety_report import SafetyLog
+from hugwbc.state import RobotState
 
 # [m], highest swing at h = 0; a squat reduces it by as much as it lowers the pelvis (knee and ankle)
 REACH = command_ranges(Gait.WALKING)["l"].finishing[1]
@@ -19,6 +19,9 @@ FASTEST = (2.0, 0.6, 0.6)  # [m/s], semi-axes of the ellipse of allowed velociti
 
 def feasible(command: Command) -> tuple[Command, tuple[CommandChange, ...]]:
     """Return the nearest command that the legs allow, and what was changed.
+
+    Each value of a command may be within its range, but not all together. While all values but one are at their
+    defaults, nothing changes.
 
     Commands have priority in this order: v_x; then v_y within the ellipse of allowed velocities; omega; f; l. A
     standing command comes back as it is, because no leg swings.
@@ -58,3 +61,49 @@ def feasible(command: Command) -> tuple[Command, tuple[CommandChange, ...]]:
 
 def _within(value: float, bound: float) -> float:
     return min(max(value, -bound), bound)
+
+
+class CommandChain:
+    """The one place where commands are clamped (`Command.clamp`), made feasible and braked (`Braking`).
+
+    Attributes:
+        command: the last one, clamped; errors of tracking count against it.
+    """
+
+    def __init__(self, log: SafetyLog) -> None:
+        self._log = log
+        self.command = Command()
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from a standing robot."""
+        self._braking = Braking()
+        self._given: Command | None = None
+        self._asked: Command | None = None
+
+    def __call__(self, command: Command, state: RobotState, dt: float) -> Command:
+        """Return the command that the controller is to follow in the next period, and count what was changed.
+
+        Args:
+            command: as the source gives it.
+            state: the robot now.
+            dt: the period [s].
+        """
+        if not isinstance(command, Command):
+            what = f"a command is a {type(command).__name__}: keeping the last good one"
+            self._log.count("source_failures", what)
+            command = self._given or Command()
+        if command is not self._given and command != self._given:  # most ticks repeat the last command
+            self._given, (self.command, self._clamped) = command, command.clamp()
+        self._count("commands_clamped", self._clamped)
+        if self.command is not self._asked and self.command != self._asked:
+            self._asked, (self._possible, self._guarded) = self.command, feasible(self.command)
+        self._count("commands_guarded", self._guarded)
+        command = self._braking(self._possible, state, dt)
+        if self._braking.active:
+            self._log.count("braked", "told to change the gait while moving: braking and standing first")
+        return command
+
+    def _count(self, counter: str, changes: tuple[CommandChange, ...]) -> None:
+        for change in changes:
+            self._log.count_of(counter, change.name, change)

@@ -1,15 +1,18 @@
-"""The guard: which combinations it changes, what it leaves alone, and that it says so."""
+"""The chain of commands: what it clamps, which combinations it changes, what it leaves alone, and that it says so."""
 
 import dataclasses
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
 from hugwbc import Command, Gait, command_ranges
 from hugwbc.commands import COMMAND_NAMES, CommandChange, sample_all
 from hugwbc.mirror import mirror_command
-from hugwbc.runtime.feasibility import feasible
+from hugwbc.runtime.command_chain import CommandChain, feasible
+from hugwbc.runtime.safety_report import SafetyLog
+from tests.conftest import make_state
 
 STEPPING = [gait for gait in Gait if gait is not Gait.STANDING]
 
@@ -57,3 +60,38 @@ def test_the_guard_is_the_same_in_a_mirror():
     for row in sample_all(Gait.WALKING, rng, 100):
         command = Command.from_array(row, Gait.WALKING)
         assert feasible(mirror_command(command))[0] == mirror_command(feasible(command)[0])
+
+
+def chained(*commands):
+    """Return what becomes of commands in succession, the chain, and its report."""
+    log = SafetyLog()
+    chain = CommandChain(log)
+    return [chain(command, make_state(), 0.02) for command in commands], chain, log.report()
+
+
+def test_out_of_range_commands_are_clamped_counted_and_never_passed_on():
+    far = (Command(v_x=9.0, h=math.nan, gait=Gait.WALKING), Command(v_x=-9.0, gait=Gait.WALKING))
+    passed, _, report = chained(*far)
+    assert [command.v_x for command in passed] == [2.0, -0.6]
+    assert passed[0].h == 0.0
+    assert report.commands_clamped == {"v_x": 2, "h": 1}
+    assert "outside -0.6 to 2" in report.messages[0]
+
+
+def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explained():
+    asked = Command(v_x=1.5, f=1.5, l=0.3, h=-0.25, gait=Gait.WALKING)
+    passed, chain, report = chained(asked, asked)
+    assert passed[-1] == dataclasses.replace(asked, f=2.0, l=0.15)
+    assert chain.command == asked, "errors are measured against what was asked"
+    assert report.commands_guarded == {"f": 2, "l": 2} and report.commands_clamped == {}
+    assert any("f = 1.5 is not possible at 1.5 m/s" in message for message in report.messages)
+
+
+@settings(max_examples=200)
+@given(
+    values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8),
+    gait=st.sampled_from(list(Gait)),
+)
+def test_any_eight_numbers_reach_the_controller_in_range(values, gait):
+    (passed,), _, _ = chained(Command(**dict(zip(COMMAND_NAMES, values, strict=True)), gait=gait))
+    passed.validate()

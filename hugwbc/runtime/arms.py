@@ -1,0 +1,131 @@
+"""The arms in a control period: from arm targets to their drives, and the change between servo and controller."""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.arm_servo import ArmServo
+from hugwbc.blends import smooth_step
+from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.kinematics import in_place
+from hugwbc.numeric import changed
+from hugwbc.robot import Robot
+from hugwbc.runtime.payload import PayloadObserver
+from hugwbc.runtime.safety_report import SafetyLog
+from hugwbc.state import RobotState
+
+HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
+_VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
+_GAINS = [_VECTORS.index(name) for name in ("kp", "kd")]
+
+
+class ArmDrive:
+    """The drive of arms under external control, whatever the controller.
+
+    Targets are clamped to the joint limits; the last good ones replace bad ones. One servo (`ArmServo`) completes them,
+    with the payload that is told or estimated.
+    """
+
+    def __init__(self, robot: Robot, log: SafetyLog) -> None:
+        """Set up for arms that nothing but the controller moves."""
+        self._robot, self._log = robot, log
+        self._limits = robot.lower[robot.arms], robot.upper[robot.arms]
+        self._payload = PayloadObserver()
+        self._servo: ArmServo | None = None  # built by the first external control of the arms
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget targets and payload."""
+        self._last = UpperBody.none()
+        self._payload.reset()
+
+    def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
+        """Return arm targets with the gains and the feed-forward torque of the servo.
+
+        Args:
+            upper_body: targets as the source gives them.
+            state: the robot now; the servo waits for a usable one.
+            dt: the period [s].
+        """
+        upper_body = self._admitted(upper_body)
+        if self._servo is None:
+            if not upper_body.indicator:
+                return upper_body
+            self._servo = ArmServo(robot=self._robot)
+        if not state.is_usable:
+            return upper_body
+        return self._servo(self._payload.complete(upper_body, state, dt), state, dt)
+
+    def _admitted(self, upper_body: UpperBody) -> UpperBody:
+        """Return the targets within the joint limits, or the last good ones."""
+        if upper_body is self._last:  # free arms, or a source that repeats itself
+            return upper_body
+        if not isinstance(upper_body, UpperBody) or not upper_body.is_finite:
+            self._log.count(
+                "upper_body_rejected",
+                "external arm targets are not eight finite numbers each, or the hands' loads are not finite: keeping "
+                "the last good ones",
+            )
+            return self._last
+        low, high = self._limits
+        q = np.minimum(np.maximum(upper_body.q, low), high)
+        if ((q != upper_body.q) & upper_body.mask).any():
+            self._log.count("upper_body_limited", "external arm targets outside the joint limits: clamped")
+            upper_body = changed(upper_body, q=q)
+        self._last = upper_body
+        return upper_body
+
+
+class Handover:
+    """A blend of the arm command where external control takes the arms, and where it gives them back.
+
+    The servo of the arms and the controller drive them with other gains, and one of them carries the arms' weight by
+    feed-forward torque, the other perhaps by an offset of its position targets. The step in each of the five vectors
+    of the joint command is therefore added to the new command at first, which leaves the torque as it was, and fades
+    over `HANDOVER_TIME`. The gains go from those before to the present ones, so that none leaves their range.
+
+    The positions of a takeover have no step, since the targets start at the controller's own arm command
+    (`hugwbc.upper_ik.Takeover`). In a hand-back they return to where that command was before the takeover; its arm
+    swing may have moved on meanwhile.
+    """
+
+    def __init__(self, arms: np.ndarray) -> None:
+        """Set up the blend for the joints `arms`, indices of shape (8,)."""
+        self._arms, self._size = in_place(arms), arms.size
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget any difference."""
+        self._taken: bool | None = None
+        self._last: JointCommand | None = None
+        self._before = self._offset = np.zeros((len(_VECTORS), self._size))
+        self._elapsed = HANDOVER_TIME
+
+    def __call__(self, command: JointCommand, upper_body: UpperBody, dt: float) -> JointCommand:
+        """Return the command without a jump of the arms where `upper_body` takes or releases them.
+
+        Args:
+            command: the joint command, finite and within the limits.
+            upper_body: the external control that the controller was given.
+            dt: time since the last call [s].
+        """
+        changes = self._last is not None and self._taken is not upper_body.indicator
+        self._taken = upper_body.indicator
+        if changes or self._elapsed < HANDOVER_TIME:
+            now = self._of_arms(command)
+            if self._last is not None and changes:
+                self._before, self._elapsed = self._of_arms(self._last), 0.0
+                self._offset = self._before - now
+            self._offset[_GAINS] = (self._before - now)[_GAINS]
+            now = now + (1.0 - smooth_step(self._elapsed / HANDOVER_TIME)) * self._offset
+            self._elapsed += dt
+            vectors = {name: getattr(command, name).copy() for name in _VECTORS}
+            for name, arms in zip(_VECTORS, now, strict=True):
+                vectors[name][self._arms] = arms
+            command = JointCommand(**vectors)
+        self._last = command
+        return command
+
+    def _of_arms(self, command: JointCommand) -> np.ndarray:
+        """Return the arms' part of the five vectors, shape (5, 8)."""
+        return np.array([getattr(command, name)[self._arms] for name in _VECTORS])

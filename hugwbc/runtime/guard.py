@@ -1,0 +1,125 @@
+"""The guard around a controller: whatever the controller does, there is a joint command."""
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from hugwbc.commands import Command
+from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
+from hugwbc.runtime.safety_report import SafetyLog
+from hugwbc.runtime.state_check import StateCheck
+from hugwbc.state import RobotState
+
+HOLD_TIME = 0.1  # [s] for which the last good joint command is repeated without a new one, before the joints are damped
+
+
+class Guard:
+    """A controller, and what stands in for it.
+
+    A state that cannot be used (`StateCheck`), an exception, or what is no finite joint command makes the guard repeat
+    the last good joint command for `HOLD_TIME` and then damp the joints. After damping, the controller is reset on the
+    first good state.
+
+    Attributes:
+        controller: behind the guard.
+        name: of the controller.
+        period: of the controller [s].
+        robot: whose joints the controller commands.
+        last_tick_s: time that the last call of the controller took [s]; 0 where it was not called.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        check: StateCheck,
+        limit: Callable[[JointCommand], JointCommand],
+        log: SafetyLog,
+    ) -> None:
+        """Stand around a controller.
+
+        Args:
+            controller: any object with the members of `Controller`.
+            check: judges the states of a robot, whose gains and nominal pose stand in.
+            limit: brings a joint command within all limits before the guard keeps it.
+            log: counts what the controller does wrong.
+        """
+        self.name, self.period = check_controller(controller, "the controller")
+        self.controller, self.robot = controller, check.robot
+        self._check, self._limit, self._log = check, limit, log
+        self._clear(self.robot.nominal)
+
+    def _clear(self, q: np.ndarray) -> None:
+        self._begun = False  # whether the controller has been reset
+        self._last = JointCommand.position(self.robot, q.copy())
+        self._missing_s = self.last_tick_s = 0.0
+
+    def reset(self, state: RobotState) -> None:
+        """Start the controller from this state."""
+        self._clear(state.q if state.is_finite else self.robot.nominal)
+        if not self._check.fault(state):
+            self._log.ask("failures", self.name, lambda: self._begin(state))
+
+    def _begin(self, state: RobotState) -> None:
+        self.controller.reset(state)
+        self._begun = True
+
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """Return the controller's joint command within all limits, or the last good one, or damping.
+
+        Args:
+            state: the robot now.
+            command: what to follow.
+            upper_body: the arms' part replaces that of the controller's answer.
+        """
+        self.last_tick_s = 0.0
+        output = self._output(state, command, upper_body)
+        if output is None:
+            return self._fallback(state)
+        self._missing_s = 0.0
+        self._last = self._limit(override_arms(output, upper_body, self.robot))
+        return self._last
+
+    def _output(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand | None:
+        """Return the controller's own joint command, or None if it gave no usable one."""
+        fault = self._check.fault(state)
+        if fault:
+            self._log.count("bad_states", f"{fault}: holding, then damping")
+            return None
+        begin = time.perf_counter()
+        answer = self._log.ask("failures", self.name, lambda: (self._call(state, command, upper_body),))
+        self.last_tick_s = time.perf_counter() - begin
+        if self.last_tick_s > self.period:
+            self._log.count("overruns")
+        if answer is None:
+            return None
+        (output,), joints = answer, self.robot.kp.size
+        if not isinstance(output, JointCommand):
+            given = f"act of {self.name} returned a {type(output).__name__} instead of a JointCommand"
+            self._log.count("failures", given)
+            return None
+        if not output.is_finite or output.q.size != joints:
+            fits = output.q.size == joints
+            names = [field.name for field in dataclasses.fields(output)]
+            wrong = ", ".join(name for name in names if not (fits and np.isfinite(getattr(output, name)).all()))
+            self._log.count(
+                "bad_outputs", f"{self.name} gave a joint command in which {wrong} are not {joints} finite numbers each"
+            )
+            return None
+        return output
+
+    def _call(self, state: RobotState, command: Command, upper_body: UpperBody) -> object:
+        if not self._begun or self._missing_s > HOLD_TIME:
+            self._begin(state)
+        return self.controller.act(state, command, upper_body)
+
+    def _fallback(self, state: RobotState) -> JointCommand:
+        self._missing_s += self.period
+        if self._missing_s <= HOLD_TIME:
+            self._log.count("held")
+            return self._last
+        self._log.count("damped")
+        zero = np.zeros_like(self.robot.kd)
+        q = state.q if np.all(np.isfinite(state.q)) else self._last.q
+        return JointCommand(q=q, dq=zero, kp=zero, kd=self.robot.kd, tau=zero)

@@ -1,0 +1,81 @@
+"""The first stage of a control period: what the source of commands and hand targets asks for."""
+
+import warnings
+
+from hugwbc.commands import Command
+from hugwbc.runtime.safety_report import SafetyLog
+from hugwbc.runtime.sight import Sight
+from hugwbc.scripts.command_source import CommandSource, SeeingSource
+from hugwbc.scripts.view import View
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik.source import STALE_TIME
+
+
+class SourceStage:
+    """A source that is asked once a period; one that looks at robot and objects is shown them first.
+
+    Where it raises or gives something else, its last command and hand targets count for `STALE_TIME`; then the robot
+    stands, and the arms go back to the controller.
+
+    Attributes:
+        placed: the robot as the source saw it in this period.
+    """
+
+    placed: RobotState
+
+    def __init__(self, source: CommandSource, sight: Sight, log: SafetyLog, *, moves_hands: bool) -> None:
+        """Connect a source.
+
+        Args:
+            source: gives commands and hand targets over time.
+            sight: what a source that looks sees.
+            log: counts what the source does wrong.
+            moves_hands: whether something turns hand targets into arm targets; else they are ignored, with a warning.
+        """
+        self._source, self._sight, self._log, self._moves_hands = source, sight, log, moves_hands
+        self._seeing = source if isinstance(source, SeeingSource) else None
+        self._warned = False
+        self.reset()
+
+    def reset(self) -> None:
+        """Start a run."""
+        self._last: tuple[Command, HandTargets | None] = (Command(), None)
+        self._unheard = 0.0  # [s] since it came
+        self._view: View | None = None
+        if self._seeing is not None:
+            self._seeing.restart()
+            self._sight.reset()
+
+    def look(self, t: float, state: RobotState) -> View:
+        """Return what is seen at time t of the run [s]; each time has one view."""
+        if self._view is None or self._view.time != t:
+            self._view = self._sight.look(t, state)
+        return self._view
+
+    def ask(self, t: float, state: RobotState, dt: float) -> tuple[Command, HandTargets | None]:
+        """Return command and hand targets for the period [s] that begins at time t of the run [s]."""
+        self.placed = state
+        asked = self._log.ask("source_failures", "the source", lambda: self._ask(t))
+        self._unheard = 0.0 if asked is not None else self._unheard + dt
+        if asked is not None or self._unheard > STALE_TIME:
+            self._last = asked or (Command(), None)
+        return self._last
+
+    def _ask(self, t: float) -> tuple[Command, HandTargets | None]:
+        if self._seeing is not None:
+            view = self.look(t, self.placed)
+            self.placed = view.state
+            self._seeing.see(view)
+            self._sight.grip(self._seeing.grips)
+        command = self._source.command_at(t)
+        hands = self._source.hands_at(t)
+        if not isinstance(command, Command) or not isinstance(hands, HandTargets | None):
+            given = f"a {type(command).__name__} and a {type(hands).__name__}"
+            raise TypeError(f"it gave {given} instead of a Command, and HandTargets or None")
+        if hands is not None and not self._moves_hands:
+            if not self._warned:
+                self._warned = True
+                warnings.warn("hand targets are ignored: nothing moves the arms; give an UpperBodySource", stacklevel=2)
+            hands = None
+        return command, hands

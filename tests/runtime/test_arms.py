@@ -1,0 +1,116 @@
+"""Arms under external control: which targets are admitted, and how the arms change hands."""
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, JointCommand, UpperBody, load_robot
+from hugwbc.controller import override_arms
+from hugwbc.runtime.arms import ArmDrive, Handover
+from hugwbc.runtime.safety_report import SafetyLog
+from tests.conftest import ByHand, Recorder, bad_state, make_state
+
+ROBOT = load_robot()
+DT = 0.02
+
+
+def test_external_arm_targets_are_checked():
+    log = SafetyLog()
+    drive = ArmDrive(ROBOT, log)
+
+    def driven(arms):
+        return drive(arms, make_state(), DT).q
+
+    driven(UpperBody.targets(np.full(8, 0.1)))
+    bad = UpperBody(np.full(8, np.nan), np.zeros(8), np.ones(8, dtype=bool))
+    np.testing.assert_array_equal(driven(bad), 0.1)
+    np.testing.assert_array_equal(driven(UpperBody(np.zeros(7), np.zeros(8), np.ones(8, dtype=bool))), 0.1)
+    np.testing.assert_array_equal(driven(UpperBody.targets(np.full(8, 9.0))), ROBOT.upper[ROBOT.arms])
+    assert (log.report().upper_body_rejected, log.report().upper_body_limited) == (2, 1)
+
+
+def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():
+    handover = Handover(ROBOT.arms)
+    swing = 0.3 * np.sin(np.arange(100) * 0.1)
+    external = UpperBody.targets(np.full(8, 0.5))
+    streams = []
+    for tick in range(100):
+        q = ROBOT.nominal + swing[tick]
+        q[ROBOT.arms] = 0.5 if tick < 40 else q[ROBOT.arms]
+        command = JointCommand.position(ROBOT, q)
+        smooth = handover(command, external if tick < 40 else UpperBody.none(), DT)
+        assert smooth.q[ROBOT.legs] == pytest.approx(command.q[ROBOT.legs])
+        if tick < 40 or tick >= 40 + 25:
+            assert smooth.q == pytest.approx(q)
+        streams.append(smooth.q[ROBOT.arms])
+    steps = np.abs(np.diff(streams, axis=0)).max(axis=1)
+    assert np.abs(0.5 - (ROBOT.nominal[ROBOT.arms] + swing[40])).max() > 0.3, "it would have jumped"
+    assert steps.max() < 0.1
+
+
+def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
+    """The servo has other gains and another torque than the controller, and fades in and out."""
+    own = JointCommand.position(ROBOT, ROBOT.nominal)
+    nominal, tau, kp, kd = ROBOT.nominal[ROBOT.arms], np.full(8, 5.0), np.full(8, 140.0), np.full(8, 8.0)
+    targets = dataclasses.replace(UpperBody.targets(nominal), tau=tau, kp=kp, kd=kd)
+    handover, measured, speed = Handover(ROBOT.arms), ROBOT.nominal - 0.1, np.full(19, 0.5)
+    torques = []
+    for tick in range(120):
+        arms = targets if 40 <= tick < 80 else UpperBody.none()
+        command = handover(override_arms(own, arms, ROBOT), arms, DT)
+        torques.append((command.tau + command.kp * (command.q - measured) + command.kd * (command.dq - speed))[11])
+    before, taken = 20.0 * 0.1 - 0.5 * 0.5, 5.0 + 140.0 * 0.1 - 8.0 * 0.5
+    assert [torques[t] for t in (39, 40, 79, 80, 119)] == pytest.approx([before, before, taken, taken, before])
+    assert np.abs(np.diff(torques)).max() < 1.5
+
+
+def unchanged(handover, command, upper_body, dt):
+    return command
+
+
+def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(monkeypatch):
+    """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
+    rng = np.random.default_rng(0)
+    recorders = Recorder(), Recorder()
+    safe, plain = (ByHand(recorder) for recorder in recorders)
+    plain.control._handover.__class__ = type("NoHandover", (Handover,), {"__call__": unchanged})
+    monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
+    for period in (safe, plain):
+        period.start(make_state())
+    behind = Handover(ROBOT.arms)
+    arms, faded = UpperBody.none(), 0
+    for tick in range(2000):
+        if tick % 20 == 0:
+            arms = UpperBody.none() if rng.random() < 0.6 else UpperBody.targets(rng.uniform(-3.0, 3.0, 8))
+        q = ROBOT.nominal + rng.normal(0.0, 2.0, 19)
+        answer = override_arms(JointCommand.position(ROBOT, q), arms, ROBOT)
+        fault = rng.random()
+        if fault < 0.05:
+            answer = RuntimeError("no solution")
+        recorders[0].answer = recorders[1].answer = answer
+        state = bad_state() if 0.05 < fault < 0.1 or tick % 500 > 480 else make_state()
+        found = safe.act(state, Command(), arms)
+        filtered = plain.act(state, Command(), arms)
+        expected = behind(filtered, arms, plain.control.period)
+        if expected is not filtered:
+            faded, expected = faded + 1, plain.control._limit(expected)
+        for field in dataclasses.fields(JointCommand):
+            name, vector = field.name, getattr(expected, field.name)
+            np.testing.assert_array_equal(getattr(found, name), vector)
+    assert safe.report() == plain.report()
+    assert faded > 100 and safe.report().held > 0 and safe.report().damped > 0
+
+
+@pytest.mark.parametrize("soft", [0.0, 5.0])
+def test_gains_that_change_while_the_arms_are_handed_over_stay_between_those_before_and_now(soft):
+    """Stiff hands that become soft a tenth of a second after the takeover."""
+    own, handover = JointCommand.position(ROBOT, ROBOT.nominal), Handover(ROBOT.arms)
+    handover(own, UpperBody.none(), DT)
+    for tick in range(30):
+        kp = np.full(8, 140.0 if tick < 5 else soft)
+        arms = dataclasses.replace(UpperBody.targets(ROBOT.nominal[ROBOT.arms]), kp=kp, kd=np.full(8, 3.0))
+        faded = handover(override_arms(own, arms, ROBOT), arms, DT)
+        assert min(20.0, kp[0]) <= faded.kp[ROBOT.arms].min() and faded.kp.max() <= 300.0
+    np.testing.assert_array_equal(faded.kp[ROBOT.arms], soft)

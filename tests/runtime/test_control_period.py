@@ -1,0 +1,113 @@
+"""The stages of a control period together: what passes, what odd input does, and when the robot kneels."""
+
+import dataclasses
+import decimal
+import fractions
+
+import numpy as np
+import pytest
+import torch
+
+from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, load_robot
+from hugwbc.errors import HugwbcError
+from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime.lowering import LEANING
+from tests.conftest import ByHand, Recorder, make_state
+
+ROBOT = load_robot()
+
+
+def test_a_good_period_passes_unchanged():
+    recorder = Recorder()
+    period, command = ByHand(recorder), Command(v_x=0.5, gait=Gait.WALKING)
+    period.start(make_state())
+    output = period.act(make_state(), command, UpperBody.none())
+    assert recorder.seen[-1][1] == command
+    np.testing.assert_array_equal(output.q, ROBOT.nominal)
+    report = period.report()
+    assert report.ticks == 1
+    assert report.messages == () and report.commands_clamped == {} and report.held == 0
+
+
+def test_the_robot_kneels_when_a_motor_is_dead():
+    period = ByHand(HoldController(ROBOT))
+    state = make_state()
+    period.start(state)
+    period.act(state, Command(), UpperBody.none())
+    period.control.motors.dead = "left_knee_joint"
+    period.act(state, Command(), UpperBody.none())
+    report = period.report()
+    assert report.lowered == 1 and "the motor of left_knee_joint is dead: kneeling" in " ".join(report.messages)
+    period.start(state)
+    period.act(state, Command(), UpperBody.none())
+    assert period.report().lowered == 0
+
+
+def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
+    controller = HoldController(ROBOT)
+    controller.period = 0.002
+    period, state, knee = ByHand(controller), make_state(), ROBOT.index("left_knee_joint")
+    period.start(state)
+    lost = dataclasses.replace(state, coasted=("imu",), lost="the IMU failed for 300 ms")
+    commands = [period.act(lost, Command(), UpperBody.none())]
+    np.testing.assert_allclose(commands[0].q, state.q, atol=0.01)
+    commands += [period.act(state, Command(), UpperBody.none()) for _ in range(1500)]
+    assert commands[600].q[knee] == pytest.approx(LEANING[1], abs=1e-3) and commands[600].kp[knee] > 0.0
+    assert (commands[-1].kp == 0.0).all() and (commands[-1].kd > 0.0).all(), "it stays down, and is damped in the end"
+    report = period.report()
+    assert report.lowered == 1501 and report.readings_refused == {"imu": 1} and "kneeling" in " ".join(report.messages)
+    period.start(state)
+    np.testing.assert_array_equal(period.act(state, Command(), UpperBody.none()).q, ROBOT.nominal)
+
+
+GRADIENT = torch.full((19,), 0.5, requires_grad=True)
+ODD = {
+    "none": None,
+    "text": "ahead",
+    "bytes": b"0.3",
+    "flag": True,
+    "huge": 10**400,
+    "complex": 1j,
+    "object": object(),
+    "too many": np.zeros(20),
+    "too few": [0.0] * 7,
+    "turned": np.zeros((19, 1)),
+    "texts": ["0.1"] * 19,
+    "ragged": [[1.0], [2.0, 3.0]],
+    "gradient": GRADIENT,
+    "tensor": torch.tensor(0.25),
+    "half": np.float16(0.25),
+    "zero-dimensional": np.array(0.25),
+    "fraction": fractions.Fraction(1, 4),
+    "decimal": decimal.Decimal("0.25"),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("kind", [RobotState, Command, UpperBody, JointCommand])
+def test_one_odd_field_anywhere_never_raises_in_a_period_and_never_gets_out(kind, odd):
+    recorder = Recorder()
+    period = ByHand(recorder)
+    period.start(make_state())
+    sound = {
+        RobotState: make_state(position=np.zeros(3)),
+        Command: Command(gait=Gait.WALKING),
+        UpperBody: UpperBody.targets(np.zeros(8)),
+        JointCommand: recorder.answer,
+    }
+    for field in dataclasses.fields(kind):
+        try:
+            given = sound | {kind: dataclasses.replace(sound[kind], **{field.name: ODD[odd]})}
+        except HugwbcError as error:
+            assert kind is Command and ("give a number" in str(error) or "gait" in str(error))
+            continue
+        recorder.answer = given[JointCommand]
+        output = period.act(given[RobotState], given[Command], given[UpperBody])
+        assert output.is_finite and {getattr(output, f.name).shape for f in dataclasses.fields(output)} == {(19,)}
+    period.start(make_state())
+    for wrong in ((ODD[odd], Command(), UpperBody.none()), (make_state(), ODD[odd], UpperBody.none()),
+                  (make_state(), Command(), ODD[odd])):  # fmt: skip
+        assert period.act(*wrong).is_finite
+    recorder.answer = ODD[odd]
+    assert period.act(make_state(), Command(), UpperBody.none()).is_finite
+    assert period.report().failures >= 1 and period.report().source_failures == 1

@@ -1,0 +1,106 @@
+"""What stands in for a controller that fails, or for a state that it cannot use."""
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, JointCommand, UpperBody, load_robot
+from hugwbc.errors import ConfigError
+from hugwbc.runtime.guard import Guard
+from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.safety_report import SafetyLog
+from hugwbc.runtime.state_check import StateCheck
+from tests.conftest import Recorder, bad_state, make_state
+
+ROBOT = load_robot()
+
+
+def make_guard(recorder):
+    log = SafetyLog()
+    return Guard(recorder, StateCheck(ROBOT), SafetyFilter(ROBOT, log), log), log
+
+
+@pytest.fixture
+def guarded():
+    recorder = Recorder()
+    guard, log = make_guard(recorder)
+    guard.reset(make_state())
+    return recorder, guard, log
+
+
+def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(guarded):
+    recorder, guard, log = guarded
+    recorder.answer = JointCommand.position(ROBOT, ROBOT.nominal + 0.05)
+    first = guard.act(make_state(), Command(), UpperBody.none())
+    held = [guard.act(bad_state(), Command(), UpperBody.none()) for _ in range(5)]
+    damped = guard.act(bad_state(), Command(), UpperBody.none())
+    for output in held:
+        np.testing.assert_array_equal(output.q, first.q)
+        np.testing.assert_array_equal(output.kp, ROBOT.kp)
+    np.testing.assert_array_equal(damped.kp, 0.0)
+    np.testing.assert_array_equal(damped.kd, ROBOT.kd)
+    assert damped.is_finite
+    assert len(recorder.seen) == 1, "the controller never sees a state that is not finite"
+    resets = recorder.resets
+    recovered = guard.act(make_state(), Command(), UpperBody.none())
+    assert recorder.resets == resets + 1
+    np.testing.assert_array_equal(recovered.kp, ROBOT.kp)
+    report = log.report()
+    assert (report.bad_states, report.held, report.damped) == (6, 5, 1)
+
+
+def test_an_imu_that_died_is_a_bad_state(guarded):
+    recorder, guard, log = guarded
+    dead = make_state(orientation=np.zeros(4))
+    guard.act(dead, Command(), UpperBody.none())
+    assert recorder.seen == [] and log.report().bad_states == 1
+    slightly_off = make_state(orientation=np.array([1.01, 0.0, 0.0, 0.0]))
+    guard.act(slightly_off, Command(), UpperBody.none())
+    assert len(recorder.seen) == 1
+
+
+def test_an_exception_or_a_nan_of_the_controller_is_contained(guarded):
+    recorder, guard, log = guarded
+    recorder.answer = RuntimeError("no solution")
+    assert guard.act(make_state(), Command(), UpperBody.none()).is_finite
+    recorder.answer = JointCommand.position(ROBOT, np.full(19, np.nan))
+    assert guard.act(make_state(), Command(), UpperBody.none()).is_finite
+    for too_few in (np.zeros(18), np.zeros((19, 1))):
+        recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, ROBOT.nominal), kd=too_few)
+        assert guard.act(make_state(), Command(), UpperBody.none()).kd.shape == (19,)
+    recorder.answer = None
+    assert guard.act(make_state(), Command(), UpperBody.none()).is_finite
+    report = log.report()
+    assert report.failures == 2 and report.bad_outputs == 3
+    assert "RuntimeError: no solution" in report.messages[0]
+
+
+def test_overruns_are_counted(monkeypatch):
+    times = iter([0.0, 0.03, 1.0, 1.01])
+    guard, log = make_guard(Recorder())
+    monkeypatch.setattr(time, "perf_counter", lambda: next(times))
+    guard.act(make_state(), Command(), UpperBody.none())
+    guard.act(make_state(), Command(), UpperBody.none())
+    assert log.report().overruns == 1
+    assert guard.last_tick_s == pytest.approx(0.01)
+
+
+def test_a_controller_that_raises_in_its_reset_is_held_and_reset_again(guarded):
+    recorder, guard, log = guarded
+    recorder.reset = lambda state: 1 / 0
+    guard.reset(make_state())
+    assert guard.act(make_state(), Command(), UpperBody.none()).is_finite
+    assert log.report().failures == 2 and "ZeroDivisionError" in log.report().messages[0]
+    del recorder.reset
+    recorder.answer = JointCommand.position(ROBOT, ROBOT.nominal + 0.01)
+    np.testing.assert_array_equal(guard.act(make_state(), Command(), UpperBody.none()).q, ROBOT.nominal + 0.01)
+
+
+@pytest.mark.parametrize("period", [0.0, float("nan"), "0.02", None])
+def test_a_controller_without_a_period_is_refused(period):
+    recorder = Recorder()
+    recorder.period = period
+    with pytest.raises(ConfigError, match="give the time between two calls of act"):
+        make_guard(recorder)
