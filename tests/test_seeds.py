@@ -2,7 +2,7 @@ import dataclasses
 
 from hugwbc.evaluation.episode import Settings
 from hugwbc.learned.config import RecordConfig, TrainConfig
-from hugwbc.seeds import REPORT_SEEDS, SELECTION_SEEDS, TRAINING_SEEDS, seed_class
+from hugwbc.settings import REPORT_SEEDS, SELECTION_SEEDS, TRAINING_SEEDS, seed_class
 
 
 def test_every_seed_has_one_class():

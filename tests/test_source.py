@@ -3,7 +3,7 @@
 import subprocess
 
 import hugwbc
-from hugwbc.source import source_commit
+from hugwbc.files import source_commit
 
 
 def commit_all(folder):

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 import tyro
 
 from hugwbc.cli.output import parse, say
-from hugwbc.documents import document, document_names, document_title
-from hugwbc.reference import PACKAGES, about, exported, reference
+from hugwbc.reference import PACKAGES, about, document, document_names, document_title, exported, reference
 
 
 @dataclasses.dataclass(frozen=True)

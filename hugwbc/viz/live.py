@@ -23,12 +23,10 @@ from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
 from hugwbc.viz.drive_keys import HIDE, TASK
-from hugwbc.viz.drive_link import SILENT_TIME, DriveLink
-from hugwbc.viz.live_meshes import colour_meshes
+from hugwbc.viz.drive_link import HOST, SILENT_TIME, DriveLink, check_host, page_address
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.marks import HAND_FORCE_SCALE
-from hugwbc.viz.page_guard import HOST, check_host, page_address
-from hugwbc.viz.shapes import rgb_of, shapes_of
+from hugwbc.viz.shapes import colour_meshes, rgb_of, shapes_of
 
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]

@@ -11,7 +11,7 @@ from hugwbc.cli import main
 from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.evaluation.experiment import run_experiment
 from hugwbc.evaluation.experiments import behaviours, experiment_of
-from hugwbc.evaluation.experiments.behaviours import EXPERIMENT, BehavioursSettings
+from hugwbc.evaluation.experiments.behaviours import BEHAVIOURS as EXPERIMENT, BehavioursSettings
 from hugwbc.evaluation.store import Store
 from hugwbc.runtime.controllers import ControllerSpec
 

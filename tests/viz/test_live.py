@@ -22,12 +22,10 @@ from hugwbc.runtime import ControlLoop, UpperBodySource
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Scene, Table, Tray
-from hugwbc.viz.drive import drive
-from hugwbc.viz.drive_link import DriveLink
+from hugwbc.viz.drive_link import DriveLink, page_address
 from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage
-from hugwbc.viz.live_meshes import colour_meshes
-from hugwbc.viz.page_guard import page_address
-from hugwbc.viz.shapes import shapes_of
+from hugwbc.viz.shapes import colour_meshes, shapes_of
+from hugwbc.viz.show import drive
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

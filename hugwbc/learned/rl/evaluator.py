@@ -13,7 +13,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
 from hugwbc.learned.env.terminations import held_foot_down
 from hugwbc.learned.policy.networks import ActorNetwork
-from hugwbc.seeds import SELECTION_SEED
+from hugwbc.settings import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
 ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
