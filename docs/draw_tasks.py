@@ -12,9 +12,9 @@ import imageio.v2 as imageio
 import numpy as np
 from PIL import Image
 
-from hugwbc.files import source_commit
 from hugwbc.runtime import Trace, load_controller, read_trace, write_trace
 from hugwbc.sim import Simulation
+from hugwbc.source import source_commit
 from hugwbc.tasks import load_task, run_task
 from hugwbc.viz.marks import LAYERS
 from hugwbc.viz.video import write_video

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, what is read meanwhile, digests, the commit, and numbers for JSON."""
+"""Files that are written completely or not at all, what is read meanwhile, digests, and numbers that JSON can hold."""
 
 import contextlib
 import contextvars
@@ -10,13 +10,11 @@ import math
 import os
 import pathlib
 import secrets
-import subprocess
 import sys
 import sysconfig
 from collections.abc import Iterator
 from typing import Any
 
-import hugwbc
 from hugwbc.errors import ConfigError
 
 LOCK = "run.lock"
@@ -25,8 +23,6 @@ _PACKAGE = pathlib.Path(__file__).parent
 _SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr/lib", "/usr/share", sysconfig.get_path("stdlib"))
 _INSTALLED = (str(_PACKAGE), str(_PACKAGE.parent / "models"), *_SYSTEM)
 _NOT_OWN = {"__pycache__", ".cache", "site-packages", "dist-packages"}
-_SHOWING = (":(exclude)*.md", ":(exclude)hugwbc/viz")  # changes no number
-_POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  # as patterns of git
 _reading: contextvars.ContextVar[set[str] | None] = contextvars.ContextVar("reading", default=None)
 
 
@@ -152,33 +148,6 @@ def digest(content: bytes | str) -> str:
 def digest_of(path: str | pathlib.Path) -> str | None:
     """Return the digest of a file, or None if there is none."""
     return digest(pathlib.Path(path).read_bytes()) if os.path.isfile(path) else None
-
-
-@functools.cache
-def source_commit(*, policies: bool = True) -> str:
-    """Return the last commit that changed code or models, then "+" and a digest of what differs from it, if anything.
-
-    Outside of a checkout, return the version. What was made stays valid when only documents, tests or `viz` change.
-    Without policies, changes of shipped policies and recipes do not count: for what depends on no policy or knows its
-    digest.
-    """
-    paths = ("hugwbc", "models", *_SHOWING, *(() if policies else _POLICIES))
-    try:
-        if not _git("ls-files", "hugwbc/__init__.py"):
-            return hugwbc.__version__
-        changes = _git("diff", "HEAD", "--", *paths)
-        added = _git("ls-files", "--others", "--exclude-standard", "-z", "--", "hugwbc/*.py", *_SHOWING)
-        for name in sorted(filter(None, added.decode().split("\0"))):
-            changes += name.encode() + (_PACKAGE.parent / name).read_bytes()
-        last = _git("log", "-1", "--format=%H", "--", *paths).decode().strip()
-        return last + (f"+{digest(changes)[:16]}" if changes else "")
-    except (OSError, subprocess.CalledProcessError):
-        return hugwbc.__version__
-
-
-def _git(*words: str) -> bytes:
-    command = ["git", "-C", str(_PACKAGE.parent), *words]
-    return subprocess.run(command, check=True, capture_output=True).stdout
 
 
 def finite_json(content: Any) -> Any:  # noqa: ANN401  whatever JSON holds

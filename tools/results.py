@@ -4,7 +4,7 @@
 
 A table stands between two comments, `<!-- results: NAME COMMIT -->` and `<!-- end -->`, and is never typed. Finished
 episodes are stored in out/evaluation: after a kill, the same command goes on. `--check` runs nothing, and fails if a
-table belongs to another commit than the last one that changed what runs (`hugwbc.files`).
+table belongs to another commit than the last one that changed what runs (`hugwbc.source`).
 """
 
 import argparse
@@ -22,8 +22,8 @@ from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, run_study
-from hugwbc.files import source_commit
 from hugwbc.settings import REPORT_SEED
+from hugwbc.source import source_commit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 ERRORS = ("E_vx_low", "E_vx_high", "E_vy", "E_omega", "E_f", "E_l", "E_h", "E_p", "E_w")

@@ -16,9 +16,9 @@ from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
 from hugwbc.evaluation.study import Entry, remarks, run_study
 from hugwbc.evaluation.tables import figures_text
-from hugwbc.files import source_commit
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.settings import seed_class
+from hugwbc.source import source_commit
 
 DEFAULT = "single-command"
 

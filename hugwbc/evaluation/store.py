@@ -17,8 +17,9 @@ from hugwbc import extensions
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
-from hugwbc.files import digest, digest_of, is_own, note, noting, source_commit, write_whole, writing
+from hugwbc.files import digest, digest_of, is_own, note, noting, write_whole, writing
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.source import source_commit
 
 DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
 _EPISODE, READ = "_episode", "_read"  # of a row: digest of its plan, and those of files that only the episode read

@@ -16,12 +16,12 @@ from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, run_study
-from hugwbc.files import source_commit
 from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.records import versions
 from hugwbc.report.report_page import Report
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.settings import REPORT_SEED
+from hugwbc.source import source_commit
 from hugwbc.viz.framing import check_count
 
 

@@ -22,9 +22,9 @@ from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.store import Store, table_key
-from hugwbc.files import source_commit
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.source import source_commit
 
 HOLD = ControllerSpec("hold")
 SETTINGS = CountedSettings(

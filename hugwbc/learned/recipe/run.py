@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from pydantic import TypeAdapter
 
 from hugwbc.errors import RecipeError
-from hugwbc.files import digest, sole_writer, source_commit, write_whole
+from hugwbc.files import digest, sole_writer, write_whole
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
 from hugwbc.learned.config.schedules import replaced
@@ -39,6 +39,7 @@ from hugwbc.learned.recipe.recipe import POLICY, SNAPSHOT, STARTS, Recipe, Stage
 from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, Trainer
 from hugwbc.learned.stopping import Stop, StoppedError, stopped_by_signals
 from hugwbc.robot import Robot, load_robot
+from hugwbc.source import source_commit
 
 RECORD, SPENT = "record.json", "spent.json"
 _NO_LIMIT = 1e6  # [h]
