@@ -18,8 +18,7 @@ from hugwbc.evaluation.metrics import arrived, hand_travel
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 from hugwbc.scripts.hand_paths import Hold
-from hugwbc.scripts.script import HandMotion, Script, Segment, while_walking
-from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
+from hugwbc.scripts.script import SCRIPT_NAMES, HandMotion, Script, Segment, load_script, while_walking
 
 REACH = HandMotion(Hold((0.35, 0.3, 0.25)), Hold((0.35, -0.3, 0.25)))
 SCRIPT = Script("test", (Segment("stand", 0.3, ramp=0.1), Segment("reach", 0.9, hands=REACH, ramp=0.5)))

@@ -35,7 +35,7 @@ from hugwbc.robot import SIDES, load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, NotNegative, settings
 from hugwbc.sim import Engine, Force
-from hugwbc.sim.hand_pull import HandPull
+from hugwbc.sim.forces import HandPull
 from hugwbc.sim.scenes.furniture import Wall
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.state import GRAVITY, RobotState
