@@ -235,7 +235,8 @@ def test_a_controller_that_hangs_is_damped_by_the_publisher(standing) -> None:
     assert np.all(command.kd == DAMPING_GAIN)
 
 
-def test_joints_are_damped_when_the_process_that_controls_is_killed(standing) -> None:
+def test_joints_are_damped_when_the_process_that_controls_is_killed(standing, monkeypatch) -> None:
+    monkeypatch.setattr("hugwbc.deploy.relay.FADE", 0.2)  # ten times slower
     bench = Bench(standing, slower=10.0)
     robot_end, end = local_pair()
     link, far = multiprocessing.Pipe()
