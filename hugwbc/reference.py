@@ -59,8 +59,8 @@ def document(name: str, besides: tuple[str, ...] = ()) -> str:
         besides: other names to suggest for an unknown one.
     """
     names = document_names()
-    wanted = name.removeprefix("docs/").removesuffix(".md")
-    found = wanted if wanted in names else next((full for full in names if full.split("/")[-1] == wanted), None)
+    plain = name.removeprefix("docs/").removesuffix(".md")
+    found = plain if plain in names else next((full for full in names if full.split("/")[-1] == plain), None)
     if found is None:
         raise UnknownNameError("document", name, (*names, *besides))
     return (document_folder() / f"{found}.md").read_text(encoding="utf-8")
@@ -110,14 +110,14 @@ def reference(name: str) -> str | None:
     Args:
         name: such as "walk_to", "hugwbc.tasks.Task" or "hugwbc.behaviours"; "api/behaviours", as on the site, too.
     """
-    wanted = name.removeprefix("docs/").removesuffix(".md")
-    if wanted.startswith("api/"):
-        wanted = f"hugwbc.{wanted.removeprefix('api/')}".removesuffix(".core")
-    if wanted in PACKAGES:
-        module = importlib.import_module(wanted)
-        rows = (f"{each:<20} {_first_line(getattr(module, each))}" for each in exported(wanted))
-        return "\n".join([about(wanted), "", *rows])
-    room, _, last = wanted.rpartition(".")
+    plain = name.removeprefix("docs/").removesuffix(".md")
+    if plain.startswith("api/"):
+        plain = f"hugwbc.{plain.removeprefix('api/')}".removesuffix(".core")
+    if plain in PACKAGES:
+        module = importlib.import_module(plain)
+        rows = (f"{each:<20} {_first_line(getattr(module, each))}" for each in exported(plain))
+        return "\n".join([about(plain), "", *rows])
+    room, _, last = plain.rpartition(".")
     entries: dict[int, str] = {}  # a name may be exported twice, or mean two things
     for package in PACKAGES:
         if room in ("", package) and last in exported(package):

@@ -150,10 +150,10 @@ def _described(title: str, details: Any) -> tuple[Place, HugwbcError]:  # noqa: 
         return place[:-1], ConfigError(f"{name} is missing; give it")
     if isinstance(value, str) and (valid := context.get("expected")):
         return place, UnknownNameError(name, value, re.findall(r"'([^']*)'", valid))
-    wanted = details["msg"]
+    reason = details["msg"]
     for theirs, ours in _WORDS:
-        wanted = re.sub(theirs, ours, wanted)
-    return place, ConfigError(f"{name} is {one_line(repr(value), 100)}; {wanted}")
+        reason = re.sub(theirs, ours, reason)
+    return place, ConfigError(f"{name} is {one_line(repr(value), 100)}; {reason}")
 
 
 def one_line(text: str, longest: int = 1000) -> str:

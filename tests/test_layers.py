@@ -136,3 +136,9 @@ def test_importing_the_package_stays_light() -> None:
     script = f"import sys, hugwbc; print([name for name in {HEAVY} if name in sys.modules])"
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
+
+
+def test_no_module_unpickles_arrays_or_builds_objects_from_yaml() -> None:
+    modules = [path.read_text() for path in pathlib.Path(hugwbc.__file__).parent.rglob("*.py")]
+    for call in ("allow_pickle=True", "yaml.unsafe_load"):
+        assert not any(call in module for module in modules), call

@@ -68,8 +68,8 @@ def _stick(data: bytes, at: int) -> float:
     return min(max(value, -1.0), 1.0) if abs(value) > _DEAD else 0.0  # the comparison is false for NaN
 
 
-class ButtonWatch:
-    """A watch that turns presses of buttons into requests, once for each press."""
+class ButtonPresses:
+    """Turns presses of buttons into requests, once for each press."""
 
     def __init__(self) -> None:
         self._before: frozenset[str] | None = None
@@ -95,7 +95,7 @@ class Sticks:
 
     def __init__(self) -> None:
         """Begin standing."""
-        self._asked = dict.fromkeys(_SLOPE, 0.0)
+        self._requested = dict.fromkeys(_SLOPE, 0.0)
         self._used = dict.fromkeys(_SLOPE, 0.0)
         self._time: float | None = None
         self._moved = -math.inf
@@ -104,15 +104,15 @@ class Sticks:
         """Take the sticks at a time [s]."""
         step = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
-        self._asked = {
+        self._requested = {
             "v_x": _scaled("v_x", remote.ly) * (0.5 if remote.ly > 0.0 else 1.0),
             "v_y": _scaled("v_y", -remote.lx),
             "omega": _scaled("omega", -remote.rx),
         }
         for name, slope in _SLOPE.items():
-            change = self._asked[name] - self._used[name]
+            change = self._requested[name] - self._used[name]
             self._used[name] += min(max(change, -slope * step), slope * step)
-        if any(abs(value) > _SMALL for value in (*self._asked.values(), *self._used.values())):
+        if any(abs(value) > _SMALL for value in (*self._requested.values(), *self._used.values())):
             self._moved = time
 
     def command_at(self, t: float) -> Command:

@@ -219,17 +219,17 @@ def hand_errors(error: np.ndarray, reachable: np.ndarray) -> dict[str, float | N
         error: distance of the left and the right hand to its target [m], shape (samples, 2); NaN without a target.
         reachable: whether the inverse kinematics calls each target reachable, shape (samples, 2), bool.
     """
-    wanted = np.isfinite(error)
-    counted = wanted & reachable
+    targeted = np.isfinite(error)
+    counted = targeted & reachable
     left, right = (_mean(error[counted[:, side], side]) for side in (0, 1))
     return {
         "mean": _mean(error[counted]),
         "p95": _p95(error[counted]),
         "left": left,
         "right": right,
-        "reachable_fraction": _mean(reachable[wanted].astype(float)),
-        "all_mean": _mean(error[wanted]),
-        "all_p95": _p95(error[wanted]),
+        "reachable_fraction": _mean(reachable[targeted].astype(float)),
+        "all_mean": _mean(error[targeted]),
+        "all_p95": _p95(error[targeted]),
     }
 
 

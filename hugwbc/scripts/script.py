@@ -84,8 +84,8 @@ def _path(value: Any, info: ValidationInfo) -> HandPath | None:  # noqa: ANN401
 def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN401
     """Return the motion of a file, the same object for the same file, so that it can go on from segment to segment."""
     if value is None or isinstance(value, ArmMotion):
-        if value is not None and (told := check_motion(f"motion '{value.name}'", value)):
-            _log.warning("%s", told)
+        if value is not None and (warning := check_motion(f"motion '{value.name}'", value)):
+            _log.warning("%s", warning)
         return value
     path = TypeAdapter(Beside).validate_python(value, context=info.context)
     known = {} if info.context is None else info.context

@@ -105,7 +105,7 @@ class DriveLink:
                 reason = refusal(request.headers, any_host=any_host)
                 if reason is not None:
                     return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
-                return self.answer(request, lambda asked: process_request(connection, asked))
+                return self.answer(request, lambda own: process_request(connection, own))
 
             named["max_size"] = LARGEST_MESSAGE
             return server.serve(self.handler(handler), *arguments, process_request=checked, **named)
@@ -139,8 +139,8 @@ class DriveLink:
         """
         now = self.clock()
         with self._using:
-            asked = [page.touched.commands() for page in self._pages.values() if now - page.heard <= SILENT_TIME]
-        return {name: value for values in asked for name, value in values.items()}
+            touched = [page.touched.commands() for page in self._pages.values() if now - page.heard <= SILENT_TIME]
+        return {name: value for values in touched for name, value in values.items()}
 
     @property
     def closed(self) -> bool:

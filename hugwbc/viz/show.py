@@ -1,6 +1,6 @@
 """Run a robot in front of a viewer: live in the browser at real time, or afterwards as a replay page.
 
-`watch` is what the examples use: one rollout, shown live if asked for, with a replay page to keep. `run_live` goes on
+`watch` is what the examples use: one rollout, shown live if requested, with a replay page to keep. `run_live` goes on
 until it is stopped and stands the robot up again after a fall; `drive` lets a person command it from the live page.
 meshcat is loaded only when something is drawn.
 """
@@ -37,7 +37,7 @@ SETTLE = 1.0  # [s] after a start that do not count in mean velocities
 FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
 PAGE_LOAD_TIME = 1.5  # [s] that a browser needs to show the scene
 DEARER, CHEAPER = 0.2, 0.02  # shares by which a picture's time changes what the next one may take
-SMOOTHING = 0.05  # share of a picture in the speed that is told
+SMOOTHING = 0.05  # share of a picture in the speed that is shown
 VERDICT_TIME = 60.0  # [s] that the page shows how a task ended
 USAGE_ERROR, INTERRUPTED = 2, 130  # exit codes
 
@@ -276,10 +276,10 @@ def walked(state: RobotState) -> np.ndarray:
     return np.array([*velocity[:2], rotations.rotate(state.orientation, state.angular_velocity)[2]])
 
 
-def mean_velocities(told: np.ndarray, walked: np.ndarray) -> str:
+def mean_velocities(commanded: np.ndarray, walked: np.ndarray) -> str:
     """Return mean velocities as a line for people; both have the shape (3,)."""
-    pairs = zip(VELOCITY_NAMES, walked, told, strict=True)
-    words = (f"{name} {mean:.2f} of {asked:.2f} {COMMAND_UNITS[name]}" for name, mean, asked in pairs)
+    pairs = zip(VELOCITY_NAMES, walked, commanded, strict=True)
+    words = (f"{name} {mean:.2f} of {value:.2f} {COMMAND_UNITS[name]}" for name, mean, value in pairs)
     return f"mean velocities, walked of commanded: {', '.join(words)}"
 
 

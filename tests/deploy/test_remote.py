@@ -9,7 +9,7 @@ import pytest
 
 from hugwbc import Gait
 from hugwbc.commands import command_ranges
-from hugwbc.deploy.remote import BUTTONS, ButtonWatch, Remote, Request, Sticks, listen
+from hugwbc.deploy.remote import BUTTONS, ButtonPresses, Remote, Request, Sticks, listen
 
 
 @pytest.mark.parametrize(("bit", "name"), list(enumerate(BUTTONS)))
@@ -38,7 +38,7 @@ def test_sticks_that_are_off_are_put_right(value: float, read: float) -> None:
 
 
 def test_a_press_asks_once_and_a_button_held_from_the_beginning_never() -> None:
-    watch = ButtonWatch()
+    watch = ButtonPresses()
     assert watch.update(frozenset({"A"})) == []
     assert watch.update(frozenset({"A", "Start"})) == [Request.START]
     assert watch.update(frozenset({"A", "Start"})) == []

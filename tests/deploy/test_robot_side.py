@@ -240,7 +240,7 @@ def test_joints_are_damped_when_the_process_that_controls_is_killed(standing, mo
     bench = Bench(standing, slower=10.0)
     robot_end, end = local_pair()
     link, far = multiprocessing.Pipe()
-    relay = Relay(end, bench.side._watch, far, records=False)
+    relay = Relay(end, bench.side._setup, far, records=False)
     feeder, worker = Feeder(standing, robot_end, 10.0), threading.Thread(target=relay.run)
     stiff = bench.slot()
     assert stiff is not None and not is_damping(stiff)

@@ -132,7 +132,7 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     assert plan.conditions is not None
     simulation = simulation_of(settings, plan)
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
-    watch = GroundWatch(simulation, float(plan.tags["start"]))
+    watch = GroundSpeeds(simulation, float(plan.tags["start"]))
     trace = simulate(controller, settings, plan, simulation=simulation, on_step=watch, past_falls=True).trace
     start, lowered = float(plan.tags["start"]), trace.safety.lowered > 0
     return {
@@ -148,8 +148,8 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     }
 
 
-class GroundWatch:
-    """A watch over the pelvis's speed, called after every physics step (`rollout`'s `on_step`).
+class GroundSpeeds:
+    """Speeds of the pelvis and where links touch the ground; called after every physics step (`rollout`'s `on_step`).
 
     Attributes:
         touch_speed, first_touch_speed, highest_speed: see `episode`.
