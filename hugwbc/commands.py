@@ -51,8 +51,8 @@ _STANDING = {
 
 
 def command_ranges(gait: Gait) -> Mapping[str, CommandRange]:
-    """Return the ranges of the eight commands in a gait, by name. Standing allows zero velocity only."""
-    if gait is Gait.STANDING:
+    """Return the ranges of the eight commands in a gait, by name; one that does not travel has zero velocities only."""
+    if not gait.travels:
         return _STANDING
     if gait.hops:
         return _HOPPING

@@ -8,7 +8,7 @@ from hugwbc import load_robot, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.mirror import load_mirror
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts.script import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
 from hugwbc.upper_ik.solver import LONGEST_TICK

@@ -9,14 +9,13 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, scaled, single
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
-from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.hand_paths import Line
 from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
@@ -124,15 +123,8 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     """
     seed, robot = (settings.seed, plan.draw), load_robot(settings.conditions.chosen.robot)
     source = _Recording(settings.conditions.told_arena.known_robot)
-    trace = rollout(
-        controller,
-        hands_script(settings, np.random.default_rng(seed), plan.draw),
-        settings.conditions.simulation(settings.duration, seed),
-        source,
-        duration=settings.duration,
-        estimator=settings.conditions.estimator(),
-        strict=False,
-    )
+    script = hands_script(settings, np.random.default_rng(seed), plan.draw)
+    trace = simulate(controller, settings, plan, source=script, upper_body=source).trace
     kept, arms = trace.time >= settings.settle, robot.arms
     wanted, commanded = (
         source.sampled(rows, controller.period)[: kept.size] for rows in (source.wanted, source.commanded)
