@@ -412,6 +412,7 @@ class StateEstimator:
             imu_gyro=state.imu_gyro,
             imu_accelerometer=state.imu_accelerometer,
             torque=state.torque,
+            untold_inertia=self._observer.inertia.untold,
             time=state.time,
             age=state.age,
             coasted=state.coasted,
