@@ -43,18 +43,22 @@ BASE_WEIGHT = 0.3
 _PARTING = 1.0
 # When a leg is in the air for certain, whatever the joints seem to feel: its sole moves, well above the other one.
 _RAISED, _MOVES = 0.05, 0.3  # share of the leg's length, [m/s]
-_FAMILIAR = 1.6e5  # [rad^2/s^4], sum of squared accelerations of a joint that counts as much as what was told of it
+_FAMILIAR = 1.6e5  # [rad^2/s^4], sum of squared accelerations of a joint that counts as much as what was told
 _BAND = 0.25  # share of a joint's inertia up to which what seems to be missing counts as noise
-_LEAST, _MOST = -0.5, 2.0  # share of it that can be missing
+_LEAST, _MOST = -0.5, 4.0  # share of it that can be missing
 
 
 class SwingInertia:
     r"""Learns how much inertia of the legs was not told, from their swings: a table of a robot is never quite right.
 
-    Nothing but wrong inertia should be left in the residual of a leg in the air. What its joints pitch with is most of
-    all their drives' reflected inertia, which makers seldom state: told 0.01 instead of 0.16 kg m^2 at the knee, an H1
-    feels a load of 110 N on its swinging foot. What is missing counts as inertia :math:`\delta` of each joint alone,
-    :math:`r = -\delta\, \ddot q`, the same on both sides, and is fitted by least squares with a prior at zero.
+    Nothing but wrong inertia should be left in the residual of a leg in the air: most of all the reflected inertia of
+    its drives, which makers seldom state. Told 0.01 instead of 0.16 kg m^2 at the knee, an H1 feels a load of 110 N on
+    its swinging foot. What is missing counts as inertia :math:`\delta` of each joint alone,
+
+    .. math:: r = -\delta\, \ddot q,
+
+    the same on both sides, and is fitted with a prior at zero. The planned acceleration is the instrument of the fit:
+    noise of the measured one, which the residual has as well, would look like inertia.
 
     Attributes:
         missing: inertia at hip pitch, knee and ankle pitch that the table seems to lack [kg m^2], shape (3,).
@@ -73,19 +77,27 @@ class SwingInertia:
 
     def reset(self) -> None:
         """Believe the table."""
-        self.missing, self._counted, self._seen = np.zeros(3), np.zeros(3), np.full(3, _FAMILIAR)
+        self.missing, self._counted, self._told, self._seen = np.zeros((4, 3))
         self._count(None)
 
     def _count(self, untold: np.ndarray | None) -> None:
         self.untold = untold
         self._kinematics.add_inertia(untold)
 
-    def learn(self, foot: int, acceleration: np.ndarray, residual: np.ndarray) -> None:
-        """Take in the accelerations [rad/s^2] and the residual [N m] of a leg that is in the air, shape (nv,)."""
-        columns = self._columns[foot]
+    def learn(self, foot: int, acceleration: np.ndarray, residual: np.ndarray, planned: np.ndarray) -> None:
+        """Take in one reading of a leg that is in the air.
+
+        Args:
+            foot: 0 for left, 1 for right.
+            acceleration: measured generalised acceleration [rad/s^2], shape (nv,).
+            residual: of the generalised momentum [N m], shape (nv,).
+            planned: acceleration of the joints that the controller plans [rad/s^2], shape (n,).
+        """
+        columns, plan = self._columns[foot], planned[self._joints[foot]]
         moved = acceleration[columns]
-        self._seen += moved * moved
-        missing = self.missing - moved * (residual[columns] + (self.missing - self._counted) * moved) / self._seen
+        self._seen += plan * moved
+        self._told += plan * (self._counted * moved - residual[columns])
+        missing = self._told / (_FAMILIAR + np.maximum(self._seen, 0.0))
         self.missing = np.minimum(np.maximum(missing, _LEAST * self._inertia), _MOST * self._inertia)
         counted = np.where(np.abs(self.missing) > _BAND * self._inertia, self.missing, 0.0)
         if (counted != self._counted).any():
@@ -146,12 +158,14 @@ class ContactObserver:
             # The residual of a stand at rest: what carries the weight, as the legs tell it.
             self.residual = np.concatenate([(*force, 0.0, 0.0) for force in self.force]) @ self._wrench_jacobians()
 
-    def infer(self, torque: np.ndarray, dt: float) -> np.ndarray:
+    def infer(self, torque: np.ndarray, dt: float, planned: np.ndarray | None = None) -> np.ndarray:
         """Take in one reading, at whose state the kinematics has been placed.
 
         Args:
             torque: joint torques since the last reading [N*m], shape (n,).
             dt: since the last reading [s].
+            planned: joint accelerations that the controller planned for that time [rad/s^2], shape (n,). Without them
+                nothing is learnt of the legs.
 
         Returns:
             Which feet stand, shape (2,), bool.
@@ -167,7 +181,8 @@ class ContactObserver:
             self._tau[self._columns] = torque - friction
             share = 1.0 - math.exp(-RATE * dt)
             self.residual = self.residual + share * (motion - self._tau - self.residual)
-            self._learn(acceleration)
+            if planned is not None:
+                self._learn(acceleration, planned)
         self.hands.infer(self.residual, dt)
         jacobians = self._wrench_jacobians()
         wrenches, felt = self._weight * jacobians[:, self._rows], self._weight * self.residual[self._rows]
@@ -184,14 +199,14 @@ class ContactObserver:
         self.contact = self.force[:, 2] > _TOUCH - (_TOUCH - _LIFT) * self.contact
         return self.contact
 
-    def _learn(self, acceleration: np.ndarray) -> None:
+    def _learn(self, acceleration: np.ndarray, planned: np.ndarray) -> None:
         """Let a leg that is in the air for certain tell its inertia."""
         left, right = (float(self._kinematics.data.oMf[sole].translation[2]) for sole in self._soles)
         if abs(left - right) > self._raised:
             foot = int(right > left)
             velocity = self.sole_velocity[foot, :3]
             if velocity.dot(velocity) > _MOVES**2:
-                self.inertia.learn(foot, acceleration, self.residual)
+                self.inertia.learn(foot, acceleration, self.residual, planned)
 
     def _move(self, acceleration: np.ndarray) -> np.ndarray:
         """Return the generalised forces of a motion [N, N*m], shape (25,), and compute frames, Jacobians and soles."""

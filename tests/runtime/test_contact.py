@@ -114,9 +114,11 @@ def test_a_rotor_that_was_not_told_is_learnt_from_swings(told, learnt):
     columns = kinematics.columns[knees]
     for swing in range(400):
         acceleration, residual = np.zeros(25), rng.normal(scale=3.0, size=25)
-        acceleration[columns] = rng.normal(scale=100.0)
-        residual[columns] += (kinematics.model.armature[columns] - robot.armature[knees]) * acceleration[columns]
-        swings.learn(swing % 2, acceleration, residual)
+        planned = np.full(19, rng.normal(scale=100.0))
+        acceleration[columns] = planned[0] + rng.normal(scale=30.0)
+        known = kinematics.model.armature[columns] * acceleration[columns]
+        residual[columns] += known - robot.armature[knees] * planned[0]
+        swings.learn(swing % 2, acceleration, residual, planned)
     known = kinematics.model.armature[columns]
     assert known == pytest.approx(robot.armature[knees] if learnt else armature[knees], rel=0.1 if learnt else 0.0)
     assert (swings.untold is not None) == learnt
