@@ -114,10 +114,11 @@ def test_a_rotor_that_was_not_told_is_learnt_from_swings(told, learnt):
     columns = kinematics.columns[knees]
     for swing in range(400):
         acceleration, residual = np.zeros(25), rng.normal(scale=3.0, size=25)
-        planned = np.full(19, rng.normal(scale=100.0))
-        acceleration[columns] = planned[0] + rng.normal(scale=30.0)
+        planned = np.zeros(19)
+        planned[knees] = rng.normal(scale=100.0)
+        acceleration[columns] = planned[knees] + rng.normal(scale=30.0)
         known = kinematics.model.armature[columns] * acceleration[columns]
-        residual[columns] += known - robot.armature[knees] * planned[0]
+        residual[columns] += known - robot.armature[knees] * planned[knees]
         swings.learn(swing % 2, acceleration, residual, planned)
     known = kinematics.model.armature[columns]
     assert known == pytest.approx(robot.armature[knees] if learnt else armature[knees], rel=0.1 if learnt else 0.0)
