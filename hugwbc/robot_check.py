@@ -17,6 +17,7 @@ _LINK = ("mass", "com", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _ABOVE_ZERO = ("effort", "velocity", "armature", "corner_speed", "kp", "kd")
 _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the right joint
 _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at heel and toe
+_ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
 _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
 _LIGHTER, _SHIFTED = 0.05, 0.01  # of a link's mass, and of its centre of mass [m], likewise
@@ -145,13 +146,19 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
     if not (heel < toe and right < left):
         yield f"sole is x {sole['x']}, y {sole['y']}; give heel before toe, and right before left"
         return
-    for foot in (roles["foot"], other_side(roles["foot"])):
+    if abs(middle := (right + left) / 2.0) > _ASIDE:
+        yield (
+            f"the middle of the sole is {1e3 * middle:.0f} mm left of the foot link's origin, where it is to be; under "
+            "`joints` and `links`, move the foot's joint there along its axis, and the link's com back"
+        )
+    for side in (str, other_side):
+        foot, ankle = side(roles["foot"]), side(roles["leg"]["ankle_pitch"])
         ends = [placement(joints, foot, roles["base"], [x, 0.0, sole["z"]], q)[0] for x in (heel, toe)]
         if abs(ends[0][2] - ends[1][2]) > _TOUCH:
-            slope = 1e3 * (ends[0][2] - ends[1][2])
+            fall = ends[0][2] - ends[1][2]
             yield (
-                f"the sole of {foot} is not level in the nominal pose: its heel is {slope:.0f} mm above its toe; let "
-                "hip pitch, knee and ankle pitch add up to 0"
+                f"the sole of {foot} is not level in the nominal pose: its heel is {1e3 * fall:.0f} mm above its toe; "
+                f"give {ankle}: {q[ankle] - math.asin(fall / (toe - heel)):.3f} under `nominal`"
             )
         elif abs(gap := height + (ends[0][2] + ends[1][2]) / 2.0) > _TOUCH:
             yield (

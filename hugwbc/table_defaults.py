@@ -14,9 +14,9 @@ from hugwbc.errors import ModelError, UnknownNameError
 SIDES = ("left", "right")
 _OTHER = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
 Joints = Sequence[Mapping[str, Any]]
-# What a drive is taken for where neither table nor description says it, from the drives of the H1 and the G1: Coulomb
-# friction by torque limit, viscous friction by Coulomb friction [s/rad], and corner speed by highest speed.
-_FRICTION, _VISCOUS, _CORNER = 0.02, 0.1, 0.5
+# What a drive is taken for where neither table nor description says it, after the drives of the H1 and the G1: armature
+# [s^2/rad] and Coulomb friction by torque limit, viscous friction by the latter [s/rad], corner speed by highest speed.
+_ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
 _SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
@@ -168,6 +168,7 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
 
 def complete_drive(joint: dict[str, Any]) -> None:
     """Give a joint of a description the figures of its drive that neither it nor the table says."""
+    joint["armature"] = joint["armature"] or _ARMATURE * joint["effort"]
     joint["friction"] = joint["friction"] or _FRICTION * joint["effort"]
     joint["viscous"] = joint["viscous"] or _VISCOUS * joint["friction"]
     joint.setdefault("corner_speed", _CORNER * joint["velocity"])

@@ -32,6 +32,10 @@ BROKEN = {
         lambda table: table["sole"].update(z=-0.005),
         [f"the sole of {side}_ankle_roll_link is 30 mm above the ground" for side in ("left", "right")],
     ),
+    "the soles are not in the middle": (
+        lambda table: table["sole"].update(y=[0.0, 0.05]),
+        ["the middle of the sole is 25 mm left of the foot link's origin"],
+    ),
     "the pelvis is too high": (
         lambda table: table.update(nominal_height=0.90),
         ["143 mm above the ground in the nominal pose; give nominal_height: 0.757", "143 mm above"],
@@ -49,8 +53,8 @@ BROKEN = {
         [
             "the nominal position of left_knee_joint is -0.2 rad; give one from -0.087267 to 2.8798 rad",
             "right_knee_joint is -0.2 rad",
-            "the sole of left_ankle_roll_link is not level",
-            "the sole of right_ankle_roll_link is not level",
+            "give left_ankle_pitch_joint: 0.512 under `nominal`",
+            "give right_ankle_pitch_joint: 0.512 under `nominal`",
             "the legs are 99.2 % straight",
             "the centre of mass is at",
         ],
