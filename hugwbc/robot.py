@@ -100,6 +100,7 @@ class Robot:
         collision_pairs: pairs of links that can touch each other.
         capsules: shapes that the arms avoid besides the links' collision shapes, by link.
         contact_links: links whose contacts the privileged observation flags.
+        commands: ranges of commands, `initial` and `finishing`, by name, where the table has its own.
         inertias: mass [kg], centre [m] and inertia about it [kg*m^2] of what a joint moves rigidly, in the frame of its
             link, where they are others than in the URDF, by joint; "root_joint" for the base.
     """
@@ -153,6 +154,7 @@ class Robot:
     collision_pairs: frozenset[frozenset[str]]
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
+    commands: Mapping[str, Mapping[str, tuple[float, float]]]
     inertias: Mapping[str, tuple[float, np.ndarray, np.ndarray]] = dataclasses.field(default_factory=dict)
 
     def friction_torque(self, velocity: np.ndarray) -> np.ndarray:
@@ -408,6 +410,10 @@ def _load_robot(name: str) -> Robot:
             collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
             capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
             contact_links=tuple(table["contact_links"]),
+            commands={
+                name: {kind: (float(low), float(high)) for kind, (low, high) in ranges.items()}
+                for name, ranges in table.get("commands", {}).items()
+            },
         )
     except (IndexError, KeyError, TypeError, ValueError) as error:
         raise _missing(file, error) from error

@@ -5,6 +5,7 @@ import math
 from hugwbc.commands import Command, command_ranges
 from hugwbc.deploy.remote import Remote
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.targets import HandTargets
 
 _SLOPE = {"v_x": 0.5, "v_y": 0.4, "omega": 0.8}  # largest change [m/s^2], [rad/s^2]
@@ -19,8 +20,9 @@ class Sticks:
     follow with limited slope; after a second without any, the robot stands.
     """
 
-    def __init__(self) -> None:
-        """Begin standing."""
+    def __init__(self, robot: Robot) -> None:
+        """Begin standing; the ranges are the robot's."""
+        self._ranges = command_ranges(Gait.WALKING, robot)
         self._asked = dict.fromkeys(_SLOPE, 0.0)
         self._used = dict.fromkeys(_SLOPE, 0.0)
         self._time: float | None = None
@@ -31,9 +33,9 @@ class Sticks:
         step = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         self._asked = {
-            "v_x": _scaled("v_x", remote.ly) * (0.5 if remote.ly > 0.0 else 1.0),
-            "v_y": _scaled("v_y", -remote.lx),
-            "omega": _scaled("omega", -remote.rx),
+            "v_x": self._scaled("v_x", remote.ly) * (0.5 if remote.ly > 0.0 else 1.0),
+            "v_y": self._scaled("v_y", -remote.lx),
+            "omega": self._scaled("omega", -remote.rx),
         }
         for name, slope in _SLOPE.items():
             change = self._asked[name] - self._used[name]
@@ -51,7 +53,6 @@ class Sticks:
         """Leave the arms to the controller."""
         return None
 
-
-def _scaled(name: str, stick: float) -> float:
-    low, high = command_ranges(Gait.WALKING)[name].finishing
-    return stick * (high if stick > 0.0 else -low)
+    def _scaled(self, name: str, stick: float) -> float:
+        low, high = self._ranges[name].finishing
+        return stick * (high if stick > 0.0 else -low)

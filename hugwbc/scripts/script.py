@@ -21,7 +21,7 @@ from hugwbc.blends import smooth_rate, smooth_step
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, HugwbcError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.scripts import hand_paths
 from hugwbc.scripts.hand_paths import HandPath, Point
 from hugwbc.scripts.motion import ArmMotion, check_motion, load_motion
@@ -191,10 +191,10 @@ class Segment:
         object.__setattr__(self, "commands", MappingProxyType(dict(self.commands)))
         self.command()
 
-    def command(self) -> Command:
-        """Return the command at the end of the ramp."""
+    def command(self, robot: Robot | None = None) -> Command:
+        """Return the command at the end of the ramp, within the ranges of a robot, or the paper's."""
         try:
-            return Command.from_mapping(self.commands, self.gait).validate()
+            return Command.from_mapping(self.commands, self.gait).validate(robot)
         except HugwbcError as error:
             raise CommandError(f"segment '{self.label}': {error}", at=("commands", *error.at)) from None
 
@@ -224,6 +224,11 @@ class Script:
     def __post_init__(self) -> None:
         for index, (before, after) in enumerate(itertools.pairwise(self.segments), start=1):
             _check_transition(before, after, at=("segments", index))
+
+    def check(self, robot: Robot) -> None:
+        """Refuse commands outside a robot's ranges."""
+        for segment in self.segments:
+            segment.command(robot)
 
     @functools.cached_property
     def _ends(self) -> list[float]:

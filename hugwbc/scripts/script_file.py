@@ -37,7 +37,11 @@ def load_script(name: str | pathlib.Path, robot: Robot | None = None) -> Script:
 
     Args:
         name: the name or the path.
-        robot: whose arms the script's motion files move; a script without such files is for any robot.
+        robot: whose arms the script's motion files move, and whose ranges its commands keep; None for a script without
+            such files, and the paper's ranges.
     """
     path = named_path("script", name, FOLDER)
-    return load(Script, path, robot, name=path.stem)
+    script = load(Script, path, robot, name=path.stem)
+    if robot is not None:
+        script.check(robot)
+    return script
