@@ -85,7 +85,7 @@ class Robot:
         moved: the links that these joints move, left first, by part.
         sole_x, sole_y, sole_z: extent and height of the flat sole in the foot link's frame [m].
         sole_depth: distance of the sole below the ankle pitch axis [m].
-        leg_length: distance from the hip pitch axis to the ankle pitch axis of a straight leg, from the side [m].
+        thigh, shank: distances from the hip pitch axis to the knee and on to the ankle pitch axis, from the side [m].
         shoulder: origin of the left shoulder roll joint in the pelvis frame with the waist at 0 [m], shape (3,).
         upper_arm: distance from the shoulder roll joint to the elbow [m].
         forearm: distance from the elbow to the hand [m].
@@ -140,7 +140,8 @@ class Robot:
     sole_y: tuple[float, float]
     sole_z: float
     sole_depth: float
-    leg_length: float
+    thigh: float
+    shank: float
     shoulder: np.ndarray
     upper_arm: float
     forearm: float
@@ -218,6 +219,11 @@ class Robot:
     def hip_yaw_roll(self) -> np.ndarray:
         """Indices of the four hip yaw and hip roll joints (the paper's hip x and z)."""
         return np.sort(np.r_[self.pair("hip_yaw"), self.pair("hip_roll")])
+
+    @property
+    def leg_length(self) -> float:
+        """Length of a straight leg from the hip pitch axis to the ankle pitch axis, from the side [m]."""
+        return self.thigh + self.shank
 
     @property
     def sole_middle(self) -> float:
@@ -393,10 +399,8 @@ def _load_robot(name: str) -> Robot:
             sole_y=tuple(table["sole"]["y"]),
             sole_z=float(table["sole"]["z"]),
             sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
-            leg_length=math.fsum(
-                math.hypot(*seen_from(upper, links[lower])[::2].tolist())
-                for upper, lower in (("hip_pitch", "knee"), ("knee", "ankle_pitch"))
-            ),
+            thigh=math.hypot(*seen_from("hip_pitch", links["knee"])[::2].tolist()),
+            shank=math.hypot(*seen_from("knee", links["ankle_pitch"])[::2].tolist()),
             shoulder=_frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
             upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
             forearm=math.hypot(*placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
