@@ -72,13 +72,13 @@ class _Recording(UpperBodySource):
     ) -> tuple[UpperBody, Command]:
         """Update, and record the solution and the command."""
         body, command = super().update(state, hands, command, dt, commanded)
-        nothing = np.full(8, np.nan)
+        nothing = np.full_like(self.ik.q, np.nan)
         self.wanted.append(nothing if self.solution is None else self.solution.q)
         self.commanded.append(body.q if body.indicator else nothing)
         return body, command
 
     def sampled(self, rows: list[np.ndarray], period: float) -> np.ndarray:
-        """Return the rows at the times of a trace, shape (samples, 8)."""
+        """Return the rows at the times of a trace, shape (samples, k)."""
         return np.array(rows[:: max(1, round(RECORD_PERIOD / period))])
 
 
