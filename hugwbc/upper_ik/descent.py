@@ -30,12 +30,14 @@ class Goal:
         directions: unit vectors from the elbows to the hands, shape (2, 3); NaN where they do not matter.
         together: whether the hands hold one object; their relative position then has priority.
         speed: speed of each target [m/s], shape (2,).
+        carried: speed at which the body carries each hand away from it [m/s], shape (2,).
     """
 
     points: np.ndarray
     directions: np.ndarray = dataclasses.field(default_factory=lambda: NOWHERE)
     together: bool = False
     speed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
+    carried: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 class Descent:
@@ -152,10 +154,12 @@ class Descent:
     def _step(self, goal: Goal, error: np.ndarray, dt: float) -> list[float]:
         """Take one step from the hands' errors (2, 3) and return the requested travel of each hand [m]."""
         steps, parts = [], []
-        for distance, safe, speed in zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), strict=True):
+        rows = zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), goal.carried.tolist(), strict=True)
+        for distance, safe, speed, carried in rows:
             fastest = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), self.config.hand_speed) + speed
-            # The target's own speed does not count next to an obstacle.
-            steps.append(min(distance, (fastest if safe == self.config.hand_speed else min(fastest, safe)) * dt))
+            # The target's own speed does not count next to an obstacle, other than the motion of what carries the arm.
+            fastest = carried + (fastest if safe == self.config.hand_speed else min(fastest, safe))
+            steps.append(min(distance, fastest * dt))
             parts.append([steps[-1] / max(distance, 1e-9)])
         if goal.together:  # a hand next to an obstacle slows the other one down
             parts = [min(parts)] * 2

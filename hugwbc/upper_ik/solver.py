@@ -148,8 +148,8 @@ class ArmIK:
         if goal is None or not math.isfinite(state.q[self.robot.waist]) or not 0.0 < dt < np.inf:
             self.rejected += 1
             return self._hold(dt)
-        self._body = np.where(np.isfinite(state.q), state.q, self._body)
-        goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt))
+        carried = self._carried(np.where(np.isfinite(state.q), state.q, self._body), dt)
+        goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt), carried)
         try:
             q = self._descend(goal, dt)
             # A stream's targets stand still between two messages: their differences say nothing.
@@ -174,9 +174,19 @@ class ArmIK:
         self._jumped = moved > MOVED
         return np.where(moved <= self.config.hand_speed * dt, moved / dt, 0.0)
 
+    def _carried(self, body: np.ndarray, dt: float) -> np.ndarray:
+        """Place the arms on a body (n,), and return the speed at which it has carried the hands along [m/s], (2,).
+
+        It is 0 up to the speed at which a hand stays on its target within the tolerance anyway (`Descent`).
+        """
+        before, self._body = self._descent.forward(self._limiter.q, self._body), body
+        self._descent.place(self._limiter.q, body)
+        speed = np.minimum(lengths(self._descent.hands - before) / dt, self.config.hand_speed)
+        counts = speed**2 > 2.0 * self.config.hand_deceleration * self.config.tolerance
+        return np.where(counts & (self._last_points is not None), speed, 0.0)
+
     def _descend(self, goal: Goal, dt: float) -> np.ndarray:
         count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
-        self._descent.place(self._limiter.q, self._body)
         self._descent.descend(goal, dt / count, count)
         self._residual, self._reachable = self._descent.residual, ~self._descent.stalled
         return self._descent.q
