@@ -202,11 +202,11 @@ def _drive(options: PlayOptions) -> int:
     port = _free_port(serve.host, serve.port)
     stream = None if options.listen is None else _listening(options.listen)
     with needing("live", "the live page"):
-        from hugwbc.viz.page_guard import page_address
+        from hugwbc.viz.drive_link import page_address
 
         say(f"the page will be at {page_address(serve.host, port)}")
-        from hugwbc.viz.drive import drive
         from hugwbc.viz.live import LivePage
+        from hugwbc.viz.show import drive
     controller, arena = chosen.build(), options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(
@@ -291,7 +291,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     values = {name: value for name, value in commands.given.items() if name in COMMAND_NAMES}
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(commands.gait) if commands.gait else Gait.WALKING if moving else Gait.STANDING
-    command = Command.from_mapping(values, gait).validate()
+    command = Command.from_mapping(values, gait).validate(options.arena.known_robot)
     if options.motion is not None:
         hands = [name for name in ("left_hand", "right_hand") if name in commands.given]
         _refuse_beside("--motion", "a motion moves both arms", hands)

@@ -1,5 +1,7 @@
 """The control loop of one robot in simulation: sensors, arms, controller, joints."""
 
+import dataclasses
+
 import numpy as np
 
 from hugwbc import rotations
@@ -8,7 +10,7 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod
-from hugwbc.runtime.controllers import load_controller
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
@@ -62,14 +64,17 @@ class ControlLoop:
         hand IK and the estimator are told is up to them.
 
         Args:
-            controller: any object with the members of `Controller`, or what `load_controller` takes.
+            controller: any object with the members of `Controller`, or its name; then it is told the robot.
             source: gives commands and hand targets over time; or one command for all times.
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none
                 where the sensors tell the state.
         """
-        controller = load_controller(controller) if isinstance(controller, str) else controller
+        if isinstance(controller, str):
+            spec = ControllerSpec(controller)
+            told = simulation.robot.name if spec.takes_robot else None
+            controller = dataclasses.replace(spec, robot=told).build()
         source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
         told = getattr(controller, "robot", robot)
@@ -136,12 +141,13 @@ class ControlLoop:
         )
 
     def _arm_target(self) -> np.ndarray:
-        if self.control.upper_body is None or self.control.hands is None:
-            return np.full(8, np.nan)
-        if self.control.hands.joints is not None:
-            return self.control.hands.joints.copy()
-        solution = self.control.upper_body.solution
-        return np.full(8, np.nan) if solution is None else solution.q.copy()
+        hands, source = self.control.hands, self.control.upper_body
+        if source is not None and hands is not None:
+            if hands.joints is not None:
+                return hands.joints.copy()
+            if source.solution is not None:
+                return source.solution.q.copy()
+        return np.full(self.simulation.robot.arms.size, np.nan)
 
     @property
     def reachable(self) -> np.ndarray:

@@ -11,7 +11,7 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.arm_solver import ArmSolver
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, hip_names
+from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, still_names
 
 BODY_NAMES = ("h", "p", "w")
 
@@ -49,7 +49,7 @@ class BodyReach:
         self._robot = robot
         self._body = (HEIGHT_JOINT, PITCH_JOINT, robot.joint_names[robot.waist])
         self.rejected = self.failures = 0
-        self._arms = arms = ArmSolver(self._robot, self._config, still=hip_names(robot), on_column=True)
+        self._arms = arms = ArmSolver(self._robot, self._config, still=still_names(robot), on_column=True)
         self.placo, self._solver = arms.placo, arms.solver
         for name, fastest in zip(self._body, speed, strict=True):
             self.placo.set_velocity_limit(name, fastest)
@@ -98,7 +98,7 @@ class BodyReach:
         else:
             self._step(points, hands.given, wanted, command, dt)
         values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
-        return dataclasses.replace(command, **values).clamp()[0]
+        return dataclasses.replace(command, **values).clamp(self._robot)[0]
 
     def _begin(self, values: np.ndarray, state: RobotState) -> None:
         self._active = True
@@ -108,7 +108,7 @@ class BodyReach:
         self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper))
 
     def _step(self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, command: Command, dt: float) -> None:
-        ranges = np.array([command_ranges(command.gait)[name].finishing for name in BODY_NAMES])
+        ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
         self.allow(ranges)
         low, high = ranges.T
         self.solve(points, given, np.clip(wanted, low, high), np.clip(self.values, low, high), dt)
@@ -160,7 +160,7 @@ class BodyReach:
         return self._arms.hand_points()
 
     def start(self, q_arm: np.ndarray, values: np.ndarray) -> None:
-        """Move the virtual robot to arm positions (8,) [rad] and to h, p, w (3,), to search from there."""
+        """Move the virtual robot to arm positions (k,) [rad] and to h, p, w (3,), to search from there."""
         self._place_arms(q_arm)
         self.values = np.array(values, dtype=float)
 

@@ -7,9 +7,8 @@ from deploy_bench import Counting, Standing, bring_to, make_pilot
 
 from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.deploy.pilot import Pilot
-from hugwbc.deploy.remote import Remote, Request
+from hugwbc.deploy.remote import Remote, Request, Sticks
 from hugwbc.deploy.state_machine import START_TIME, Mode
-from hugwbc.deploy.sticks import Sticks
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.sim import Simulation
 
@@ -203,7 +202,7 @@ def test_time_of_the_commands_starts_with_the_run(standing) -> None:
 
 def test_sticks_reach_the_controller(standing) -> None:
     controller = Counting()
-    pilot = make_pilot(controller, Sticks())
+    pilot = make_pilot(controller, Sticks(load_robot()))
     bring_to(Mode.RUN, pilot, standing)
     for _ in range(1000):
         pilot.observe(standing.next(Remote(ly=0.5)))
