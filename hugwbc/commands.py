@@ -1,6 +1,7 @@
-"""The eight command values that controllers track, their ranges per gait, validation and sampling."""
+"""The eight command values that controllers track, their ranges per gait and robot, validation and sampling."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -9,6 +10,7 @@ import numpy as np
 from hugwbc.errors import CommandError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.numeric import changed, number
+from hugwbc.robot import Robot
 
 COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
@@ -26,8 +28,9 @@ class CommandRange:
     finishing: tuple[float, float]
 
 
-# The paper's table of command ranges, for every gait except hopping.
-_GENERAL = {
+# The paper's table of command ranges, for every gait except hopping, and the leg that it belongs to [m].
+_PAPER_LEG = 0.8
+_PAPER = {
     "v_x": CommandRange(0.0, (-0.6, 0.6), (-0.6, 2.0)),
     "v_y": CommandRange(0.0, (-0.6, 0.6), (-0.6, 0.6)),
     "omega": CommandRange(0.0, (-0.6, 0.6), (-1.0, 1.0)),
@@ -37,26 +40,39 @@ _GENERAL = {
     "p": CommandRange(0.0, (0.0, 0.4), (0.0, 0.4)),
     "w": CommandRange(0.0, (-1.0, 1.0), (-1.0, 1.0)),
 }
-# The paper's appendix on hopping: only velocities and height are commanded; the others stay at their defaults.
-_HOPPING = {
-    **_GENERAL,
-    **{name: CommandRange(0.0, (-0.6, 0.6), (-0.6, 0.6)) for name in VELOCITY_NAMES},
-    **{name: dataclasses.replace(_GENERAL[name], initial=(d, d), finishing=(d, d))
-       for name in ("f", "l", "p", "w") for d in (_GENERAL[name].default,)},
-}  # fmt: skip
-_STANDING = {
-    **_GENERAL,
-    **{name: CommandRange(0.0, (0.0, 0.0), (0.0, 0.0)) for name in VELOCITY_NAMES},
-}
+# How ranges grow with a leg's length: heights with it, and velocities with its root, at the same Froude number.
+_GROWTH = {"v_x": 0.5, "v_y": 0.5, "l": 1.0, "h": 1.0}
 
 
-def command_ranges(gait: Gait) -> Mapping[str, CommandRange]:
-    """Return the ranges of the eight commands in a gait, by name; one that does not travel has zero velocities only."""
+@functools.lru_cache(maxsize=64)  # the robots of an evaluation may be drawn
+def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, CommandRange]:
+    """Return the ranges of the eight commands in a gait, by name.
+
+    One that does not travel has zero velocities only. Of the hopping gaits, the paper commands velocities and height alone.
+
+    Args:
+        gait: the gait.
+        robot: whose ranges; the paper's are scaled by its leg, where its table has none. None for the paper's.
+    """
+    general = _PAPER if robot is None else {name: _of(robot, name) for name in COMMAND_NAMES}
     if not gait.travels:
-        return _STANDING
-    if gait.hops:
-        return _HOPPING
-    return _GENERAL
+        return general | {name: CommandRange(0.0, (0.0, 0.0), (0.0, 0.0)) for name in VELOCITY_NAMES}
+    if not gait.hops:
+        return general
+    hopping = {name: general[name].default for name in ("f", "l", "p", "w")}
+    aside = general["v_y"].finishing
+    return (
+        general
+        | {name: CommandRange(0.0, aside, aside) for name in ("v_x", "v_y")}
+        | {"omega": CommandRange(0.0, *2 * (general["omega"].initial,))}
+        | {name: CommandRange(default, (default, default), (default, default)) for name, default in hopping.items()}
+    )
+
+
+def _of(robot: Robot, name: str) -> CommandRange:
+    size, paper = (robot.leg_length / _PAPER_LEG) ** _GROWTH.get(name, 0.0), _PAPER[name]
+    scaled = {kind: tuple(round(size * end, 2) for end in getattr(paper, kind)) for kind in ("initial", "finishing")}
+    return CommandRange(paper.default, **{**scaled, **robot.commands.get(name, {})})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,9 +132,9 @@ class Command:
                 raise UnknownNameError("command", name, COMMAND_NAMES, at=(name,))
         return cls(**values, gait=gait)
 
-    def validate(self) -> "Command":
-        """Return this command if every value is finite and within the gait's finishing range."""
-        for name, limits in command_ranges(self.gait).items():
+    def validate(self, robot: Robot | None = None) -> "Command":
+        """Return this command if every value is finite and within the gait's finishing range, for a robot."""
+        for name, limits in command_ranges(self.gait, robot).items():
             value = getattr(self, name)
             low, high = limits.finishing
             unit = COMMAND_UNITS[name]
@@ -133,16 +149,19 @@ class Command:
                 )
         return self
 
-    def clamp(self) -> tuple["Command", tuple["CommandChange", ...]]:
+    def clamp(self, robot: Robot | None = None) -> tuple["Command", tuple["CommandChange", ...]]:
         """Return the nearest valid command and what was changed; NaN becomes the default.
 
         Control loops call this instead of `validate`, because nothing may raise inside a loop.
+
+        Args:
+            robot: whose ranges count; None for the paper's.
 
         Returns:
             The command, and one record for each value that was changed.
         """
         changes, fields = [], vars(self)
-        for name, limits in command_ranges(self.gait).items():
+        for name, limits in command_ranges(self.gait, robot).items():
             value = fields[name]
             low, high = limits.finishing
             if not low <= value <= high:  # nor is NaN
@@ -182,7 +201,7 @@ def default_command(gait: Gait) -> Command:
     return Command(gait=gait)
 
 
-def sample_all(gait: Gait, rng: np.random.Generator, size: int) -> np.ndarray:
+def sample_all(gait: Gait, rng: np.random.Generator, size: int, robot: Robot | None = None) -> np.ndarray:
     """Draw all eight values independently from their finishing ranges; shape (size, 8)."""
-    low, high = np.array([limits.finishing for limits in command_ranges(gait).values()]).T
+    low, high = np.array([limits.finishing for limits in command_ranges(gait, robot).values()]).T
     return rng.uniform(low, high, (size, len(COMMAND_NAMES)))

@@ -6,6 +6,7 @@ import functools
 import math
 import pathlib
 import re
+import runpy
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,10 +14,9 @@ import numpy as np
 import yaml
 
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.table_defaults import SIDES as SIDES, check_roles, complete, complete_drive, describe, other_side, placement
 
-SIDES = ("left", "right")
 DEFAULT_ROBOT = "h1"
-_OTHER = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
 
 
 def models_dir() -> pathlib.Path:
@@ -30,11 +30,6 @@ def models_dir() -> pathlib.Path:
         if (candidate / DEFAULT_ROBOT).is_dir():
             return candidate
     raise ModelError(f"models was found neither in {package} nor next to it; reinstall hugwbc with its models")
-
-
-def other_side(name: str) -> str:
-    """Return the name of the joint, link or frame on the other side; the same name where it says no side."""
-    return re.sub("|".join(_OTHER), lambda side: _OTHER[side[0]], name, count=1)
 
 
 FRICTION_SPEED = 0.2  # [rad/s] at which three quarters of the Coulomb friction act
@@ -90,7 +85,7 @@ class Robot:
         moved: the links that these joints move, left first, by part.
         sole_x, sole_y, sole_z: extent and height of the flat sole in the foot link's frame [m].
         sole_depth: distance of the sole below the ankle pitch axis [m].
-        leg_length: distance from the hip pitch axis to the ankle pitch axis of a straight leg, from the side [m].
+        thigh, shank: distances from the hip pitch axis to the knee and on to the ankle pitch axis, from the side [m].
         shoulder: origin of the left shoulder roll joint in the pelvis frame with the waist at 0 [m], shape (3,).
         upper_arm: distance from the shoulder roll joint to the elbow [m].
         forearm: distance from the elbow to the hand [m].
@@ -105,6 +100,7 @@ class Robot:
         collision_pairs: pairs of links that can touch each other.
         capsules: shapes that the arms avoid besides the links' collision shapes, by link.
         contact_links: links whose contacts the privileged observation flags.
+        commands: ranges of commands, `initial` and `finishing`, by name, where the table has its own.
         inertias: mass [kg], centre [m] and inertia about it [kg*m^2] of what a joint moves rigidly, in the frame of its
             link, where they are others than in the URDF, by joint; "root_joint" for the base.
     """
@@ -144,7 +140,8 @@ class Robot:
     sole_y: tuple[float, float]
     sole_z: float
     sole_depth: float
-    leg_length: float
+    thigh: float
+    shank: float
     shoulder: np.ndarray
     upper_arm: float
     forearm: float
@@ -158,6 +155,7 @@ class Robot:
     collision_pairs: frozenset[frozenset[str]]
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
+    commands: Mapping[str, Mapping[str, tuple[float, float]]]
     inertias: Mapping[str, tuple[float, np.ndarray, np.ndarray]] = dataclasses.field(default_factory=dict)
 
     def friction_torque(self, velocity: np.ndarray) -> np.ndarray:
@@ -223,6 +221,11 @@ class Robot:
         return np.sort(np.r_[self.pair("hip_yaw"), self.pair("hip_roll")])
 
     @property
+    def leg_length(self) -> float:
+        """Length of a straight leg from the hip pitch axis to the ankle pitch axis, from the side [m]."""
+        return self.thigh + self.shank
+
+    @property
     def sole_middle(self) -> float:
         """Distance of the sole's centre ahead of the ankle [m]."""
         return sum(self.sole_x) / 2.0
@@ -247,8 +250,9 @@ def _tables() -> dict[str, pathlib.Path]:
 
 
 def table_file(name: str) -> pathlib.Path:
-    """Return the file that describes a robot, given its name or the file's own path."""
+    """Return the file that describes a robot, given its name, the file's own path, or that of its folder."""
     path = pathlib.Path(name)
+    path = path / f"{path.resolve().name}.yaml" if path.is_dir() else path
     if path.suffix == ".yaml" and path.is_file():
         return path.resolve()
     try:
@@ -258,7 +262,7 @@ def table_file(name: str) -> pathlib.Path:
 
 
 def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
-    """Return the table of a robot, with the robot's differences applied and the drives' figures at their joints.
+    """Return the table of a robot: with its description, its differences, its drives' figures at their joints.
 
     Args:
         name: see `load_robot`.
@@ -266,11 +270,19 @@ def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
     Raises:
         ModelError: if the table or one of its fields is missing.
     """
+    return copy.deepcopy(_robot_table(name))
+
+
+@functools.cache
+def _robot_table(name: str) -> dict[str, Any]:
     file = table_file(name)
     label = name if name in robot_names() else file.stem
     table = copy.deepcopy(_read_table(file))
     difference = table.pop("robots", {}).get(label, {})
     try:
+        description = file.parent / table["description"] if "description" in table else None
+        if description is not None:
+            describe(table, description)
         _assign_drives(table)
         for joint in table["joints"]:
             joint.setdefault("policy_torque_limit", joint["effort"])
@@ -278,6 +290,8 @@ def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
             joint.update(difference.get("joints", {}).get(joint["name"], {}))
         for link in table["links"]:
             link.update(difference.get("links", {}).get(link["name"], {}))
+        check_roles(table)
+        complete(table, description)
     except (KeyError, TypeError) as error:
         raise _missing(file, error) from error
     return {"name": label, **table}
@@ -303,8 +317,9 @@ def _assign_drives(table: dict[str, Any]) -> None:
     """Copy the figures of the drives to their joints."""
     drives = {part: drive for drive in table["drives"] for part in drive["joints"]}
     for joint in table["joints"]:
-        drive = drives.get(joint["name"]) or drives[other_side(joint["name"])]
+        drive = drives.get(joint["name"]) or drives.get(other_side(joint["name"]), {})
         joint.update({key: value for key, value in drive.items() if key != "joints"})
+        complete_drive(joint)
 
 
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
@@ -312,13 +327,19 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
 
     Args:
         name: "h1", with the maker's corrected masses; "h1-2023", the earlier description; "g1", the Unitree G1; or the
-            path of a table of your own, NAME/NAME.yaml, with NAME.xml and NAME.urdf beside it.
+            path of a table of your own, NAME/NAME.yaml, or of its folder. NAME.xml and NAME.urdf are written beside it.
 
     Raises:
         ModelError: if the table or one of its fields is missing.
         UnknownNameError: if there is no such robot.
     """
-    return _load_robot(name if name in robot_names() else str(table_file(name)))
+    if name in robot_names():
+        return _load_robot(name)
+    file = table_file(name)
+    robot = _load_robot(str(file))
+    if models_dir() not in file.parents:
+        runpy.run_path(str(models_dir() / "build.py"))["write"](str(file))
+    return robot
 
 
 @functools.cache
@@ -336,7 +357,7 @@ def _load_robot(name: str) -> Robot:
             return np.array([names.index(name) for name in of])
 
         def seen_from(part: str, link: str) -> np.ndarray:
-            return _placement(joints, link, links[part])[0]
+            return placement(joints, link, links[part])[0]
 
         def column(key: str) -> np.ndarray:
             return _frozen([joint[key] for joint in joints])
@@ -378,13 +399,11 @@ def _load_robot(name: str) -> Robot:
             sole_y=tuple(table["sole"]["y"]),
             sole_z=float(table["sole"]["z"]),
             sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
-            leg_length=math.fsum(
-                math.hypot(*seen_from(upper, links[lower])[::2].tolist())
-                for upper, lower in (("hip_pitch", "knee"), ("knee", "ankle_pitch"))
-            ),
-            shoulder=_frozen(_placement(joints, links["shoulder_roll"], roles["base"])[0]),
+            thigh=math.hypot(*seen_from("hip_pitch", links["knee"])[::2].tolist()),
+            shank=math.hypot(*seen_from("knee", links["ankle_pitch"])[::2].tolist()),
+            shoulder=_frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
             upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
-            forearm=math.hypot(*_placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
+            forearm=math.hypot(*placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
             hand=_frozen(table["hand"]["xyz"]),
             leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
             arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
@@ -395,31 +414,10 @@ def _load_robot(name: str) -> Robot:
             collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
             capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
             contact_links=tuple(table["contact_links"]),
+            commands={
+                name: {kind: (float(low), float(high)) for kind, (low, high) in ranges.items()}
+                for name, ranges in table.get("commands", {}).items()
+            },
         )
     except (IndexError, KeyError, TypeError, ValueError) as error:
         raise _missing(file, error) from error
-
-
-def _placement(
-    joints: Sequence[Mapping[str, Any]], link: str, seen_from: str, point: Sequence[float] = (0.0, 0.0, 0.0)
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return place and axes of a link (or of a point of it) with all joints at 0, seen from a link above it.
-
-    Returns:
-        Place [m], shape (3,), and the link's axes as columns, shape (3, 3).
-    """
-    if link == seen_from:
-        return np.array(point), np.eye(3)
-    joint = next(joint for joint in joints if joint["child"] == link)
-    place, axes = _placement(joints, joint["parent"], seen_from)
-    place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
-    return place + axes @ point, axes
-
-
-def _turn(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Return the axes that URDF's angles describe, shape (3, 3)."""
-    (a, b, c), (d, e, f) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
-    about_x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
-    about_y = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
-    about_z = np.array([[c, -f, 0], [f, c, 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x

@@ -1,7 +1,7 @@
 """Write the XML (MuJoCo) and URDF (Pinocchio, placo) of every robot from its table, so that the two always agree.
 
 Run `make models` after a change of a table; a test compares the committed files with the output of this script.
-`python models/build.py PATH/NAME.yaml` writes those of a table of your own.
+`load_robot` writes those of a table of your own.
 """
 
 import itertools
@@ -11,6 +11,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from typing import Any
 
+from hugwbc.errors import ModelError
+from hugwbc.files import write_whole
 from hugwbc.robot import SIDES, other_side, robot_names, robot_table, table_file
 
 # The spheres at the corners of the sole are small, so that the robot tips over within 5 mm of the sole's edges.
@@ -252,12 +254,24 @@ def _pretty(root: ET.Element) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
+def write(name: str) -> None:
+    """Write the descriptions of a robot beside its table, where they are not there yet."""
+    table, file = robot_table(name), table_file(name)
+    for suffix, text in (("xml", mjcf(table)), ("urdf", urdf(table))):
+        path = file.with_name(f"{table['name']}.{suffix}")
+        if path == file.parent / table.get("description", ""):
+            raise ModelError(
+                f"{path} is the maker's description, which the one written from the table would replace; "
+                "rename it or the table"
+            )
+        if not path.is_file() or path.read_text() != text:
+            write_whole(path, text)
+
+
 def main() -> None:
-    """Write the descriptions of the robots that the command line names, or of all, beside their tables."""
+    """Write the descriptions of the robots that the command line names, or of all."""
     for name in sys.argv[1:] or robot_names():
-        table, file = robot_table(name), table_file(name)
-        file.with_name(f"{table['name']}.xml").write_text(mjcf(table))
-        file.with_name(f"{table['name']}.urdf").write_text(urdf(table))
+        write(name)
 
 
 if __name__ == "__main__":

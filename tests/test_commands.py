@@ -1,5 +1,6 @@
 """Commands: the paper's ranges, validation messages, clamping and sampling."""
 
+import dataclasses
 import math
 from decimal import Decimal
 from fractions import Fraction
@@ -9,9 +10,18 @@ import pytest
 import torch
 from hypothesis import given, strategies as st
 
-from hugwbc.commands import COMMAND_NAMES, Command, CommandChange, command_ranges, default_command, sample_all
+from hugwbc.commands import (
+    COMMAND_NAMES,
+    Command,
+    CommandChange,
+    CommandRange,
+    command_ranges,
+    default_command,
+    sample_all,
+)
 from hugwbc.errors import CommandError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 
 # The paper's table of commands, typed in from the paper: default, initial range, finishing range.
 PAPER = {
@@ -38,6 +48,35 @@ def test_hopping_commands_velocities_and_height_only(gait: Gait) -> None:
     ranges = command_ranges(gait)
     assert [ranges[n].finishing for n in ("v_x", "v_y", "omega", "h")] == [(-0.6, 0.6)] * 3 + [(-0.3, 0.0)]
     assert [ranges[n].finishing for n in ("f", "l", "p", "w")] == [(2.0, 2.0), (0.15, 0.15), (0.0, 0.0), (0.0, 0.0)]
+
+
+@pytest.mark.parametrize("gait", list(Gait))
+def test_ranges_of_the_h1_are_the_papers(gait: Gait) -> None:
+    for name in ("h1", "h1-2023"):
+        assert command_ranges(gait, load_robot(name)) == command_ranges(gait)
+
+
+def test_ranges_grow_with_the_leg() -> None:
+    """A G1's leg is 0.6366 m, the paper's robot's 0.8 m: heights in proportion, speeds at the same Froude number."""
+    ranges = command_ranges(Gait.WALKING, load_robot("g1"))
+    share = 0.6366 / 0.8
+    assert ranges["v_x"].finishing == pytest.approx((-0.6 * share**0.5, 2.0 * share**0.5), abs=0.005)
+    assert ranges["l"].finishing == pytest.approx((0.1 * share, 0.35 * share), abs=0.005)
+    assert ranges["h"].initial == pytest.approx((-0.3 * share, 0.0), abs=0.005)
+    assert [ranges[name].finishing for name in ("f", "p", "w", "omega")] == [
+        PAPER[name][2] for name in ("f", "p", "w", "omega")
+    ]
+    hopping = command_ranges(Gait.HOPPING_LEFT, load_robot("g1"))
+    assert hopping["v_x"].finishing == pytest.approx((-0.54, 0.54)) and hopping["l"].finishing == (0.15, 0.15)
+
+
+def test_a_table_may_have_ranges_of_its_own() -> None:
+    own = dataclasses.replace(load_robot("g1"), commands={"v_x": {"finishing": (-0.4, 1.0)}})
+    assert command_ranges(Gait.WALKING, own)["v_x"] == CommandRange(0.0, (-0.54, 0.54), (-0.4, 1.0))
+    assert Command(v_x=1.5, gait=Gait.WALKING).clamp(own)[0].v_x == 1.0
+    with pytest.raises(CommandError, match=r"valid: -0\.4 to 1 m/s"):
+        Command(v_x=1.5, gait=Gait.WALKING).validate(own)
+    assert np.all(sample_all(Gait.WALKING, np.random.default_rng(1), 50, own)[:, 0] <= 1.0)
 
 
 def test_standing_admits_no_velocity() -> None:

@@ -10,11 +10,16 @@ CHECK_FAILED = 1
 
 @dataclasses.dataclass(frozen=True)
 class CheckOptions:
-    """Verify models, versions, controllers and the training; or how a policy was made. Exit code 1 if it is wrong."""
+    """Verify models, versions, controllers and the training; or a robot, or how a policy was made.
+
+    Exit code 1 if something is wrong.
+    """
 
     # Name of a shipped policy, or path of a policy or its folder: print by which stages it was made, from which commit,
     # at which cost, and check that each took what the one before wrote
     policy: str | None = None
+    # Name of a robot, or path of its table or folder: say what is missing or implausible, and whether it stands
+    robot: str | None = None
 
 
 def run(words: Sequence[str]) -> int:
@@ -25,9 +30,10 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.evaluation.installation import run_checks
 
     with progress("check") as advance:
-        outcomes = run_checks(advance)
+        outcomes = run_checks(advance, options.robot)
     failed = sum(not passed for _, passed, _ in outcomes)
-    say("\n".join(f"{'ok   ' if passed else 'FAIL '} {name}: {text}" for name, passed, text in outcomes))
+    for name, passed, text in outcomes:
+        say("\n".join(f"{'ok   ' if passed else 'FAIL '} {name}: {line}" for line in text.splitlines()))
     say("all is well" if not failed else f"{failed} of {len(outcomes)} checks failed")
     return CHECK_FAILED if failed else 0
 

@@ -178,7 +178,7 @@ def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
     if name is not None:
         task = load_task(name)
         return task.source(task.scene.draw(header["seed"]))
-    return Sticks() if header["script"] is None else load_script(header["script"], robot)
+    return Sticks(robot) if header["script"] is None else load_script(header["script"], robot)
 
 
 def _replay(path: pathlib.Path) -> int:

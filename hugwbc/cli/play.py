@@ -291,7 +291,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     values = {name: value for name, value in commands.given.items() if name in COMMAND_NAMES}
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(commands.gait) if commands.gait else Gait.WALKING if moving else Gait.STANDING
-    command = Command.from_mapping(values, gait).validate()
+    command = Command.from_mapping(values, gait).validate(options.arena.known_robot)
     if options.motion is not None:
         hands = [name for name in ("left_hand", "right_hand") if name in commands.given]
         _refuse_beside("--motion", "a motion moves both arms", hands)

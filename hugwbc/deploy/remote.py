@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from hugwbc.commands import Command, command_ranges
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.targets import HandTargets
 
 BUTTONS = ("R1", "L1", "Start", "Select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
@@ -93,8 +94,9 @@ class Sticks:
     follow with limited slope; after a second without any, the robot stands.
     """
 
-    def __init__(self) -> None:
-        """Begin standing."""
+    def __init__(self, robot: Robot) -> None:
+        """Begin standing; the ranges are the robot's."""
+        self._ranges = command_ranges(Gait.WALKING, robot)
         self._requested = dict.fromkeys(_SLOPE, 0.0)
         self._used = dict.fromkeys(_SLOPE, 0.0)
         self._time: float | None = None
@@ -105,9 +107,9 @@ class Sticks:
         step = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         self._requested = {
-            "v_x": _scaled("v_x", remote.ly) * (0.5 if remote.ly > 0.0 else 1.0),
-            "v_y": _scaled("v_y", -remote.lx),
-            "omega": _scaled("omega", -remote.rx),
+            "v_x": self._scaled("v_x", remote.ly) * (0.5 if remote.ly > 0.0 else 1.0),
+            "v_y": self._scaled("v_y", -remote.lx),
+            "omega": self._scaled("omega", -remote.rx),
         }
         for name, slope in _SLOPE.items():
             change = self._requested[name] - self._used[name]
@@ -125,10 +127,9 @@ class Sticks:
         """Leave the arms to the controller."""
         return None
 
-
-def _scaled(name: str, stick: float) -> float:
-    low, high = command_ranges(Gait.WALKING)[name].finishing
-    return stick * (high if stick > 0.0 else -low)
+    def _scaled(self, name: str, stick: float) -> float:
+        low, high = self._ranges[name].finishing
+        return stick * (high if stick > 0.0 else -low)
 
 
 def listen(act: Callable[[str], None]) -> None:

@@ -1,5 +1,6 @@
 """Check an installation by trying its parts: versions, robot models, controllers, training environment."""
 
+import functools
 import importlib.metadata
 import importlib.util
 import platform
@@ -8,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc.errors import HugwbcError
+from hugwbc.robot import DEFAULT_ROBOT
 
 PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "numpy", "meshcat", "tyro")
 LEARNED = ("torch", "safetensors")  # of the extra [learned]
@@ -19,16 +21,42 @@ class CheckError(Exception):
     """A check found something wrong; the message says what."""
 
 
-def run_checks(on_progress: Callable[[float], object] = lambda fraction: None) -> list[tuple[str, bool, str]]:
-    """Run every check, whether others fail or not; return what was checked, whether it is right, and what was found."""
+def run_checks(
+    on_progress: Callable[[float], object] = lambda fraction: None, robot: str | None = None
+) -> list[tuple[str, bool, str]]:
+    """Run every check, whether others fail or not; return what was checked, whether it is right, and what was found.
+
+    Args:
+        on_progress: called with the fraction that is done.
+        robot: check this robot instead of the installation, as far as its table is right.
+    """
+    checks = CHECKS if robot is None else {name: functools.partial(check, robot) for name, check in OF_A_ROBOT.items()}
     outcomes = []
-    for index, (name, check) in enumerate(CHECKS.items()):
+    for index, (name, check) in enumerate(checks.items()):
         try:
             outcomes.append((name, True, check()))
         except (CheckError, HugwbcError, ImportError) as error:
             outcomes.append((name, False, str(error)))
-        on_progress((index + 1) / len(CHECKS))
+            if robot is not None:
+                break
+        on_progress((index + 1) / len(checks))
     return outcomes
+
+
+def check_table(name: str) -> str:
+    """Check that the table of a robot is complete and plausible, and say what follows from it."""
+    from hugwbc.robot import load_robot
+    from hugwbc.robot_check import problems
+
+    if found := problems(name):
+        raise CheckError("\n".join(found))
+    robot = load_robot(name)
+    (heel, toe), width = 100.0 * np.array(robot.sole_x), 100.0 * (robot.sole_y[1] - robot.sole_y[0])
+    return (
+        f"{len(robot.joint_names)} joints, {robot.mass:.2f} kg; pelvis at {robot.nominal_height:.3f} m, legs of "
+        f"{robot.leg_length:.3f} m, soles from {heel:.1f} to {toe:.1f} cm and {width:.1f} cm wide; "
+        f"held: {', '.join(robot.joint_names[i] for i in robot.held) or 'none'}"
+    )
 
 
 def check_versions() -> str:
@@ -54,16 +82,25 @@ def check_arena() -> str:
     return f"{parts}, version {arena.version}; engines {', '.join(engines)}"
 
 
-def check_agreement() -> str:
-    """Check that the MuJoCo and the URDF model agree on masses, and on the hands' positions in random states."""
+def check_agreement(robot: str = DEFAULT_ROBOT) -> str:
+    """Check that both models agree on masses and on the hands in random states, and that no links touch at first."""
     import mujoco
     import pinocchio as pin
 
     from hugwbc.kinematics import Kinematics
-    from hugwbc.robot import SIDES
+    from hugwbc.robot import SIDES, load_robot
     from hugwbc.sim import Simulation
 
-    simulation, rng = Simulation(), np.random.default_rng(0)
+    simulation, rng = Simulation(robot=load_robot(robot)), np.random.default_rng(0)
+    touching = {
+        " and ".join(simulation.model.body(simulation.model.geom_bodyid[geom]).name for geom in contact.geom)
+        for contact in simulation.data.contact
+        if simulation.model.geom_bodyid[contact.geom].all()
+    }
+    if touching:
+        raise CheckError(
+            f"in the nominal pose touch {'; '.join(sorted(touching))}; change `nominal` or their collision_box"
+        )
     kinematics = Kinematics(simulation.robot)
     mass = float(simulation.model.body_mass.sum())
     worst = abs(sum(inertia.mass for inertia in kinematics.model.inertias) - mass)
@@ -79,19 +116,22 @@ def check_agreement() -> str:
         ]
         hands = [kinematics.position(f"{s}_hand") - simulation.hand_position(s) for s in SIDES]
         worst = max(worst, np.abs(joints - inertia[np.ix_(columns, columns)]).max(), np.abs(hands).max())
+    files = f"{simulation.robot.xml_path.name} and {simulation.robot.urdf_path.name}"
     if worst > 1e-6:
-        raise CheckError(f"h1.xml and h1.urdf differ by up to {worst:.2g} in mass, mass matrix or hand position")
-    return f"h1.xml and h1.urdf weigh {mass:.2f} kg, and agree to {worst:.1e} on {SAMPLES} random states"
+        raise CheckError(f"{files} differ by up to {worst:.2g} in mass, mass matrix or hand position")
+    return f"{files} weigh {mass:.2f} kg, and agree to {worst:.1e} on {SAMPLES} random states"
 
 
-def check_standing() -> str:
+def check_standing(robot: str = DEFAULT_ROBOT) -> str:
     """Check that `qp` stands and squats for two seconds."""
     from hugwbc.commands import Command
+    from hugwbc.robot import load_robot
     from hugwbc.runtime import rollout
     from hugwbc.runtime.controllers import ControllerSpec
     from hugwbc.sim import Simulation
 
-    trace = rollout(ControllerSpec("qp").build(), Command(h=-0.1), Simulation(), duration=2.0)
+    simulation = Simulation(robot=load_robot(robot))
+    trace = rollout(ControllerSpec("qp", robot=robot).build(), Command(h=-0.1), simulation, duration=2.0)
     if trace.fell or trace.safety.failures:
         raise CheckError(f"the controller qp fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
     return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
@@ -144,6 +184,11 @@ def check_environment() -> str:
     return f"{count} robots, {steps} steps: finite, and the same twice with one seed"
 
 
+OF_A_ROBOT: dict[str, Callable[[str], str]] = {
+    "table": check_table,
+    "models": check_agreement,
+    "controller qp": check_standing,
+}
 CHECKS: dict[str, Callable[[], str]] = {
     "versions": check_versions,
     "arenas": check_arena,

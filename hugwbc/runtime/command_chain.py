@@ -4,20 +4,18 @@ import math
 
 from hugwbc.commands import SWING_REACTION, Command, CommandChange, changed_command, command_ranges
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import RobotState
 
-# [m], highest swing at h = 0; a squat reduces it by as much as it lowers the pelvis (knee and ankle)
-REACH = command_ranges(Gait.WALKING)["l"].finishing[1]
 LEAST_REACH = 0.15  # [m], highest swing that is allowed at any height
 SLOW_STEP = 0.3  # [m], longest step below BRISK; the robot falls sideways for as long as a step lasts
 BRISK = 2.0  # [Hz], stride frequency that is enough for every commanded speed
 SIDEWAYS = 1.2  # [m/s^2], largest centripetal acceleration v omega; without ankle roll the legs cannot hold more
-FASTEST = (2.0, 0.6, 0.6)  # [m/s], semi-axes of the ellipse of allowed velocities: forward, backward, to either side
 
 
-def feasible(command: Command) -> tuple[Command, tuple[CommandChange, ...]]:
+def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChange, ...]]:
     """Return the nearest command that the legs allow, and what was changed.
 
     Each value of a command may be within its range, but not all together. While all values but one are at their
@@ -28,20 +26,23 @@ def feasible(command: Command) -> tuple[Command, tuple[CommandChange, ...]]:
 
     Args:
         command: each value finite and within its range (`Command.clamp`).
+        robot: whose ranges are the semi-axes of the ellipse, and the highest swing at h = 0; a squat reduces that by as
+            much as it lowers the pelvis (knee and ankle).
 
     Returns:
         The command, and one record for each value that was changed.
     """
     if command.gait is Gait.STANDING:
         return command, ()
-    forward, backward, aside = FASTEST
+    ranges = command_ranges(Gait.WALKING, robot)
+    (backward, forward), (_, aside) = ranges["v_x"].finishing, ranges["v_y"].finishing
     v_x = command.v_x
-    share = min(abs(v_x) / (forward if v_x > 0.0 else backward), 1.0)
+    share = min(abs(v_x / (forward if v_x > 0.0 else backward)), 1.0)
     v_y = _within(command.v_y, aside * math.sqrt(1.0 - share**2))
     speed = math.hypot(v_x, v_y)
     omega = _within(command.omega, SIDEWAYS / speed if speed > 0.0 else math.inf)
     f = max(command.f, min(speed / (2.0 * SLOW_STEP), BRISK))
-    reach = max(REACH + command.h, LEAST_REACH)
+    reach = max(ranges["l"].finishing[1] + command.h, LEAST_REACH)
     # The free leg of a hop does not swing, and its frequency is not commanded.
     reaction = math.inf if command.gait.hops else SWING_REACTION / f**2
     l = min(command.l, reach, reaction)  # noqa: E741  the paper's symbol
@@ -70,8 +71,8 @@ class CommandChain:
         command: the last one, clamped; errors of tracking count against it.
     """
 
-    def __init__(self, log: SafetyLog) -> None:
-        self._log = log
+    def __init__(self, log: SafetyLog, robot: Robot) -> None:
+        self._log, self._robot = log, robot
         self.command = Command()
         self.reset()
 
@@ -94,10 +95,10 @@ class CommandChain:
             self._log.count("source_failures", what)
             command = self._given or Command()
         if command is not self._given and command != self._given:  # most ticks repeat the last command
-            self._given, (self.command, self._clamped) = command, command.clamp()
+            self._given, (self.command, self._clamped) = command, command.clamp(self._robot)
         self._count("commands_clamped", self._clamped)
         if self.command is not self._asked and self.command != self._asked:
-            self._asked, (self._possible, self._guarded) = self.command, feasible(self.command)
+            self._asked, (self._possible, self._guarded) = self.command, feasible(self.command, self._robot)
         self._count("commands_guarded", self._guarded)
         command = self._braking(self._possible, state, dt)
         if self._braking.active:

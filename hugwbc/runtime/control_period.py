@@ -97,7 +97,7 @@ class ControlPeriod:
         self._robot = robot
         self.log = SafetyLog()
         self._source = SourceStage(source, sight, self.log, moves_hands=upper_body is not None)
-        self.chain = CommandChain(self.log)
+        self.chain = CommandChain(self.log, robot)
         self.motors, self._lowering = MotorWatch(robot), Lowering(robot)
         self._arm_drive = ArmDrive(robot, self.log)
         self._check, self._limit = StateCheck(robot), SafetyFilter(robot, self.log)

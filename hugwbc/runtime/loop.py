@@ -1,5 +1,7 @@
 """The control loop of one robot in simulation: sensors, arms, controller, joints."""
 
+import dataclasses
+
 import numpy as np
 
 from hugwbc import rotations
@@ -8,7 +10,7 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
 from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod
-from hugwbc.runtime.controllers import load_controller
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
@@ -62,14 +64,17 @@ class ControlLoop:
         hand IK and the estimator are told is up to them.
 
         Args:
-            controller: any object with the members of `Controller`, or what `load_controller` takes.
+            controller: any object with the members of `Controller`, or its name; then it is told the robot.
             source: gives commands and hand targets over time; or one command for all times.
             simulation: the robot.
             upper_body: turns hand targets into arm targets; None ignores hand targets.
             estimator: estimates the state from the sensors; None for one that knows the simulated robot, or for none
                 where the sensors tell the state.
         """
-        controller = load_controller(controller) if isinstance(controller, str) else controller
+        if isinstance(controller, str):
+            spec = ControllerSpec(controller)
+            told = simulation.robot.name if spec.takes_robot else None
+            controller = dataclasses.replace(spec, robot=told).build()
         source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
         told = getattr(controller, "robot", robot)

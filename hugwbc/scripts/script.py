@@ -213,10 +213,10 @@ class Segment:
         object.__setattr__(self, "commands", MappingProxyType(dict(self.commands)))
         self.command()
 
-    def command(self) -> Command:
-        """Return the command at the end of the ramp."""
+    def command(self, robot: Robot | None = None) -> Command:
+        """Return the command at the end of the ramp, within the ranges of a robot, or the paper's."""
         try:
-            return Command.from_mapping(self.commands, self.gait).validate()
+            return Command.from_mapping(self.commands, self.gait).validate(robot)
         except HugwbcError as error:
             raise CommandError(f"segment '{self.label}': {error}", at=("commands", *error.at)) from None
 
@@ -246,6 +246,11 @@ class Script:
     def __post_init__(self) -> None:
         for index, (before, after) in enumerate(itertools.pairwise(self.segments), start=1):
             _check_transition(before, after, at=("segments", index))
+
+    def check(self, robot: Robot) -> None:
+        """Refuse commands outside a robot's ranges."""
+        for segment in self.segments:
+            segment.command(robot)
 
     @functools.cached_property
     def _ends(self) -> list[float]:
@@ -369,7 +374,11 @@ def load_script(name: str | pathlib.Path, robot: Robot | None = None) -> Script:
 
     Args:
         name: the name or the path.
-        robot: whose arms the script's motion files move; a script without such files is for any robot.
+        robot: whose arms the script's motion files move, and whose ranges its commands keep; None for a script without
+            such files, and the paper's ranges.
     """
     path = named_path("script", name, FOLDER)
-    return load(Script, path, robot, name=path.stem)
+    script = load(Script, path, robot, name=path.stem)
+    if robot is not None:
+        script.check(robot)
+    return script

@@ -98,7 +98,7 @@ class BodyReach:
         else:
             self._step(points, hands.given, wanted, command, dt)
         values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
-        return dataclasses.replace(command, **values).clamp()[0]
+        return dataclasses.replace(command, **values).clamp(self._robot)[0]
 
     def _begin(self, values: np.ndarray, state: RobotState) -> None:
         self._active = True
@@ -108,7 +108,7 @@ class BodyReach:
         self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper))
 
     def _step(self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, command: Command, dt: float) -> None:
-        ranges = np.array([command_ranges(command.gait)[name].finishing for name in BODY_NAMES])
+        ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
         self.allow(ranges)
         low, high = ranges.T
         self.solve(points, given, np.clip(wanted, low, high), np.clip(self.values, low, high), dt)

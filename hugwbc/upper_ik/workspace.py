@@ -50,7 +50,7 @@ def arm_reach(robot: Robot) -> float:
 
 def shoulder_shift(robot: Robot) -> float:
     """Return a bound of a shoulder's shift by the commanded pitch and waist angle [m]: the sum of both chords."""
-    ranges = command_ranges(Gait.STANDING)
+    ranges = command_ranges(Gait.STANDING, robot)
     pitch, waist = (max(map(abs, ranges[name].finishing)) for name in ("p", "w"))
     radius = float(np.linalg.norm(robot.shoulder))
     across = float(np.linalg.norm(robot.shoulder[:2]))
@@ -84,7 +84,7 @@ def measure_workspace(robot: Robot, spacing: float, on_progress: Callable[[float
 
 
 def _reaches(reach: BodyReach, robot: Robot, point: np.ndarray, body: bool) -> bool:
-    ranges = np.array([command_ranges(Gait.STANDING)[name].finishing for name in BODY_NAMES])
+    ranges = np.array([command_ranges(Gait.STANDING, robot)[name].finishing for name in BODY_NAMES])
     room = arm_reach(robot) + TOLERANCE + (np.abs(ranges[0]).max() + shoulder_shift(robot) if body else 0.0)
     if np.linalg.norm(point - robot.shoulder) > room:
         return False

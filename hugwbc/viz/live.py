@@ -16,7 +16,7 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Comman
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.command_chain import feasible
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Engine, Scene
@@ -83,7 +83,7 @@ class LivePage:
         # viser prints the address; what is printed is for the caller to decide.
         with self.link.serving(any_host=expose), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
-        self.source = LiveSource(stream=stream)  # what the person asks for, for the control loop
+        self.source = LiveSource(simulation.robot, stream=stream)  # what the person asks for, for the control loop
         self._following = False  # as the sliders show it
         self.push: np.ndarray | None = None  # force that waits, in the pelvis' heading frame [N], (3,)
         self._actions: set[str] = set()
@@ -187,7 +187,7 @@ class LivePage:
         gui = self.server.gui
         self._sliders = {}
         for name in COMMAND_NAMES:
-            low, high = _slider_range(name)
+            low, high = _slider_range(name, self.source.robot)
             slider = gui.add_slider(
                 f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(Command(), name)
             )
@@ -381,7 +381,7 @@ class LivePage:
         assert state.position is not None
         self._kinematics.update(state)
         measured = self._kinematics.measured(simulation.ground_height(state.position[:2]))
-        allowed, changes = feasible(command.clamp()[0])
+        allowed, changes = feasible(command.clamp(simulation.robot)[0], simulation.robot)
         gait = command.gait.label
         coming = "" if requested.gait is command.gait else f", slows down for {requested.gait.label}"
         notice = self.source.notice if time.monotonic() < self.source.noticed else ""
@@ -425,7 +425,7 @@ def _drawn_later() -> Iterator[None]:
             raise
 
 
-def _slider_range(name: str) -> tuple[float, float]:
+def _slider_range(name: str, robot: Robot) -> tuple[float, float]:
     """Return the least and the largest value that any gait admits."""
-    ranges = [command_ranges(gait)[name].finishing for gait in Gait]
+    ranges = [command_ranges(gait, robot)[name].finishing for gait in Gait]
     return min(low for low, _ in ranges), max(high for _, high in ranges)

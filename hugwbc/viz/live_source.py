@@ -8,6 +8,7 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.targets import HandTargets
 
@@ -25,7 +26,8 @@ class LiveSource:
     Several threads may ask for values at any time. While another program's messages come, they count instead.
     """
 
-    def __init__(self, requested: Command | None = None, stream: SocketSource | None = None) -> None:
+    def __init__(self, robot: Robot, requested: Command | None = None, stream: SocketSource | None = None) -> None:
+        self.robot = robot  # whose ranges count
         self._stream, self.following = stream, False  # whether another program gives the commands now
         self.requested = requested or Command()  # what the person asks for
         self.hands: HandTargets | None = None  # None leaves the arms to the controller
@@ -61,7 +63,7 @@ class LiveSource:
             if gait is Gait.STANDING and name in VELOCITY_NAMES and abs(value) > 0.0:
                 gait, self._walks_by_itself = Gait.WALKING, True
                 self.tell("standing allows no velocity: the robot starts walking")
-            self.requested, changes = dataclasses.replace(self.requested, **{name: value}, gait=gait).clamp()
+            self.requested, changes = dataclasses.replace(self.requested, **{name: value}, gait=gait).clamp(self.robot)
             if changes:
                 self.tell(f"{gait.label}: {changes[0]}")
 
@@ -71,7 +73,7 @@ class LiveSource:
             return
         with self._asking:
             self._walks_by_itself = False
-            self.requested, changes = dataclasses.replace(self.requested, gait=gait).clamp()
+            self.requested, changes = dataclasses.replace(self.requested, gait=gait).clamp(self.robot)
             if changes:
                 self.tell(f"{gait.label}: {'; '.join(map(str, changes))}")
 
@@ -93,7 +95,7 @@ class LiveSource:
         with self._asking:
             self.requested = dataclasses.replace(
                 self.requested, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
-            ).clamp()[0]
+            ).clamp(self.robot)[0]
             self._walks_by_itself = False
             self.tell(reason)
 
@@ -114,7 +116,7 @@ class LiveSource:
             else:
                 requested[: len(VELOCITY_NAMES)] = 0.0  # come to rest first
         # The ranges are those of the present gait: the requested one may admit velocities that this one does not.
-        low, high = np.array([command_ranges(gait)[name].finishing for name in COMMAND_NAMES]).T
+        low, high = np.array([command_ranges(gait, self.robot)[name].finishing for name in COMMAND_NAMES]).T
         value = np.clip(self._command.array(), low, high)
         step = RATES * dt
         self._command = Command.from_array(value + np.clip(np.clip(requested, low, high) - value, -step, step), gait)

@@ -57,7 +57,9 @@ def test_after_a_kill_the_robot_holds_a_command_within_all_limits(monkeypatch) -
     """
     monkeypatch.setattr(state_machine, "START_TIME", 0.4)
     pair = Pair(
-        WholeBodyController(load_robot()), "0.02 Start, 0.1 lower, 1.3 A, 1.6 release, 1.8 ly=0.5", source=Sticks()
+        WholeBodyController(load_robot()),
+        "0.02 Start, 0.1 lower, 1.3 A, 1.6 release, 1.8 ly=0.5",
+        source=Sticks(load_robot()),
     )
     pair.run(3.0)
     rng, fallen = np.random.default_rng(7), 0

@@ -202,7 +202,7 @@ def test_time_of_the_commands_starts_with_the_run(standing) -> None:
 
 def test_sticks_reach_the_controller(standing) -> None:
     controller = Counting()
-    pilot = make_pilot(controller, Sticks())
+    pilot = make_pilot(controller, Sticks(load_robot()))
     bring_to(Mode.RUN, pilot, standing)
     for _ in range(1000):
         pilot.observe(standing.next(Remote(ly=0.5)))

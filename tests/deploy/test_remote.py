@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from hugwbc import Gait
+from hugwbc import Gait, load_robot
 from hugwbc.commands import command_ranges
 from hugwbc.deploy.remote import BUTTONS, ButtonPresses, Remote, Request, Sticks, listen
 
@@ -53,7 +53,7 @@ def hold(sticks: Sticks, remote: Remote, seconds: float, start: float = 0.0):
 
 
 def test_without_sticks_the_robot_stands() -> None:
-    sticks = Sticks()
+    sticks = Sticks(load_robot())
     assert sticks.command_at(0.0).gait is Gait.STANDING
     assert hold(sticks, Remote(), 2.0).gait is Gait.STANDING
 
@@ -70,13 +70,13 @@ def test_without_sticks_the_robot_stands() -> None:
     ],
 )
 def test_each_stick_has_its_command(remote, name, value) -> None:
-    command = hold(Sticks(), remote, 5.0)
+    command = hold(Sticks(load_robot()), remote, 5.0)
     assert command.gait is Gait.WALKING and getattr(command, name) == pytest.approx(value)
     assert command == command.validate()
 
 
 def test_commands_have_no_jumps_and_end_in_a_stand() -> None:
-    sticks, before = Sticks(), 0.0
+    sticks, before = Sticks(load_robot()), 0.0
     for step in range(400):
         time = 0.02 * step
         sticks.steer(Remote(ly=1.0) if time < 3.0 else Remote(), time)
@@ -87,7 +87,7 @@ def test_commands_have_no_jumps_and_end_in_a_stand() -> None:
 
 
 def test_a_gap_in_time_is_no_jump_beyond_the_stick() -> None:
-    sticks = Sticks()
+    sticks = Sticks(load_robot())
     sticks.steer(Remote(ly=1.0), 0.0)
     sticks.steer(Remote(ly=1.0), 100.0)
     assert sticks.command_at(0.0).v_x == pytest.approx(0.5 * command_ranges(Gait.WALKING)["v_x"].finishing[1])

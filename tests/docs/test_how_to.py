@@ -14,6 +14,11 @@ HOW_TO = ROOT / "docs" / "how-to"
 
 
 @pytest.mark.slow
+def test_add_a_robot(folder: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-robot.md", folder)
+
+
+@pytest.mark.slow
 def test_add_a_command_script(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-command-script.md", folder, package)
     assert (folder / "out" / "inspect" / "replay.html").exists()

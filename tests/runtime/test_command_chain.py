@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from hugwbc import Command, Gait, command_ranges
+from hugwbc import Command, Gait, command_ranges, load_robot
 from hugwbc.commands import COMMAND_NAMES, CommandChange, sample_all
 from hugwbc.mirror import mirror_command
 from hugwbc.runtime.command_chain import CommandChain, feasible
 from hugwbc.runtime.safety_report import SafetyLog
 from tests.conftest import make_state
 
+ROBOT = load_robot()
 STEPPING = [gait for gait in Gait if gait is not Gait.STANDING]
 
 
@@ -22,16 +23,16 @@ def test_one_command_alone_is_never_changed(gait):
     for name in COMMAND_NAMES:
         for value in np.linspace(*command_ranges(gait)[name].finishing, 20):
             command = dataclasses.replace(Command(gait=gait), **{name: value})
-            assert feasible(command) == (command, ())
+            assert feasible(command, ROBOT) == (command, ())
 
 
 @pytest.mark.parametrize("gait", STEPPING)
 def test_what_the_guard_gives_is_valid_and_passes_it_unchanged(gait):
     rng = np.random.default_rng(1)
     for row in sample_all(gait, rng, 300):
-        guarded, report = feasible(Command.from_array(row, gait))
+        guarded, report = feasible(Command.from_array(row, gait), ROBOT)
         guarded.validate()
-        assert feasible(guarded) == (guarded, ())
+        assert feasible(guarded, ROBOT) == (guarded, ())
         changed = {name for name in COMMAND_NAMES if getattr(guarded, name) != row[COMMAND_NAMES.index(name)]}
         assert {change.name for change in report} == changed
         assert all(change.used == getattr(guarded, change.name) for change in report)
@@ -39,33 +40,33 @@ def test_what_the_guard_gives_is_valid_and_passes_it_unchanged(gait):
 
 def test_limits_by_hand():
     deep = Command(h=-0.25, l=0.3, gait=Gait.WALKING)
-    guarded, report = feasible(deep)
+    guarded, report = feasible(deep, ROBOT)
     assert guarded == dataclasses.replace(deep, l=0.15)  # 0.35 - 0.25 is less than what is always left
     assert report == (CommandChange("l", 0.3, 0.15, "is not possible with h = -0.25 m and f = 2 Hz"),)
     assert str(report[0]) == "l = 0.3 is not possible with h = -0.25 m and f = 2 Hz: using 0.15"
-    assert feasible(Command(h=-0.15, l=0.3, gait=Gait.WALKING))[0].l == pytest.approx(0.2)
-    assert feasible(Command(f=3.5, l=0.35, gait=Gait.WALKING))[0].l == pytest.approx(1.9 / 3.5**2)
+    assert feasible(Command(h=-0.15, l=0.3, gait=Gait.WALKING), ROBOT)[0].l == pytest.approx(0.2)
+    assert feasible(Command(f=3.5, l=0.35, gait=Gait.WALKING), ROBOT)[0].l == pytest.approx(1.9 / 3.5**2)
     # Steps of 0.3 m at most below 2 Hz: 1.08 m/s needs 1.8 Hz, 1.5 m/s needs 2 Hz.
-    assert feasible(Command(v_x=1.08, f=1.5, gait=Gait.WALKING))[0].f == pytest.approx(1.8)
-    assert feasible(Command(v_x=1.5, f=1.5, gait=Gait.WALKING))[0].f == pytest.approx(2.0)
-    turning = feasible(Command(v_x=2.0, omega=-1.0, gait=Gait.WALKING))[0]
+    assert feasible(Command(v_x=1.08, f=1.5, gait=Gait.WALKING), ROBOT)[0].f == pytest.approx(1.8)
+    assert feasible(Command(v_x=1.5, f=1.5, gait=Gait.WALKING), ROBOT)[0].f == pytest.approx(2.0)
+    turning = feasible(Command(v_x=2.0, omega=-1.0, gait=Gait.WALKING), ROBOT)[0]
     assert turning.omega == pytest.approx(-0.6) and turning.v_x == 2.0
-    aside = feasible(Command(v_x=1.2, v_y=-0.6, gait=Gait.WALKING))[0]
+    aside = feasible(Command(v_x=1.2, v_y=-0.6, gait=Gait.WALKING), ROBOT)[0]
     assert aside.v_y == pytest.approx(-0.6 * math.sqrt(1.0 - 0.6**2))
-    assert feasible(Command(v_x=-0.6, v_y=0.6, gait=Gait.WALKING))[0].v_y == 0.0
+    assert feasible(Command(v_x=-0.6, v_y=0.6, gait=Gait.WALKING), ROBOT)[0].v_y == 0.0
 
 
 def test_the_guard_is_the_same_in_a_mirror():
     rng = np.random.default_rng(2)
     for row in sample_all(Gait.WALKING, rng, 100):
         command = Command.from_array(row, Gait.WALKING)
-        assert feasible(mirror_command(command))[0] == mirror_command(feasible(command)[0])
+        assert feasible(mirror_command(command), ROBOT)[0] == mirror_command(feasible(command, ROBOT)[0])
 
 
 def chained(*commands):
     """Return what becomes of commands in succession, the chain, and its report."""
     log = SafetyLog()
-    chain = CommandChain(log)
+    chain = CommandChain(log, ROBOT)
     return [chain(command, make_state(), 0.02) for command in commands], chain, log.report()
 
 

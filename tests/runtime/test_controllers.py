@@ -7,13 +7,14 @@ import pytest
 
 import hugwbc
 from hugwbc.cli import main
+from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.learned.policy import policy_dir
 from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
-from hugwbc.runtime import controllers
+from hugwbc.runtime import controllers, rollout
 from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, load_controller, plugins
-from hugwbc.sim import Arena
+from hugwbc.sim import Arena, Simulation
 
 CONTRACT = "period: 0.02\njoints: all\ndefault_pose: 0\nkp: 1\nkd: 1\naction_scale: 1\nobservation: [gravity]\n"
 
@@ -58,6 +59,11 @@ def test_ours_are_registered_as_in_pyproject():
     registered = tomllib.loads(path.read_text())["project"]["entry-points"][GROUP]
     assert {name: entry.value for name, entry in plugins().items() if name in registered} == registered
     assert controller_names()[:3] == ("learned", "qp", "hold") and "unitree-h1" in controller_names()
+
+
+def test_a_controller_by_name_is_told_the_robot_that_moves():
+    trace = rollout("hold", Command(), Simulation(robot=load_robot("g1"), sensing="exact"), duration=0.1)
+    assert trace.robot == "g1" and not trace.safety.failures and not trace.safety.bad_states
 
 
 def test_a_controller_is_told_a_robot_by_name():

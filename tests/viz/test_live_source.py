@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.viz.live_source import RATES, LiveSource
 
@@ -20,7 +20,7 @@ def play(source, seconds, start=0.0):
 
 
 def test_commands_ramp_and_stay_in_range_whatever_is_asked():
-    source = LiveSource()
+    source = LiveSource(load_robot())
     source.ask_gait(Gait.WALKING)
     source.ask("v_x", 9.0)
     source.ask("h", -9.0)
@@ -33,7 +33,7 @@ def test_commands_ramp_and_stay_in_range_whatever_is_asked():
 
 
 def test_a_robot_comes_to_rest_before_another_moving_gait():
-    source = LiveSource()
+    source = LiveSource(load_robot())
     source.ask_gait(Gait.WALKING)
     source.ask("v_x", 0.5)
     play(source, 2.0)
@@ -45,7 +45,7 @@ def test_a_robot_comes_to_rest_before_another_moving_gait():
 
 
 def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
-    source = LiveSource(Command(w=0.3))
+    source = LiveSource(load_robot(), Command(w=0.3))
     source.ask("w", float("nan"))
     assert source.requested == Command()
     source.requested = dataclasses.replace(source.requested, h=-0.2)
@@ -55,7 +55,7 @@ def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
 
 def test_what_is_asked_for_at_one_time_is_all_kept():
     """The page's server calls from several threads."""
-    source, asked, rounds = LiveSource(), {"h": -0.1, "p": 0.2, "w": 0.5}, 300
+    source, asked, rounds = LiveSource(load_robot()), {"h": -0.1, "p": 0.2, "w": 0.5}, 300
     barrier, lost, switch = threading.Barrier(len(asked) + 1), 0, sys.getswitchinterval()
 
     def person(name, value):
@@ -82,7 +82,7 @@ def test_what_is_asked_for_at_one_time_is_all_kept():
 
 
 def test_a_velocity_makes_a_standing_robot_walk_and_a_stop_makes_it_stand_again():
-    source = LiveSource()
+    source = LiveSource(load_robot())
     source.ask("h", -0.1)
     assert source.requested.gait is Gait.STANDING and source.notice == ""
     source.ask("omega", 0.3)
@@ -97,7 +97,7 @@ def test_a_velocity_makes_a_standing_robot_walk_and_a_stop_makes_it_stand_again(
 
 def test_a_halt_and_a_pause_ask_for_a_stand_at_once():
     """The control loop brakes before it (`hugwbc.runtime.braking`)."""
-    source = LiveSource()
+    source = LiveSource(load_robot())
     source.ask_gait(Gait.WALKING)
     source.ask("v_x", 2.0)
     source.ask("omega", 1.0)
@@ -114,7 +114,7 @@ def test_a_halt_and_a_pause_ask_for_a_stand_at_once():
 def test_another_programs_commands_count_while_they_come():
     now = [10.0]
     with contextlib.closing(SocketSource(clock=lambda: now[0])) as stream:
-        source = LiveSource(stream=stream)
+        source = LiveSource(load_robot(), stream=stream)
         source.ask("w", 0.5)
         assert play(source, 1.0)[-1].w == pytest.approx(0.5), "nobody sends yet"
         hands = {"left": [0.3, 0.2, 0.1], "right": [0.3, -0.2, 0.1]}

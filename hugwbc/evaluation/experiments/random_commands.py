@@ -24,6 +24,7 @@ from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known, 
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot, load_robot
 from hugwbc.settings import Count, settings
 
 PARTS = ("low", "middle", "high")  # thirds of a command's range
@@ -46,20 +47,21 @@ class RandomCommandsSettings(CountedSettings):
 
 def plan(settings: RandomCommandsSettings) -> list[Plan]:
     """Return an episode for each drawn command, or for each drawn schedule of `changing`."""
+    robot = load_robot(settings.conditions.chosen.robot)
     if settings.changing:
         draws = [(draw, np.random.default_rng((settings.seed, draw))) for draw in range(settings.episodes)]
-        return [Plan(draw, random_schedule(rng, settings.duration)) for draw, rng in draws]
-    values = sample_all(settings.gaits[0], np.random.default_rng(settings.seed), settings.episodes)
+        return [Plan(draw, random_schedule(rng, settings.duration, robot)) for draw, rng in draws]
+    values = sample_all(settings.gaits[0], np.random.default_rng(settings.seed), settings.episodes, robot)
     return [Plan(draw, Command.from_array(row, settings.gaits[draw % 2])) for draw, row in enumerate(values)]
 
 
-def random_schedule(rng: np.random.Generator, duration: float) -> Schedule:
+def random_schedule(rng: np.random.Generator, duration: float, robot: Robot) -> Schedule:
     """Draw gaits, times, ramps and commands; a random share of each segment's commands departs from the defaults."""
     knots, time = [], 0.0
     while time < duration:
         gait = Gait(rng.integers(len(Gait)))
         varied = rng.uniform(size=len(COMMAND_NAMES)) < rng.uniform()
-        values = np.where(varied, sample_all(gait, rng, 1)[0], default_command(gait).array())
+        values = np.where(varied, sample_all(gait, rng, 1, robot)[0], default_command(gait).array())
         ramp = rng.choice([0.0, rng.uniform(0.0, SEGMENT[0])]) if knots else 0.0
         knots.append(Knot(time, Command.from_array(values, gait), float(ramp)))
         time += rng.uniform(*SEGMENT)
@@ -112,7 +114,7 @@ def figures(settings: RandomCommandsSettings, rows: pl.DataFrame, single: pl.Dat
 def _falls_by_part(settings: RandomCommandsSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return the falls in each third of a command's range, and in the pairs of thirds with the most falls."""
     thirds = {}
-    for name, limits in command_ranges(settings.gaits[0]).items():
+    for name, limits in command_ranges(settings.gaits[0], load_robot(settings.conditions.chosen.robot)).items():
         low, high = limits.finishing
         if low < high:
             part = (3.0 * (pl.col(name) - low) / (high - low)).cast(pl.Int64).clip(0, 2)

@@ -22,6 +22,7 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import known, single
 from hugwbc.evaluation.metrics import executed_means
 from hugwbc.evaluation.plans import Plan
+from hugwbc.robot import load_robot
 from hugwbc.settings import settings
 from hugwbc.viz import charts
 from hugwbc.viz.plots import Panel
@@ -52,7 +53,7 @@ class ResponseSettings(Settings):
 
 def values(settings: ResponseSettings, name: str) -> list[float]:
     """Return the values of a command, its default among them."""
-    low, high = command_ranges(settings.gaits[0])[name].finishing
+    low, high = command_ranges(settings.gaits[0], load_robot(settings.conditions.chosen.robot))[name].finishing
     chosen = {getattr(default_command(settings.gaits[0]), name), *np.linspace(low, high, settings.points).tolist()}
     if name in VELOCITY_NAMES:
         chosen |= {sign * slow for slow in SLOW for sign in (-1.0, 1.0) if low <= sign * slow <= high}

@@ -22,6 +22,7 @@ from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name, other_controllers, single_command_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, settings
 
@@ -65,12 +66,12 @@ def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False)
     the times, take the place of samples of its inside.
     """
     rng = np.random.default_rng(settings.seed)
-    names = sampled_commands(settings.gaits[0])
+    names, robot = sampled_commands(settings.gaits[0]), load_robot(settings.conditions.chosen.robot)
     share, rest = divmod(episodes, len(names))
     samples: list[tuple[str, Command]] = []
     for position, name in enumerate(names):
         count = share + (position < rest)
-        low, high = command_ranges(settings.gaits[0])[name].finishing
+        low, high = command_ranges(settings.gaits[0], robot)[name].finishing
         # One uniform sample in each of `count` equal parts of the range.
         values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
         if ends:

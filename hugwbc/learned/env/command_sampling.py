@@ -5,11 +5,10 @@ import torch
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait, hopping as hopping_gait
 from hugwbc.learned.config import CommandConfig
-from hugwbc.learned.env.curriculum import MAX_SPEED, MAX_YAW_RATE, Curriculum
+from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.random_numbers import rand, uniform
 
 _V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
-_HOPPING = [limits.initial for limits in command_ranges(Gait.HOPPING_LEFT).values()]
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
 
@@ -33,7 +32,7 @@ def draw_commands(
     Args:
         agile: whether each robot belongs to the agile group, shape (k,), bool.
         config: the probabilities.
-        curriculum: the speeds reached so far.
+        curriculum: the robot and the speeds reached so far.
         generator: source of the draws.
         loaded: which robots carry something and walk instead of hopping, shape (k,), bool; None for none.
 
@@ -46,11 +45,11 @@ def draw_commands(
         gait[loaded & hopping_gait(gait)] = Gait.WALKING
     standing, hopping = gait == Gait.STANDING, hopping_gait(gait)
     agile = agile & ~hopping
-    ranges = command_ranges(Gait.WALKING)
+    ranges = command_ranges(Gait.WALKING, curriculum.robot)
     columns = [uniform(generator, count, *ranges[name].initial) for name in COMMAND_NAMES]
-    fast = torch.where(agile, curriculum.max_speed, MAX_SPEED[0])
+    fast = torch.where(agile, curriculum.max_speed, curriculum.speeds[0])
     columns[_V_X] = uniform(generator, count, ranges["v_x"].initial[0], fast)
-    turn = torch.where(agile, curriculum.max_yaw_rate, MAX_YAW_RATE[0])
+    turn = torch.where(agile, curriculum.max_yaw_rate, curriculum.yaw_rates[0])
     columns[_OMEGA] = uniform(generator, count, -turn, turn)
     command = torch.stack(columns, dim=1)
     stands = config.combined_fraction if config.combined_stands is None else config.combined_stands
@@ -62,7 +61,8 @@ def draw_commands(
     still = rand(generator, count) < config.zero_velocity_fraction
     command[:, : _OMEGA + 1].masked_fill_((standing | still)[:, None], 0.0)
     # A range of hopping is the general one or the default alone, so clamping keeps the draws uniform.
-    low, high = torch.tensor(_HOPPING, device=command.device).T
+    hops = [limits.initial for limits in command_ranges(Gait.HOPPING_LEFT, curriculum.robot).values()]
+    low, high = torch.tensor(hops, device=command.device).T
     return torch.where(hopping[:, None], command.clamp(low, high), command), gait
 
 

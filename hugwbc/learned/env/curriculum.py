@@ -5,6 +5,7 @@ why it is closed, and all levels are in `state_dict`. A user's settings may have
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,10 +13,8 @@ from hugwbc.commands import command_ranges
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CurriculumConfig, EnvConfig
 from hugwbc.learned.config.schedules import replaced, value_of
+from hugwbc.robot import Robot
 
-_RANGES = [command_ranges(Gait.WALKING)[name] for name in ("v_x", "omega")]
-# Largest v_x [m/s] and omega [rad/s] at the start and at the end.
-MAX_SPEED, MAX_YAW_RATE = ((limits.initial[1], limits.finishing[1]) for limits in _RANGES)
 _RULE = "rule."  # before the names of settings, in the state
 
 
@@ -25,6 +24,7 @@ class Curriculum:
 
     Attributes:
         config: thresholds and steps.
+        robot: whose ranges of commands count.
         iteration: number of iterations so far.
         penalty_scale: factor on the regularisation rewards.
         alpha: noise level of the intervention.
@@ -36,24 +36,39 @@ class Curriculum:
     """
 
     config: CurriculumConfig
+    robot: Robot
     iteration: int = 0
     penalty_scale: float = dataclasses.field(init=False)
     alpha: float = 0.0
-    max_speed: float = MAX_SPEED[0]
+    max_speed: float = dataclasses.field(init=False)
     agile: tuple[float, float] | None = None
     intervened: tuple[float, float] | None = None
     values: dict[str, float] = dataclasses.field(default_factory=dict)
     gates: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Start at the configured penalty and at the paper's initial speeds."""
-        self.penalty_scale = self.config.penalty_start
+        """Start at the configured penalty and at the initial speeds."""
+        self.penalty_scale, self.max_speed = self.config.penalty_start, self.speeds[0]
+
+    @functools.cached_property
+    def speeds(self) -> tuple[float, float]:
+        """Largest v_x at the start and at the end [m/s]."""
+        return self._largest("v_x")
+
+    @functools.cached_property
+    def yaw_rates(self) -> tuple[float, float]:
+        """Largest |omega| at the start and at the end [rad/s]."""
+        return self._largest("omega")
+
+    def _largest(self, name: str) -> tuple[float, float]:
+        limits = command_ranges(Gait.WALKING, self.robot)[name]
+        return limits.initial[1], limits.finishing[1]
 
     @property
     def max_yaw_rate(self) -> float:
         """Largest |omega| of the agile group [rad/s], which grows in proportion to the speed."""
-        progress = (self.max_speed - MAX_SPEED[0]) / (MAX_SPEED[1] - MAX_SPEED[0])
-        return MAX_YAW_RATE[0] + progress * (MAX_YAW_RATE[1] - MAX_YAW_RATE[0])
+        progress = (self.max_speed - self.speeds[0]) / (self.speeds[1] - self.speeds[0])
+        return self.yaw_rates[0] + progress * (self.yaw_rates[1] - self.yaw_rates[0])
 
     def update(self, agile: tuple[float, float] | None, intervened: tuple[float, float] | None) -> None:
         """Move the levels after an iteration.
@@ -114,7 +129,7 @@ class Curriculum:
     def _update_speed(self, linear: float) -> None:
         threshold = self.config.speed_threshold
         if linear >= threshold:
-            self.max_speed = min(MAX_SPEED[1], self.max_speed + self.config.speed_step)
+            self.max_speed = min(self.speeds[1], self.max_speed + self.config.speed_step)
             self.gates["speed"] = "open"
         else:
             self.gates["speed"] = f"closed: linear velocity reward {linear:.2f} < {threshold:.2f}"

@@ -109,7 +109,7 @@ class HumanoidEnv:
         self.latency = None if delays is None else Latency(delays, config.substeps, self.simulation)
         self.nominal_qpos = self.simulation.tensor(self.simulation.nominal_qpos)
         self._pose = torch.tensor(self.robot.nominal, device=place)
-        self.curriculum = Curriculum(config.curriculum)
+        self.curriculum = Curriculum(config.curriculum, self.robot)
         self.agile = torch.arange(self.count, device=place) < round(config.curriculum.agile_fraction * self.count)
         self._intervenable = ~self.agile & (config.intervention != "none")
         targets = make_arm_targets(

@@ -113,7 +113,7 @@ def _actions(env: HumanoidEnv, teachers: list[Teacher], damping: np.ndarray) -> 
     base = env.next_feed_forward().double().numpy()
     targets = np.zeros((env.count, len(env.robot.joint_names)))
     for i, state in enumerate(env.simulation.states()):
-        command, _ = Command.from_array(env.command[i].double().numpy(), Gait(int(env.gait[i]))).clamp()
+        command, _ = Command.from_array(env.command[i].double().numpy(), Gait(int(env.gait[i]))).clamp(env.robot)
         upper_body = UpperBody.targets(arms[i]) if active[i] else UpperBody.none()
         joints = teachers[i].act(state, command, upper_body)
         targets[i] = equivalent_targets(joints, env.robot, damping) - env.robot.nominal - base[i]

@@ -1,10 +1,11 @@
 """Feed-forward of the legs: postures that lower and tilt the pelvis, and lift the feet, by commanded amounts.
 
-Thigh and shank are equal links. A leg whose hip is above its ankle at a distance d leans each of them by acos(d / 2 L).
-An ankle bends only so far. From there on the thigh alone leans, and the hip moves back:
+Hip, knee and ankle are the corners of a triangle with the lengths of thigh T and shank S. A leg whose hip is above its
+ankle at a distance d leans the shank as the law of cosines says; for equal links this is acos(d / 2 S). An ankle bends
+only so far. From there on the thigh alone leans, and the hip moves back:
 
-    d = d_0 + h - c,   shank = min(acos(d / 2 L), ankle's limit),   thigh = acos(d / L - cos(shank)),
-    knee = thigh + shank,   hip = -thigh - p,   ankle = -shank,
+    d = d_0 + h - c,   shank = min(acos((d^2 + S^2 - T^2) / 2 d S), ankle's limit),
+    thigh = acos((d - S cos(shank)) / T),   knee = thigh + shank,   hip = -thigh - p,   ankle = -shank,
 
 relative to the nominal posture, at h = p = 0, with c the clearance of the sole in its swing; the sole stays level. It
 says nothing of balance or of the length of a step, which are left to the policy.
@@ -33,12 +34,21 @@ class LegFeedForward:
         """Take the lengths, the nominal posture and the ranges of a robot's legs."""
         joints = np.array([robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch")])
         knee = robot.nominal[joints[1, 0]]
-        self._length, self._half = robot.leg_length, float(0.5 * knee)
+        thigh, shank, self._length = robot.thigh, robot.shank, robot.leg_length
+        # By the law of tangents, what the leans of the nominal posture differ by.
+        apart = math.atan((shank - thigh) / self._length * math.tan(0.5 * knee))
+        self._nominal = float(0.5 * knee) + apart, float(0.5 * knee) - apart  # of thigh and shank
+        # Factors of the law of cosines, for a distance as a share of the leg.
+        self._by_shank = self._length / (2.0 * shank), (shank - thigh) / (2.0 * shank)
+        self._by_thigh = self._length / thigh, shank / thigh
+        self._upright = math.cos(self._nominal[1]) + thigh / self._length * (
+            math.cos(self._nominal[0]) - math.cos(self._nominal[1])
+        )
         centre, half = 0.5 * (robot.upper + robot.lower), 0.5 * _MARGIN * (robot.upper - robot.lower)
         low, high = ((bound - robot.nominal)[joints] for bound in (centre - half, centre + half))
-        self._shank = float(self._half - low[2].max())  # largest lean
-        thigh = float(knee + high[1].min()) - self._shank
-        self._lowest = 0.5 * (math.cos(self._shank) + math.cos(thigh))
+        self._shank = float(self._nominal[1] - low[2].max())  # largest lean
+        lean = float(knee + high[1].min()) - self._shank
+        self._lowest = shank / self._length * math.cos(self._shank) + thigh / self._length * math.cos(lean)
         self._low, self._high = place(low), place(high)
         # Place of each joint among the offsets of these joints; the others take the zero behind them.
         column = np.full(centre.size, joints.size)
@@ -54,11 +64,13 @@ class LegFeedForward:
             clearance: of the left and the right sole [m], shape (n, 2), or one number for all.
         """
         xp, height, pitch = namespace(height), double(height)[:, None], double(pitch)[:, None]
-        share = _clip(math.cos(self._half) + (height - clearance) / self._length, self._lowest, _MARGIN)
+        share = _clip(self._upright + (height - clearance) / self._length, self._lowest, _MARGIN)
         share = xp.broadcast_to(share, (len(height), 2))
-        shank = _clip(xp.arccos(share), -math.inf, self._shank)
-        thigh = xp.arccos(2.0 * share - xp.cos(shank))
-        offsets = self._half - thigh - pitch, thigh + shank - 2.0 * self._half, self._half - shank
+        shank = _clip(xp.arccos(self._by_shank[0] * share + self._by_shank[1] / share), -math.inf, self._shank)
+        thigh = xp.arccos(self._by_thigh[0] * share - self._by_thigh[1] * xp.cos(shank))
+        nominal_thigh, nominal_shank = self._nominal
+        bend = nominal_thigh + nominal_shank
+        offsets = nominal_thigh - thigh - pitch, thigh + shank - bend, nominal_shank - shank
         bounded = [_clip(*one) for one in zip(offsets, self._low, self._high, strict=True)]
         return xp.concatenate((*bounded, xp.zeros_like(pitch)), 1)[:, self._column]
 

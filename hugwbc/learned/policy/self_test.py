@@ -23,7 +23,7 @@ def _inputs(robot: Robot) -> dict[str, torch.Tensor]:
     steps, joints = _STEPS_EACH * len(Gait), len(robot.joint_names)
     tilt = 0.2 * rng.standard_normal((steps, 3))
     orientation = np.column_stack((np.ones(steps), tilt))
-    ranges = command_ranges(Gait.WALKING)
+    ranges = command_ranges(Gait.WALKING, robot)
     low, high = np.array([ranges[name].initial for name in COMMAND_NAMES]).T
     command = rng.uniform(low, high, (steps, len(COMMAND_NAMES)))
     gait = np.repeat([int(gait) for gait in Gait], _STEPS_EACH)

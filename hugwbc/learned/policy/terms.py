@@ -334,7 +334,7 @@ def _differ(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
 def _made_up(robot: Robot) -> Sensed:
     """Return robots in random states under commands over their ranges, in every gait."""
     rng, joints = np.random.default_rng(_SEED), len(robot.joint_names)
-    ranges = command_ranges(Gait.WALKING)
+    ranges = command_ranges(Gait.WALKING, robot)
     low, high = np.array([ranges[name].initial for name in COMMAND_NAMES]).T
     gravity = np.array([0.0, 0.0, -1.0]) + 0.3 * rng.standard_normal((_ROWS, 3))
     return Sensed(

@@ -8,13 +8,14 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, CurriculumConfig
 from hugwbc.learned.env.command_sampling import draw_commands
 from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.robot import load_robot
 
 HOPPING = CommandConfig(standing_fraction=0.1, walking_fraction=0.0, hopping_fraction=0.9)
 COUNT = 4000
 
 
 def draw(config: CommandConfig, *, max_speed: float = 0.6) -> tuple[torch.Tensor, torch.Tensor]:
-    curriculum = Curriculum(CurriculumConfig())
+    curriculum = Curriculum(CurriculumConfig(), load_robot())
     curriculum.max_speed = max_speed
     agile = torch.arange(COUNT) % 2 == 0
     return draw_commands(agile, config, curriculum, torch.Generator().manual_seed(0))

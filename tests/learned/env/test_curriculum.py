@@ -2,6 +2,7 @@ import pytest
 
 from hugwbc.learned.config import CurriculumConfig
 from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.robot import load_robot
 
 CONFIG = CurriculumConfig(
     warm_up_iterations=2,
@@ -14,7 +15,7 @@ CONFIG = CurriculumConfig(
 
 
 def started() -> Curriculum:
-    curriculum = Curriculum(CONFIG)
+    curriculum = Curriculum(CONFIG, load_robot())
     for _ in range(2):
         curriculum.update((1.0, 1.0), (1.0, 1.0))
     return curriculum
@@ -62,7 +63,7 @@ def test_without_intervention_alpha_rests() -> None:
 def test_state_survives_a_round_trip() -> None:
     curriculum = started()
     curriculum.update((0.9, 0.9), (0.9, 0.9))
-    other = Curriculum(CONFIG)
+    other = Curriculum(CONFIG, load_robot())
     other.load_state_dict(curriculum.state_dict())
     assert other.state_dict() == curriculum.state_dict()
 

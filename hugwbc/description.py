@@ -1,0 +1,114 @@
+"""Links, joints, frames and soles of a robot from the URDF or MJCF that its maker publishes."""
+
+import itertools
+import pathlib
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.errors import ModelError
+
+_SOLE_DEPTH = 0.01  # [m], of the foot's lowest part that counts as its sole
+
+
+def read_description(file: pathlib.Path) -> dict[str, Any]:
+    """Return the rows `joints` and `links` of a published URDF or MJCF, and its `frames`: sites and fixed links.
+
+    Fixed links count as parts of those that carry them. Meshes are not read.
+    """
+    spec = _spec(file)
+    for part in (*spec.geoms, *spec.meshes, *spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
+        spec.delete(part)
+    for body in spec.bodies[1:]:
+        if not body.joints:
+            body.add_site(name=body.name)
+    root = spec.worldbody.first_body()
+    if not root.joints:
+        root.add_freejoint()
+    spec.compiler.fusestatic = True
+    model = _compile(spec, file)
+    if any(model.jnt_type[1:] != mujoco.mjtJoint.mjJNT_HINGE) or np.abs(model.jnt_pos).max() > 0.0:
+        raise ModelError(f"{file} has a joint that slides, or is not at its link's origin; only hinges there are valid")
+    speed = {joint.get("name"): joint.find("limit") for joint in ET.parse(file).iter("joint")}  # noqa: S314  the user's
+    joints, links = [], []
+    for body in range(1, model.nbody):
+        axes = rotations.to_matrix(model.body_iquat[body])
+        tensor = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        keys = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+        inertia = {key: float(tensor[at]) for key, at in keys.items()}
+        mass, com = float(model.body_mass[body]), model.body_ipos[body].tolist()
+        links.append({"name": model.body(body).name, "mass": mass, "com": com, **inertia})
+    for j in range(1, model.njnt):
+        body, dof, limit = model.jnt_bodyid[j], model.jnt_dofadr[j], speed[model.joint(j).name]
+        turns = (rotations.roll_of, rotations.pitch_of, rotations.yaw_of)
+        joint = {
+            "name": model.joint(j).name,
+            "parent": model.body(model.body_parentid[body]).name,
+            "child": model.body(body).name,
+            "xyz": model.body_pos[body].tolist(),
+            "rpy": [float(turn(model.body_quat[body])) for turn in turns],
+            "axis": model.jnt_axis[j].tolist(),
+            "range": model.jnt_range[j].tolist(),
+            "effort": float(model.jnt_actfrcrange[j, 1]),
+            "velocity": 0.0 if limit is None else float(limit.get("velocity", 0.0)),
+            "armature": float(model.dof_armature[dof]),
+            "friction": float(model.dof_frictionloss[dof]),
+            "viscous": float(model.dof_damping[dof]),
+        }
+        joints.append(joint)
+    frames = {
+        model.site(i).name: {"parent": model.body(model.site_bodyid[i]).name, "xyz": model.site_pos[i].tolist()}
+        for i in range(model.nsite)
+    }
+    return {"joints": joints, "links": links, "frames": frames}
+
+
+def _spec(file: pathlib.Path) -> mujoco.MjSpec:
+    try:
+        return mujoco.MjSpec.from_file(str(file))
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"{file} is no URDF or MJCF that MuJoCo reads: {' '.join(str(error).split())}") from error
+
+
+def _compile(spec: mujoco.MjSpec, file: pathlib.Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"MuJoCo refuses {file}: {' '.join(str(error).split())}") from error
+
+
+def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
+    """Return extent and height of the lowest part of a foot's shapes in a description, to a millimetre [m]."""
+    spec = _spec(file)
+    for geom in spec.geoms:
+        if geom.parent.name != foot:
+            spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in spec.meshes:
+        if mesh.name not in used:
+            spec.delete(mesh)
+        elif found := next(file.parent.rglob(pathlib.Path(mesh.file).name), None):
+            mesh.file = str(found.resolve())
+    for part in (*spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
+        spec.delete(part)
+    try:
+        model = _compile(spec, file)
+    except ModelError as error:
+        raise ModelError(f"{error}; give the field sole: {{x: [heel, toe], y: [right, left], z: height}}") from error
+    points = []
+    for geom in range(model.ngeom):
+        corners = np.array(list(itertools.product((-1, 1), repeat=3))) * model.geom_aabb[geom, 3:]
+        corners += model.geom_aabb[geom, :3]
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            first, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+            corners = model.mesh_vert[first : first + count]
+        points.append(corners @ rotations.to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom])
+    if not points:
+        raise ModelError(f"{file} has no shape of {foot}; give the field sole: {{x: [heel, toe], y: [right, left], z}}")
+    cloud = np.concatenate(points)
+    low = cloud[cloud[:, 2] < cloud[:, 2].min() + _SOLE_DEPTH]
+    (x0, y0, z), (x1, y1, _) = low.min(0).round(3).tolist(), low.max(0).round(3).tolist()
+    return {"x": [x0, x1], "y": [y0, y1], "z": z}

@@ -1,0 +1,208 @@
+"""Whether a robot's table is plausible: what is wrong with it, what is valid, and what to do."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from hugwbc.errors import HugwbcError
+from hugwbc.robot import load_robot, robot_table
+from hugwbc.table_defaults import SIDES, mirrored, other_side, placement
+
+_SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
+_JOINT = ("xyz", "rpy", "axis", "range", "effort", "velocity", "armature", "corner_speed", "kp", "kd", "nominal")
+_LINK = ("mass", "com", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_ABOVE_ZERO = ("effort", "velocity", "armature", "corner_speed", "kp", "kd")
+_SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the right joint
+_TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at heel and toe
+_ASIDE = 0.005  # [m], of a sole from the middle of its link
+_APART = 0.002  # [m], of the origins of a joint and its mirror image
+_TURNED = 0.01  # [rad], likewise of ranges and nominal positions
+_LIGHTER, _SHIFTED = 0.05, 0.01  # of a link's mass, and of its centre of mass [m], likewise
+_STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
+
+
+def problems(name: str) -> list[str]:
+    """Return what is missing or implausible in the table of a robot, one sentence each; empty if it is fine."""
+    try:
+        found = table_problems(robot_table(name))
+        if not found:
+            load_robot(name)
+    except HugwbcError as error:
+        return [str(error)]
+    return found
+
+
+def table_problems(table: Mapping[str, Any]) -> list[str]:
+    """Return what is missing or implausible in a table that `robot_table` returned."""
+    return [*_missing(table)] or [text for check in _CHECKS for text in check(table)]
+
+
+def _missing(table: Mapping[str, Any]) -> Iterator[str]:
+    for section in _SECTIONS:
+        if section not in table:
+            yield f"the section `{section}` is missing; models/h1/h1.yaml shows it"
+    for kind, fields in (("joints", _JOINT), ("links", _LINK)):
+        for row in table[kind]:
+            if lacks := [field for field in fields if field not in row]:
+                yield f"{row['name']} lacks {', '.join(lacks)}; give them under `{kind}` or `drives`"
+
+
+def _tree(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that the limbs hang together as their roles say."""
+    roles, above = table["roles"], {joint["child"]: joint for joint in table["joints"]}
+    for link in table["links"]:
+        if link["name"] != roles["base"] and link["name"] not in above:
+            yield f"no joint carries {link['name']}, which is not the base {roles['base']}; remove it or name its joint"
+
+    def chain(link: str, top: str) -> list[str] | None:
+        names: list[str] = []
+        while link != top:
+            if link not in above:
+                return None
+            names.append(above[link]["name"])
+            link = above[link]["parent"]
+        return names[::-1]
+
+    for limb, end, top in (("leg", "foot", "base"), ("arm", "hand", "trunk"), ("waist", "trunk", "base")):
+        joints, parts = chain(roles[end], roles[top]), list(roles[limb].values())
+        if joints is None:
+            yield f"{roles[end]} ({end}) does not hang below {roles[top]} ({top}); give other links"
+        elif parts != [name for name in joints if name in parts]:
+            yield f"roles `{limb}` are {', '.join(parts)}; give joints of the chain {', '.join(joints)}, in its order"
+
+
+def _bodies(table: Mapping[str, Any]) -> Iterator[str]:
+    for link in table["links"]:
+        name, mass = link["name"], link["mass"]
+        if not mass > 0.0:
+            yield f"the mass of {name} is {mass:g} kg; give one above 0, under `links`"
+            continue
+        tensor = np.array([[link["ixx"], link["ixy"], link["ixz"]], [0, link["iyy"], link["iyz"]], [0, 0, link["izz"]]])
+        small, middle, large = np.linalg.eigvalsh(tensor, UPLO="U")
+        if not 0.0 < small <= large <= 1.01 * (small + middle):
+            yield (
+                f"no body has the inertia of {name}: its moments are {small:.2g}, {middle:.2g} and {large:.2g} kg m²; "
+                "each must be above 0, and at most the sum of the others"
+            )
+
+
+def _drives(table: Mapping[str, Any]) -> Iterator[str]:
+    for field in _ABOVE_ZERO:
+        if names := [joint["name"] for joint in table["joints"] if not joint[field] > 0.0]:
+            yield f"{field} is 0 or less of {', '.join(names)}; give figures above 0, under `drives`"
+    for joint in table["joints"]:
+        name, (low, high) = joint["name"], joint["range"]
+        if not low < high:
+            yield f"the range of {name} is {low:g} to {high:g} rad; give the lower limit first"
+        elif not low <= joint["nominal"] <= high:
+            yield f"the nominal position of {name} is {joint['nominal']:g} rad; give one from {low:g} to {high:g} rad"
+        if joint["corner_speed"] > joint["velocity"]:
+            yield f"corner_speed of {name} is above its highest speed `velocity`, {joint['velocity']:g} rad/s"
+        if not math.isclose(float(np.linalg.norm(joint["axis"])), 1.0, rel_tol=1e-3):
+            yield f"the axis of {name} has the length {np.linalg.norm(joint['axis']):g}; give a vector of length 1"
+
+
+def _sides(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that left and right are mirror images."""
+    joints, links = ({row["name"]: row for row in table[kind]} for kind in ("joints", "links"))
+    reflection = np.array([1.0, -1.0, 1.0])
+    for name, joint in joints.items():
+        if (other := joints.get(other_side(name))) is None:
+            yield f"{name} has no joint {other_side(name)} on the other side; names differ in left and right only"
+            continue
+        if SIDES[0] not in name.lower():
+            continue
+        if np.abs(reflection * joint["xyz"] - other["xyz"]).max() > _APART:
+            yield f"{name} is at {joint['xyz']} and {other['name']} at {other['xyz']}; give mirror images"
+        sign = mirrored(joint, other)
+        image = sorted(sign * limit for limit in joint["range"])
+        if np.abs(np.subtract(image, other["range"])).max() > _TURNED:
+            yield f"the range of {other['name']} is {other['range']}; the mirror image of the left one is {image}"
+        image = sign * joint["nominal"]
+        if abs(image - other["nominal"]) > _TURNED:
+            yield f"{other['name']} is nominally at {other['nominal']:g} rad; the left one's mirror image is {image:g}"
+        if differ := [field for field in _SAME if not math.isclose(joint[field], other[field], rel_tol=1e-3)]:
+            yield f"{', '.join(differ)} of {name} and {other['name']} differ; give both the same"
+    for name, link in links.items():
+        other = links.get(other_side(name), link)
+        if SIDES[0] in name.lower() and (
+            abs(link["mass"] - other["mass"]) > _LIGHTER * link["mass"]
+            or np.abs(reflection * link["com"] - other["com"]).max() > _SHIFTED
+        ):
+            yield (
+                f"{name} weighs {link['mass']:g} kg at {link['com']}, and {other['name']} {other['mass']:g} kg at "
+                f"{other['com']}; give mirror images"
+            )
+
+
+def _stance(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that the soles lie flat on the ground in the nominal pose, below the centre of mass."""
+    roles, joints, sole, height = table["roles"], table["joints"], table["sole"], table["nominal_height"]
+    q = {joint["name"]: joint["nominal"] for joint in joints}
+    (heel, toe), (right, left) = sole["x"], sole["y"]
+    if not (heel < toe and right < left):
+        yield f"sole is x {sole['x']}, y {sole['y']}; give heel before toe, and right before left"
+        return
+    if abs(middle := (right + left) / 2.0) > _ASIDE:
+        yield (
+            f"the middle of the sole is {1e3 * middle:.0f} mm left of the foot link's origin, where it is to be; under "
+            "`joints` and `links`, move the foot's joint there along its axis, and the link's com back"
+        )
+    for side in (str, other_side):
+        foot, ankle = side(roles["foot"]), side(roles["leg"]["ankle_pitch"])
+        ends = [placement(joints, foot, roles["base"], [x, 0.0, sole["z"]], q)[0] for x in (heel, toe)]
+        if abs(ends[0][2] - ends[1][2]) > _TOUCH:
+            fall = ends[0][2] - ends[1][2]
+            yield (
+                f"the sole of {foot} is not level in the nominal pose: its heel is {1e3 * fall:.0f} mm above its toe; "
+                f"give {ankle}: {q[ankle] - math.asin(fall / (toe - heel)):.3f} under `nominal`"
+            )
+        elif abs(gap := height + (ends[0][2] + ends[1][2]) / 2.0) > _TOUCH:
+            yield (
+                f"the sole of {foot} is {abs(1e3 * gap):.0f} mm {'above' if gap > 0.0 else 'below'} the ground in the "
+                f"nominal pose; give nominal_height: {height - gap:.3f}, or another sole: z or `nominal`"
+            )
+    hip, knee, ankle = (roles["leg"][part] for part in ("hip_pitch", "knee", "ankle_pitch"))
+    origin = {joint["name"]: placement(joints, joint["child"], roles["base"], q=q)[0] for joint in joints}
+    lengths = [float(np.linalg.norm(origin[a] - origin[b])) for a, b in itertools.pairwise((hip, knee, ankle))]
+    used = float(np.linalg.norm(origin[hip] - origin[ankle])) / sum(lengths)
+    if used > _STRAIGHT:
+        yield (
+            f"in the nominal pose the legs are {100.0 * used:.1f} % straight, and a leg must bend to balance; "
+            "bend the knees under `nominal`, to about 0.8 rad"
+        )
+    places = [placement(joints, link["name"], roles["base"], link["com"], q)[0] for link in table["links"]]
+    centre = np.average(places, axis=0, weights=[link["mass"] for link in table["links"]])[0]
+    ends = [placement(joints, roles["foot"], roles["base"], [x, 0.0, sole["z"]], q)[0][0] for x in (heel, toe)]
+    if not ends[0] < centre < ends[1]:
+        yield (
+            f"in the nominal pose the centre of mass is at x = {centre:.3f} m of the base, and the soles reach from "
+            f"{ends[0]:.3f} to {ends[1]:.3f} m; change `nominal` so that it is above them"
+        )
+
+
+def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
+    shapes = {link["name"] for link in table["links"] if "collision_box" in link}
+    shapes |= {table["roles"]["foot"], other_side(table["roles"]["foot"])}
+    for name in sorted(set(itertools.chain(*table["collision_pairs"])) - shapes):
+        yield f"collision_pairs name {name}, which has no collision_box; valid: {', '.join(sorted(shapes))}"
+
+
+def _motors(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that the messages' motor slots have each joint once."""
+    if (interface := table.get("interface")) is None:
+        return
+    slots, names = [name for name in interface["motors"] if name is not None], [row["name"] for row in table["joints"]]
+    for name in dict.fromkeys((*slots, *names)):
+        if name not in names:
+            yield f"interface.motors has {name}, which is no joint; leave an unused slot null"
+        elif slots.count(name) != 1:
+            yield f"interface.motors has {name} {slots.count(name)} times; give each joint one slot"
+    if len(interface["modes"]) != len(interface["motors"]):
+        yield f"interface has {len(interface['motors'])} motors and {len(interface['modes'])} modes; give as many"
+
+
+_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _shapes, _motors)

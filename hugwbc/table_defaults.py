@@ -1,0 +1,246 @@
+"""What a robot's table need not say: a published description gives links and joints, and the rest follows from them."""
+
+import math
+import pathlib
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hugwbc import rotations
+from hugwbc.errors import ModelError, UnknownNameError
+
+SIDES = ("left", "right")
+_OTHER = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
+Joints = Sequence[Mapping[str, Any]]
+# What a drive is taken for where neither table nor description says it, after the drives of the H1 and the G1: armature
+# [s^2/rad] and Coulomb friction by torque limit, viscous friction by the latter [s/rad], corner speed by highest speed.
+_ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
+# Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
+_FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
+_SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
+_SQUATTER = 0.98
+_ANKLE_ROOM, _LEVEL_ROOM = 0.02, 0.07  # [rad], that the ankle keeps of its range in a squat, and of a level sole
+# Postures by part [rad], cut to the joints' ranges; the rest of the limb is at its nominal one.
+_TUCKED = {"hip_pitch": -1.0, "knee": 1.9, "ankle_pitch": -0.82}
+_ARMS = {
+    "hanging": {"shoulder_pitch": 0.0, "shoulder_roll": 0.2},
+    "overhead": {"shoulder_pitch": -2.6, "shoulder_roll": 0.3},
+    "forward": {"shoulder_pitch": -1.4, "shoulder_roll": 0.2},
+    "backward": {"shoulder_pitch": 1.5, "shoulder_roll": 0.2},
+}
+# The parts that the code asks for; a leg may have an `ankle_roll` and an arm more joints.
+_PARTS = {
+    "leg": ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch"),
+    "arm": ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"),
+    "waist": ("yaw",),
+}
+_COLOURS = {"dark": [0.11, 0.12, 0.14, 1], "light": [0.80, 0.82, 0.84, 1]}
+
+
+def other_side(name: str) -> str:
+    """Return the name of the joint, link or frame on the other side; the same name where it says no side."""
+    return re.sub("|".join(_OTHER), lambda side: _OTHER[side[0]], name, count=1)
+
+
+def mirrored(joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+    """Return by what factor a joint's position is the other one's in the mirror image: an axis is an axial vector."""
+    return math.copysign(1.0, float(np.dot(np.multiply([-1, 1, -1], joint["axis"]), other["axis"])))
+
+
+def placement(
+    joints: Joints,
+    link: str,
+    seen_from: str,
+    point: Sequence[float] = (0.0, 0.0, 0.0),
+    q: Mapping[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return place and axes of a link (or of a point of it), seen from a link above it.
+
+    Args:
+        joints: rows of a table.
+        link: its name.
+        seen_from: name of the other link.
+        point: in the link's frame [m].
+        q: joint positions by name [rad]; None for all at 0.
+
+    Returns:
+        Place [m], shape (3,), and the link's axes as columns, shape (3, 3).
+    """
+    if link == seen_from:
+        return np.array(point), np.eye(3)
+    joint = next(joint for joint in joints if joint["child"] == link)
+    place, axes = placement(joints, joint["parent"], seen_from, q=q)
+    place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
+    if q and q[joint["name"]]:
+        axes = axes @ rotations.to_matrix(rotations.from_axis_angle(np.array(joint["axis"]), q[joint["name"]]))
+    return place + axes @ point, axes
+
+
+def _turn(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Return the axes that URDF's angles describe, shape (3, 3)."""
+    (a, b, c), (d, e, f) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    about_x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
+    about_y = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
+    about_z = np.array([[c, -f, 0], [f, c, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x
+
+
+def describe(table: dict[str, Any], description: pathlib.Path) -> None:
+    """Give a table, in place, the links, joints, frames and nominal positions of a robot with a description."""
+    from hugwbc.description import read_description  # MuJoCo is not needed by robots without one
+
+    read = read_description(description)
+    frames = {**read["frames"], **{link["name"]: {"parent": link["name"], "xyz": [0.0] * 3} for link in read["links"]}}
+    for kind in ("joints", "links"):
+        changes = table.get(kind, {})
+        for name in changes:
+            if name not in (names := [row["name"] for row in read[kind]]):
+                raise UnknownNameError(f"name under {kind}", name, names)
+        table[kind] = [{**row, **changes.get(row["name"], {})} for row in read[kind]]
+    for part, default in (("imu", "base"), ("camera", "trunk"), ("hand", "hand")):
+        if isinstance(name := table.setdefault(part, table["roles"][default]), str):
+            if name not in frames:
+                raise UnknownNameError(f"frame of {description}", name, frames)
+            table[part] = frames[name]
+    by_name, pose = {joint["name"]: joint for joint in table["joints"]}, table.get("nominal", {})
+    for name in pose:
+        if name not in by_name:
+            raise UnknownNameError("joint under nominal", name, by_name)
+    for name, joint in by_name.items():
+        other = by_name.get(other_side(name), joint)
+        joint["nominal"] = float(pose.get(name, mirrored(other, joint) * pose.get(other["name"], 0.0))) + 0.0
+    table.setdefault("drives", [])
+
+
+def check_roles(table: Mapping[str, Any]) -> None:
+    """Refuse roles that are missing, or that no link or joint of a table plays."""
+    roles, found = table["roles"], []
+    names = {kind: {row["name"] for row in table[kind]} for kind in ("links", "joints")}
+    for part in ("base", "trunk", "foot", "hand"):
+        sides = (str,) if part in ("base", "trunk") else (str, other_side)
+        found += _unplayed(part, roles.get(part), names["links"], "link", sides)
+    for limb, parts in _PARTS.items():
+        sides, given = (str,) if limb == "waist" else (str, other_side), roles.get(limb) or {}
+        for part in dict.fromkeys((*parts, *given)):
+            found += _unplayed(f"{limb}: {part}", given.get(part), names["joints"], "joint", sides)
+    if found:
+        raise ModelError("; ".join(found))
+
+
+def _unplayed(
+    role: str, name: str | None, names: Collection[str], kind: str, sides: Iterable[Callable[[str], str]]
+) -> list[str]:
+    if name is None:
+        return [f"roles lacks `{role}`; give the name of the {kind} on the left side"]
+    absent = [side(name) for side in sides if side(name) not in names]
+    return [str(UnknownNameError(f"{kind} in the role `{role}`,", one, sorted(names))) for one in absent]
+
+
+def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
+    """Give a table, in place, what follows from its links and joints, and its description, where it does not say it."""
+    roles, joints = table["roles"], table["joints"]
+    if description is not None:
+        from hugwbc.description import measure_sole
+
+        if "sole" not in table:
+            table["sole"] = measure_sole(description, roles["foot"])
+        _shape(table)
+    table.setdefault("damping", 0.001)
+    table.setdefault("command_delay", 0.002)
+    if "nominal_height" not in table:
+        q = {joint["name"]: joint["nominal"] for joint in joints}
+        sole = placement(joints, roles["foot"], roles["base"], [0.0, 0.0, table["sole"]["z"]], q)[0]
+        table["nominal_height"] = math.ceil(-1e3 * sole[2]) / 1e3
+    if "squat" not in table:
+        table["squat"] = _squat(table)
+    by_name = {joint["name"]: joint for joint in joints}
+
+    def posture(limb: str, given: Mapping[str, float]) -> list[float]:
+        parts = {part: by_name[name] for part, name in roles[limb].items()}
+        wanted = {part: given.get(part, joint["nominal"]) for part, joint in parts.items()}
+        return [min(max(wanted[part], joint["range"][0]), joint["range"][1]) for part, joint in parts.items()]
+
+    table.setdefault("leg_postures", {"tucked": posture("leg", _TUCKED)})
+    table.setdefault("arm_postures", {kind: posture("arm", given) for kind, given in _ARMS.items()})
+
+
+def complete_drive(joint: dict[str, Any]) -> None:
+    """Give a joint of a description the figures of its drive that neither it nor the table says."""
+    joint["armature"] = joint["armature"] or _ARMATURE * joint["effort"]
+    joint["friction"] = joint["friction"] or _FRICTION * joint["effort"]
+    joint["viscous"] = joint["viscous"] or _VISCOUS * joint["friction"]
+    joint.setdefault("corner_speed", _CORNER * joint["velocity"])
+    joint.setdefault("kp", joint["armature"] * _FREQUENCY**2)
+    joint.setdefault("kd", 2.0 * _DAMPING * joint["armature"] * _FREQUENCY)
+
+
+def _shape(table: dict[str, Any]) -> None:
+    """Give the links the boxes of their inertia, for the eye and for collisions, where the table has no shapes."""
+    roles, joints = table["roles"], {joint["name"]: joint for joint in table["joints"]}
+    knee, elbow = joints[roles["leg"]["knee"]], joints[roles["arm"]["elbow"]]
+    thigh, shank, foot, forearm, hand = knee["parent"], knee["child"], roles["foot"], elbow["child"], roles["hand"]
+    solid = {roles["trunk"], *(side(name) for name in (thigh, shank, forearm, hand) for side in (str, other_side))}
+    visuals = table.setdefault("visuals", {})
+    for link in table["links"]:
+        moments = np.array([link["ixx"], link["iyy"], link["izz"]])
+        half = np.sqrt(np.maximum(1.5 * (moments.sum() - 2.0 * moments) / max(link["mass"], 1e-9), 1e-6))
+        if link["name"] in solid:
+            link.setdefault("collision_box", {"center": link["com"], "size": (2.0 * half).tolist()})
+        if other_side(link["name"]) not in visuals:
+            shape = {"type": "box", "size": half.tolist(), "pos": link["com"], "colour": "light"}
+            visuals.setdefault(link["name"], [shape])
+    table.setdefault("colours", _COLOURS)
+    own = [(hand, roles["trunk"]), (hand, thigh), (hand, other_side(thigh)), (forearm, roles["trunk"])]
+    own += [(foot, other_side(shank))]
+    both = [(link, other_side(link)) for link in (hand, thigh, shank, foot)]
+    pairs = both + [(side(first), side(second)) for side in (str, other_side) for first, second in own]
+    table.setdefault("collision_pairs", [list(pair) for pair in dict.fromkeys(pairs)])
+    table.setdefault("contact_links", [link["name"] for link in table["links"] if link["name"] in solid])
+    table.setdefault("capsules", {})
+
+
+def _squat(table: dict[str, Any]) -> dict[str, Any]:
+    """Return how far ahead of its ankles a robot squats upright with level soles, and its ankles short of their limit.
+
+    The shank leans as far as the ankle lets it, and the thigh as far as the height demands.
+    """
+    roles, joints = table["roles"], table["joints"]
+    by_name = {joint["name"]: joint for joint in joints}
+    hip, knee, ankle = (roles["leg"][part] for part in ("hip_pitch", "knee", "ankle_pitch"))
+    lean = -by_name[ankle]["range"][0] - _ANKLE_ROOM
+    masses = [(link["mass"], link["name"], link["com"]) for link in table["links"]]
+
+    def posture(bend: float, p: float) -> dict[str, float]:
+        q = {name: joint["nominal"] for name, joint in by_name.items()}
+        for name in roles["leg"].values():
+            bent = {hip: lean - bend - p, knee: bend, ankle: -lean}.get(name, 0.0)
+            q[name], q[other_side(name)] = bent, bent
+        return q
+
+    def reach(h: float, p: float) -> float:
+        pitch = _turn(0.0, p, 0.0)
+
+        def seen(link: str, point: Sequence[float], q: Mapping[str, float]) -> np.ndarray:
+            return pitch @ placement(joints, link, roles["base"], point, q)[0]
+
+        low, high = lean, by_name[knee]["range"][1]
+        for _ in range(20):
+            q = posture((low + high) / 2.0, p)
+            tall = -seen(roles["foot"], [0.0, 0.0, table["sole"]["z"]], q)[2] > table["nominal_height"] + h
+            low, high = ((low + high) / 2.0, high) if tall else (low, (low + high) / 2.0)
+        q = posture((low + high) / 2.0, p)
+        moment = sum(mass * seen(link, com, q)[0] for mass, link, com in masses)
+        return float(moment / sum(mass for mass, *_ in masses) - seen(by_name[ankle]["child"], [0.0] * 3, q)[0])
+
+    heights = [h * table["nominal_height"] / _SQUATTER for h in _SQUATS]
+    middle = heights[len(heights) // 2]
+    ahead = [reach(h, 0.0) for h in heights]
+    tilt = (reach(middle, 0.2) - ahead[len(heights) // 2]) / 0.2
+    return {
+        "heights": heights,
+        "reach": ahead,
+        "reach_per_pitch": tilt,
+        "level_shank": lean + _ANKLE_ROOM - _LEVEL_ROOM,
+    }

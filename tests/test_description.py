@@ -1,0 +1,97 @@
+"""A robot's table that names a published description, against the same robot's table with all figures."""
+
+import numpy as np
+import pytest
+import yaml
+
+from hugwbc import load_robot
+from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.robot import robot_table
+from hugwbc.robot_check import problems
+from hugwbc.table_defaults import complete
+
+G1, TABLE = load_robot("g1"), robot_table("g1")
+NOMINAL = {
+    row["name"]: row["nominal"] for row in TABLE["joints"] if row["nominal"] and not row["name"].startswith("right")
+}
+SHORT = {
+    "description": str(G1.urdf_path),
+    "roles": TABLE["roles"],
+    "imu": "imu",
+    "sole": TABLE["sole"],
+    "drives": TABLE["drives"],
+    "nominal": NOMINAL,
+}
+
+
+def _robot(folder, table):
+    (folder / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
+    return load_robot(str(folder / "mine.yaml"))
+
+
+def test_twenty_lines_and_a_urdf_are_a_robot(tmp_path) -> None:
+    """Links, joints, limits, mirrored positions and the frame of the IMU are those of the full table."""
+    mine = _robot(tmp_path, SHORT)
+    assert problems(mine.name) == []
+    order = G1.indices(mine.joint_names)
+    for field in ("lower", "upper", "torque_limit", "velocity_limit", "nominal", "axes", "armature", "friction"):
+        np.testing.assert_allclose(getattr(mine, field), getattr(G1, field)[order], atol=1e-9, err_msg=field)
+    for field in ("mass", "leg_length", "sole_depth", "upper_arm", "nominal_height"):
+        assert getattr(mine, field) == pytest.approx(getattr(G1, field), rel=1e-6), field
+    assert mine.imu_link == G1.imu_link
+    mine_links, links = ({row["name"]: row for row in robot_table(name)["links"]} for name in (mine.name, "g1"))
+    for key in ("com", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        for name, row in links.items():
+            np.testing.assert_allclose(mine_links[name][key], row[key], atol=1e-8, err_msg=name)
+    np.testing.assert_allclose(robot_table(mine.name)["imu"]["xyz"], TABLE["imu"]["xyz"])
+    assert mine.xml_path.is_file() and mine.urdf_path.is_file()
+
+
+def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
+    table = {key: value for key, value in SHORT.items() if key not in ("drives", "sole")}
+    rows = [row for row in TABLE["joints"] if not row["name"].startswith("right")]
+    drives = [{"joints": [row["name"]], "velocity": row["velocity"], "effort": row["effort"]} for row in rows]
+    mine = _robot(tmp_path, {**table, "description": str(G1.xml_path), "drives": drives})
+    assert problems(mine.name) == []
+    np.testing.assert_allclose(mine.armature, G1.armature[G1.indices(mine.joint_names)])
+    # The spheres at the sole's corners stand out by their radius.
+    np.testing.assert_allclose([*mine.sole_x, *mine.sole_y], [*G1.sole_x, *G1.sole_y], atol=0.0051)
+    assert mine.sole_z == G1.sole_z
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"imu": "imu_lin"}, "unknown frame of .*'imu_lin'. Did you mean 'imu'"),
+        ({"nominal": {"left_kne_joint": 0.3}}, "unknown joint under nominal 'left_kne_joint'. Did you mean"),
+        ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
+        ({"description": "none.urdf"}, "none.urdf is no URDF or MJCF that MuJoCo reads"),
+        ({"description": "mine.urdf"}, "mine.urdf is no URDF"),
+        ({"sole": None}, "has no shape of left_ankle_roll_link; give the field sole"),
+    ],
+)
+def test_what_does_not_fit_the_description_is_refused(tmp_path, change, message) -> None:
+    table = {key: value for key, value in {**SHORT, **change}.items() if value is not None}
+    with pytest.raises((ModelError, UnknownNameError), match=message):
+        _robot(tmp_path, table)
+
+
+def test_the_makers_file_is_never_written_over(tmp_path) -> None:
+    maker = tmp_path / "mine.urdf"
+    maker.write_bytes(G1.urdf_path.read_bytes())
+    with pytest.raises(ModelError, match=r"mine.urdf is the maker's description, .*; rename it or the table"):
+        _robot(tmp_path, {**SHORT, "description": "mine.urdf"})
+    assert maker.read_bytes() == G1.urdf_path.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["h1-2023", "g1"])
+def test_computed_squats_are_those_of_inverse_kinematics(name) -> None:
+    """The tables' rows come from inverse kinematics with Pinocchio (tests/mbc/test_reach.py), rounded or fitted."""
+    table = robot_table(name)
+    given = table.pop("squat")
+    complete(table, None)
+    found = table["squat"]
+    expected = np.interp(found["heights"], given["heights"], given["reach"])
+    np.testing.assert_allclose(found["reach"], expected, atol=0.033)
+    assert found["reach_per_pitch"] == pytest.approx(given["reach_per_pitch"], abs=0.02)
+    assert found["level_shank"] == pytest.approx(given["level_shank"], abs=0.005)

@@ -1,0 +1,125 @@
+"""Broken copies of the G1's table: what is wrong is named, with what to do."""
+
+import copy
+
+import pytest
+import yaml
+
+from hugwbc.cli import main
+from hugwbc.robot import robot_names, robot_table
+from hugwbc.robot_check import problems, table_problems
+
+G1 = robot_table("g1")
+LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
+
+
+def _row(table, name):
+    return next(row for row in (*table["joints"], *table["links"]) if row["name"] == name)
+
+
+def _set(name, **fields):
+    return lambda table: _row(table, name).update(fields)
+
+
+def _twice(table):
+    table["interface"]["motors"][0] = RIGHT_KNEE
+
+
+BROKEN = {
+    "a link weighs nothing": (_set("torso_link", mass=0.0), ["the mass of torso_link is 0 kg; give one above 0"]),
+    "an inertia is impossible": (_set("pelvis", izz=0.05), ["no body has the inertia of pelvis"]),
+    "the soles are in the air": (
+        lambda table: table["sole"].update(z=-0.005),
+        [f"the sole of {side}_ankle_roll_link is 30 mm above the ground" for side in ("left", "right")],
+    ),
+    "the soles are not in the middle": (
+        lambda table: table["sole"].update(y=[0.0, 0.05]),
+        ["the middle of the sole is 25 mm left of the foot link's origin"],
+    ),
+    "the pelvis is too high": (
+        lambda table: table.update(nominal_height=0.90),
+        ["143 mm above the ground in the nominal pose; give nominal_height: 0.757", "143 mm above"],
+    ),
+    "the legs are straight": (
+        lambda table: [
+            _row(table, f"{side}_{part}_joint").update(nominal=0.0)
+            for side in ("left", "right")
+            for part in ("hip_pitch", "knee", "ankle_pitch")
+        ],
+        ["mm below the ground", "mm below the ground", "legs are 99.7 % straight"],
+    ),
+    "a nominal position is outside": (
+        lambda table: [_row(table, name).update(nominal=-0.2) for name in (LEFT_KNEE, RIGHT_KNEE)],
+        [
+            "the nominal position of left_knee_joint is -0.2 rad; give one from -0.087267 to 2.8798 rad",
+            "right_knee_joint is -0.2 rad",
+            "give left_ankle_pitch_joint: 0.512 under `nominal`",
+            "give right_ankle_pitch_joint: 0.512 under `nominal`",
+            "the legs are 99.2 % straight",
+            "the centre of mass is at",
+        ],
+    ),
+    "left and right stand differently": (
+        _set("right_shoulder_roll_joint", nominal=0.2),
+        ["right_shoulder_roll_joint is nominally at 0.2 rad; the left one's mirror image is -0.2"],
+    ),
+    "left and right are driven differently": (
+        _set(RIGHT_KNEE, effort=100.0),
+        ["effort of left_knee_joint and right_knee_joint differ; give both the same"],
+    ),
+    "left and right weigh differently": (
+        _set("left_knee_link", mass=3.0),
+        ["left_knee_link weighs 3 kg at [0.005457, 0.003964, -0.12074], and right_knee_link 1.932 kg"],
+    ),
+    "the right range is the left one": (
+        _set("right_hip_roll_joint", range=[-0.5236, 2.9671]),
+        ["the range of right_hip_roll_joint is [-0.5236, 2.9671]; the mirror image of the left one is"],
+    ),
+    "a gain is 0": (_set("waist_yaw_joint", kp=0.0), ["kp is 0 or less of waist_yaw_joint; give figures above 0"]),
+    "a motor has two slots": (
+        _twice,
+        ["right_knee_joint 2 times; give each joint one slot", "left_hip_pitch_joint 0 times"],
+    ),
+    "a role is another joint's": (
+        lambda table: table["roles"]["leg"].update(knee="left_elbow_joint"),
+        ["roles `leg` are left_hip_pitch_joint,"],
+    ),
+    "the hand is the foot": (
+        lambda table: table["roles"].update(hand="left_ankle_roll_link"),
+        ["left_ankle_roll_link (hand) does not hang below torso_link (trunk)"],
+    ),
+    "a shape is missing": (
+        lambda table: table["collision_pairs"].append(["pelvis", "torso_link"]),
+        ["collision_pairs name pelvis, which has no collision_box; valid: left_ankle_roll_link, left_elbow_link"],
+    ),
+    "a field is missing": (lambda table: _row(table, LEFT_KNEE).pop("kd"), ["left_knee_joint lacks kd; give them"]),
+    "a section is missing": (lambda table: table.pop("imu"), ["the section `imu` is missing"]),
+}
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_nothing_is_wrong_with_the_tables_that_come_along(name) -> None:
+    assert problems(name) == []
+
+
+@pytest.mark.parametrize(("edit", "expected"), BROKEN.values(), ids=BROKEN)
+def test_what_is_wrong_is_named(edit, expected) -> None:
+    table = copy.deepcopy(G1)
+    edit(table)
+    found = table_problems(table)
+    assert len(found) == len(expected), found
+    for text, part in zip(found, expected, strict=True):
+        assert part in text
+
+
+def test_roles_that_nothing_plays_are_named_all_at_once(tmp_path, capsys) -> None:
+    table = copy.deepcopy(G1)
+    table["roles"]["leg"].update(knee="left_kne_joint")
+    table["roles"]["foot"] = "left_sole"
+    del table["roles"]["waist"]
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
+    assert main(["check", "--robot", str(tmp_path / "mine.yaml")]) == 1
+    text = capsys.readouterr().out
+    assert "FAIL  table: unknown link in the role `foot`, 'left_sole'." in text and "'right_sole'" in text
+    assert "role `leg: knee`, 'left_kne_joint'. Did you mean 'left_knee_joint'?" in text
+    assert "roles lacks `waist: yaw`; give the name of the joint" in text and "1 of 1 checks failed" in text
