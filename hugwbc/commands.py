@@ -48,7 +48,7 @@ _GROWTH = {"v_x": 0.5, "v_y": 0.5, "l": 1.0, "h": 1.0}
 def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, CommandRange]:
     """Return the ranges of the eight commands in a gait, by name.
 
-    One that does not travel has zero velocities only. Of the hopping gaits, the paper commands velocities and height alone.
+    One that does not travel has zero velocities only. In hops, the paper commands velocities and height alone.
 
     Args:
         gait: the gait.
