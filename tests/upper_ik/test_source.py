@@ -35,7 +35,7 @@ def message(number, time):
 
 @pytest.fixture
 def watch():
-    return TargetWatch()
+    return TargetWatch(load_robot())
 
 
 @pytest.fixture
