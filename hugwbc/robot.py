@@ -300,7 +300,7 @@ def _robot_table(name: str) -> dict[str, Any]:
     return {"name": label, **table}
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(yaml.CSafeLoader):
     """Reads 1e-5 as a number too, which YAML 1.1 takes for a text."""
 
 

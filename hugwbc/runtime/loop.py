@@ -12,8 +12,8 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
-from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.runtime.trace import CONTACT_FORCE
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import View
@@ -122,11 +122,11 @@ class ControlLoop:
         if self.control.estimator is not None:
             self.control.observe(simulation.sense(), simulation.time)
 
-    def moment(self) -> Moment:
+    def snapshot(self) -> Snapshot:
         """Return what a picture shows now."""
         state, simulation = self.simulation.state(), self.simulation
         assert state.foot_force is not None
-        return Moment(
+        return Snapshot(
             qpos=simulation.qpos,
             gait=int(self.control.chain.command.gait),
             phase=self.control.plan.phase,

@@ -82,7 +82,7 @@ def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(
         period.start(make_state())
     behind = Handover(ROBOT.arms)
     arms, faded = UpperBody.none(), 0
-    for tick in range(2000):
+    for tick in range(1000):
         if tick % 20 == 0:
             arms = UpperBody.none() if rng.random() < 0.6 else UpperBody.targets(rng.uniform(-3.0, 3.0, 8))
         q = ROBOT.nominal + rng.normal(0.0, 2.0, 19)
@@ -101,7 +101,7 @@ def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(
             name, vector = field.name, getattr(expected, field.name)
             np.testing.assert_array_equal(getattr(found, name), vector)
     assert safe.report() == plain.report()
-    assert faded > 100 and safe.report().held > 0 and safe.report().damped > 0
+    assert faded > 50 and safe.report().held > 0 and safe.report().damped > 0
 
 
 @pytest.mark.parametrize("soft", [0.0, 5.0])

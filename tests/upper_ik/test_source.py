@@ -131,7 +131,7 @@ def test_source_never_jumps(source, robot):
     rng = np.random.default_rng(0)
     command = robot.nominal[robot.arms].copy()
     hands = None
-    for tick in range(3000):
+    for tick in range(1500):
         if tick % 40 == 0:
             hands = None if rng.random() < 0.3 else HandTargets(*rng.uniform(-0.8, 0.8, (2, 3)))
             if hands is not None and rng.random() < 0.2:
