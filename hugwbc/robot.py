@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.state import GRAVITY
 
 SIDES = ("left", "right")
 DEFAULT_ROBOT = "h1"
@@ -221,6 +222,11 @@ class Robot:
     def hip_yaw_roll(self) -> np.ndarray:
         """Indices of the four hip yaw and hip roll joints (the paper's hip x and z)."""
         return np.sort(np.r_[self.pair("hip_yaw"), self.pair("hip_roll")])
+
+    @property
+    def weight(self) -> float:
+        """Weight of all links [N]."""
+        return GRAVITY * self.mass
 
     @property
     def sole_middle(self) -> float:
