@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES as SIDES, check_roles, complete, complete_drive, describe, other_side, placement
 
 DEFAULT_ROBOT = "h1"
@@ -227,6 +228,11 @@ class Robot:
     def leg_length(self) -> float:
         """Length of a straight leg from the hip pitch axis to the ankle pitch axis, from the side [m]."""
         return self.thigh + self.shank
+
+    @property
+    def weight(self) -> float:
+        """Weight of all links [N]."""
+        return GRAVITY * self.mass
 
     @property
     def sole_middle(self) -> float:

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from deploy_bench import Pair
+from deploy_bench import H1, Pair
 
 from hugwbc.deploy import state_machine
-from hugwbc.deploy.sticks import Sticks
+from hugwbc.deploy.remote import Sticks
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.runtime import load_controller
 
@@ -17,7 +17,7 @@ def falls(name: str, speed: str, gap: float, silence: float) -> int:
     fallen = 0
     for seed in range(RUNS):
         schedule = f"0.02 Start, 0.1 lower, 1.3 A, 1.6 release, 1.8 ly={speed}"
-        pair = Pair(load_controller(name), schedule, source=Sticks())
+        pair = Pair(load_controller(name), schedule, source=Sticks(H1))
         pair.pilot.limits = Limits(silence=1.0)
         pair.run(3.0)
         rng = np.random.default_rng(seed)
