@@ -31,33 +31,16 @@ from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY, RobotState
 
-_JOINTS = 4  # of an arm
 _STIFFEST = 1e-4  # [m/N], added to the compliance of pressing hands across their forces
 _SOLVABLE = 1e-8  # [m/N], likewise, so that the compliance of a stretched arm can be inverted
 _BALANCED = 0.02  # two forces whose sum is a smaller part of their lengths than this squeeze something
 
-
-STIFFNESS = 140.0  # [N*m/rad] of every arm joint: the maker's teleoperation of the H1 (`xr_teleoperate`, `kp_low`)
-# [N*m*s/rad] of shoulder pitch and roll, which move the whole arm: a stretched arm of 0.3 kg m^2 then has three
-# quarters of the critical damping.
-SHOULDER_DAMPING = 10.0
-DISTAL_DAMPING = 3.0  # [N*m*s/rad] of shoulder yaw and elbow, which move the forearm only: the maker's `kd_low`
 # [N*m/rad] of every joint of an arm whose hand has a stiffness, besides that of the hand: it holds the elbow, which may
 # turn about the line from shoulder to hand.
 POSTURE_STIFFNESS = 5.0
 # [m] from its target up to which a hand gives way to the force that it should exert. Further away the servo's spring
 # holds it, so that a hand that meets nothing stops.
 GIVE = 0.08
-
-
-def _gains(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shapes (8,), read-only."""
-    distal = np.isin(robot.arms, (robot.pair("shoulder_yaw"), robot.pair("elbow")))
-    kp = np.full(robot.arms.size, STIFFNESS)
-    kd = np.where(distal, DISTAL_DAMPING, SHOULDER_DAMPING)
-    for gains in (kp, kd):  # all commands share these two arrays
-        gains.setflags(write=False)
-    return kp, kd
 
 
 class ArmServo:
@@ -72,14 +55,12 @@ class ArmServo:
     A torque for that motion would move it twice as far, and its reaction would drive the sway.
 
     Attributes:
-        robot: the robot whose arms it moves.
-        kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad] of the arm joints, shape (8,).
+        robot: the robot whose arms, of k joints together, it moves, with the gains `Robot.arm_kp` and `Robot.arm_kd`.
     """
 
     def __init__(self, robot: Robot) -> None:
         """Set up the servo for a robot with the friction of its drives."""
         self.robot = robot
-        self.kp, self.kd = _gains(self.robot)
         self._arms = self.robot.arms
         self._limit = self.robot.torque_limit[self._arms]
         self._model = pinocchio_model(self.robot)
@@ -91,7 +72,7 @@ class ArmServo:
         self._hands = [self._model.getFrameId(f"{side}_hand") for side in SIDES]
 
     def friction(self, dq_arm: np.ndarray) -> np.ndarray:
-        """Return the friction of the robot's drives at the commanded speeds dq_arm (..., 8) [rad/s]: [N*m], (..., 8).
+        """Return the friction of the robot's drives at the commanded speeds dq_arm (..., k) [rad/s]: [N*m], (..., k).
 
         The commanded speed stands for the measured one, whose noise would change the sign all the time.
         """
@@ -113,7 +94,7 @@ class ArmServo:
         if not upper_body.indicator:
             return upper_body
         tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
-        kp, released = self.kp, 0.0
+        kp, released = self.robot.arm_kp, 0.0
         carried = hand_loads(upper_body.hand_force, upper_body.payload)
         if carried.any() or upper_body.stiffness is not None:
             loads, released, kp = self._loads(upper_body, state, carried)
@@ -123,14 +104,14 @@ class ArmServo:
         q = upper_body.q + 0.5 * dt * upper_body.dq + released / kp
         if not (np.isfinite(tau).all() and np.isfinite(q).all()):
             # Targets of an absurd size overflow: hold the gains and leave out the torque.
-            q, tau, kp = upper_body.q, np.zeros(self._arms.size), self.kp
-        return changed(upper_body, q=q, tau=tau, kp=kp, kd=self.kd)
+            q, tau, kp = upper_body.q, np.zeros(self._arms.size), self.robot.arm_kp
+        return changed(upper_body, q=q, tau=tau, kp=kp, kd=self.robot.arm_kd)
 
     def jacobians(self, q_arm: np.ndarray, state: RobotState) -> np.ndarray:
-        """Return how both hands move with the joints of both arms, world axes [m/rad], shape (2, 3, 8).
+        """Return how both hands move with the joints of both arms, world axes [m/rad], shape (2, 3, k).
 
         Args:
-            q_arm: positions of the arm joints [rad], shape (8,).
+            q_arm: positions of the arm joints [rad], shape (k,).
             state: the robot now; its arms are replaced by the given ones.
         """
         self._place(q_arm, state)
@@ -146,7 +127,7 @@ class ArmServo:
     def _loads(
         self, upper_body: UpperBody, state: RobotState, carried: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the torques of payloads and forces, those that free pressing hands, and the drives' stiffness, (8,).
+        """Return the torques of payloads and forces, those that free pressing hands, and the drives' stiffness, (k,).
 
         Args:
             upper_body: targets with a wanted force or stiffness.
@@ -155,7 +136,7 @@ class ArmServo:
         """
         jacobians = self.jacobians(upper_body.q, state)
         error = np.where(upper_body.mask, upper_body.q - state.q[self._arms], 0.0)
-        springs = np.diag(self.kp)
+        springs = np.diag(self.robot.arm_kp)
         if upper_body.stiffness is not None:
             springs = self._springs(jacobians, upper_body.stiffness)
         kp = springs.diagonal().copy()
@@ -174,9 +155,9 @@ class ArmServo:
         P across the free directions, the springs pull by S x, and they should pull by P S P x.
 
         Args:
-            jacobian: of both hands, shape (6, 8).
-            springs: stiffness of the joints [N*m/rad], shape (8, 8).
-            error: distance of the joints to their targets [rad], shape (8,).
+            jacobian: of both hands, shape (6, k).
+            springs: stiffness of the joints [N*m/rad], shape (k, k).
+            error: distance of the joints to their targets [rad], shape (k,).
             free: directions in which the hands give way, orthonormal, shape (k, 6).
         """
         compliance, unit = jacobian @ np.linalg.solve(springs, jacobian.T), np.eye(len(jacobian))
@@ -194,14 +175,13 @@ class ArmServo:
         return held + returning @ free - pulled
 
     def _springs(self, jacobians: np.ndarray, stiffness: float) -> np.ndarray:
-        """Return the joints' stiffness that makes both hands springs, at most the servo's own [N*m/rad], (8, 8)."""
+        """Return the joints' stiffness that makes both hands springs, at most the servo's own [N*m/rad], (k, k)."""
         springs = np.zeros((self._arms.size, self._arms.size))
-        for arm, jacobian in enumerate(jacobians):
-            own = slice(_JOINTS * arm, _JOINTS * (arm + 1))
+        for own, jacobian in zip(np.arange(self._arms.size).reshape(len(SIDES), -1), jacobians, strict=True):
             spring = stiffness * jacobian[:, own].T @ jacobian[:, own]
-            room = STIFFNESS - POSTURE_STIFFNESS
-            spring = spring * min(1.0, room / max(float(spring.diagonal().max()), 1e-9))
-            springs[own, own] = spring + POSTURE_STIFFNESS * np.eye(_JOINTS)
+            room = self.robot.arm_kp[own] - POSTURE_STIFFNESS
+            spring = spring * min(1.0, float((room / np.maximum(spring.diagonal(), 1e-9)).min()))
+            springs[np.ix_(own, own)] = spring + POSTURE_STIFFNESS * np.eye(own.size)
         return springs
 
     def torque(
@@ -211,13 +191,13 @@ class ArmServo:
         dq_arm: np.ndarray | None = None,
         ddq_arm: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return the torques that move the arms on this body as given, without friction [N*m], shape (8,).
+        """Return the torques that move the arms on this body as given, without friction [N*m], shape (k,).
 
         Args:
-            q_arm: positions of the arm joints [rad], shape (8,).
+            q_arm: positions of the arm joints [rad], shape (k,).
             state: the robot now; its arms are replaced by the given ones.
-            dq_arm: velocities [rad/s], shape (8,); None for arms and body at rest.
-            ddq_arm: accelerations [rad/s^2], shape (8,); None for none.
+            dq_arm: velocities [rad/s], shape (k,); None for arms and body at rest.
+            ddq_arm: accelerations [rad/s^2], shape (k,); None for none.
         """
         self._place(q_arm, state)
         if dq_arm is None:

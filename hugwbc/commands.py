@@ -48,14 +48,14 @@ _GROWTH = {"v_x": 0.5, "v_y": 0.5, "l": 1.0, "h": 1.0}
 def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, CommandRange]:
     """Return the ranges of the eight commands in a gait, by name.
 
-    Standing allows zero velocity only. Of the hopping gaits, the paper commands velocities and height alone.
+    One that does not travel has zero velocities only. In hops, the paper commands velocities and height alone.
 
     Args:
         gait: the gait.
         robot: whose ranges; the paper's are scaled by its leg, where its table has none. None for the paper's.
     """
     general = _PAPER if robot is None else {name: _of(robot, name) for name in COMMAND_NAMES}
-    if gait is Gait.STANDING:
+    if not gait.travels:
         return general | {name: CommandRange(0.0, (0.0, 0.0), (0.0, 0.0)) for name in VELOCITY_NAMES}
     if not gait.hops:
         return general

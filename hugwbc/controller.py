@@ -60,13 +60,13 @@ class UpperBody:
     controls the rest of the body.
 
     Attributes:
-        q: position targets of the eight arm joints, in the order of `Robot.arms` [rad], shape (8,).
-        dq: velocity targets [rad/s], shape (8,).
-        mask: which of the eight joints are taken over, shape (8,), bool.
-        ddq: accelerations of the planned motion [rad/s^2], shape (8,); by default none. Corrections for the measured
+        q: position targets of the k arm joints, in the order of `Robot.arms` [rad], shape (k,).
+        dq: velocity targets [rad/s], shape (k,).
+        mask: which of these joints are taken over, shape (k,), bool.
+        ddq: accelerations of the planned motion [rad/s^2], shape (k,); by default none. Corrections for the measured
             motion of the body do not belong here (`hugwbc.arm_servo`).
-        tau: feed-forward torques [N*m], shape (8,); by default none.
-        kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad], shape (8,); None for the robot's nominal gains.
+        tau: feed-forward torques [N*m], shape (k,); by default none.
+        kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad], shape (k,); None for the robot's nominal gains.
         hand_force: desired force of the left and the right hand on the world, world axes [N], shape (2, 3).
             Along its force a hand gives way, across it holds its position. By default none.
         stiffness: of both hands as springs [N/m]; None for the servo's own.
@@ -78,8 +78,8 @@ class UpperBody:
     q: np.ndarray
     dq: np.ndarray
     mask: np.ndarray
-    ddq: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(8))
-    tau: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(8))
+    ddq: np.ndarray = None  # type: ignore[assignment]  zeros
+    tau: np.ndarray = None  # type: ignore[assignment]  zeros
     kp: np.ndarray | None = None
     kd: np.ndarray | None = None
     hand_force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
@@ -88,15 +88,18 @@ class UpperBody:
 
     def __post_init__(self) -> None:
         keep_floats(self, _ARM_NUMBERS, _OPTIONAL)
-        mask = flags(self.mask, (8,))
+        mask = flags(self.mask, self.q.shape)
         if mask is None:
-            object.__setattr__(self, "q", np.full(8, np.nan))
-        object.__setattr__(self, "mask", np.zeros(8, dtype=bool) if mask is None else mask)
+            object.__setattr__(self, "q", np.full_like(self.q, np.nan))
+        object.__setattr__(self, "mask", np.zeros(self.q.shape, dtype=bool) if mask is None else mask)
+        for name in ("ddq", "tau"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros_like(self.q))
 
     @classmethod
     def none(cls) -> "UpperBody":
         """Return no external control."""
-        return cls(np.zeros(8), np.zeros(8), np.zeros(8, dtype=bool))
+        return cls(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
 
     @classmethod
     def targets(
@@ -110,13 +113,14 @@ class UpperBody:
         """Build targets that take over both arms.
 
         Args:
-            q: positions [rad], shape (8,).
-            dq: velocities [rad/s], shape (8,); None for zeros.
-            ddq: accelerations [rad/s^2], shape (8,); None for zeros.
-            tau: torques in addition to those of the servo [N*m], shape (8,); None for zeros.
+            q: positions of the k arm joints [rad], shape (k,).
+            dq: velocities [rad/s], shape (k,); None for zeros.
+            ddq: accelerations [rad/s^2], shape (k,); None for zeros.
+            tau: torques in addition to those of the servo [N*m], shape (k,); None for zeros.
         """
-        dq, ddq, tau = (np.zeros(8) if value is None else value for value in (dq, ddq, tau))
-        given = cls(q, dq, np.ones(8, dtype=bool), ddq, tau)
+        size = np.size(q)
+        dq, ddq, tau = (np.zeros(size) if value is None else value for value in (dq, ddq, tau))
+        given = cls(q, dq, np.ones(size, dtype=bool), ddq, tau)
         for name, value, kept, unit in (
             ("positions", q, given.q, "radians"),
             ("velocities", dq, given.dq, "radians per second"),
@@ -125,7 +129,7 @@ class UpperBody:
         ):
             if not np.isfinite(kept).all():
                 raise TargetError(
-                    f"arm {name} are {value}; give eight finite numbers in the order of Robot.arm_names, in {unit}"
+                    f"arm {name} are {value}; give a finite number for each of Robot.arm_names, in {unit}"
                 )
         return given
 
@@ -144,9 +148,9 @@ class UpperBody:
 
 
 _JOINT_VECTORS: dict[str, Shape] = {field.name: JOINTS for field in dataclasses.fields(JointCommand)}
-_OPTIONAL = ("kp", "kd", "stiffness", "payload")
+_OPTIONAL = ("ddq", "tau", "kp", "kd", "stiffness", "payload")
 _ARM_NUMBERS: dict[str, Shape] = {
-    **dict.fromkeys(("q", "dq", "ddq", "tau", "kp", "kd"), (8,)),
+    **dict.fromkeys(("q", "dq", "ddq", "tau", "kp", "kd"), JOINTS),
     **{"hand_force": (2, 3), "stiffness": (), "payload": (2,)},
 }
 

@@ -5,7 +5,9 @@ Functions of arrays take NumPy arrays or torch tensors and return the same kind,
 """
 
 import enum
+import functools
 import math
+import operator
 
 import numpy as np
 
@@ -24,13 +26,39 @@ _BOUNCING = (1.0, 10.0)  # [Hz], range of the frequencies of `bounce`, so that a
 
 
 class Gait(enum.IntEnum):
-    """The paper's gaits, with hopping split by the leg that hops."""
+    """The paper's gaits, with hopping split by the leg that hops: a row of numbers and properties each.
 
-    STANDING = 0
-    WALKING = 1
-    JUMPING = 2
-    HOPPING_LEFT = 3
-    HOPPING_RIGHT = 4
+    Attributes:
+        feet: which feet step, 0 for the left and 1 for the right one; the other leg of a hop is held up.
+        offset: by how much the left foot's phase is ahead of the right one's [cycles].
+        flight: whether the robot leaves the ground in each cycle.
+        travels: whether velocities may be commanded.
+        hops: whether one leg hops while the other is held up.
+        alternates: whether the feet swing in turn.
+    """
+
+    feet: tuple[int, ...]
+    offset: float
+    flight: bool
+    travels: bool
+    hops: bool
+    alternates: bool
+
+    STANDING = 0, (), 0.0, False, False
+    WALKING = 1, (0, 1), 0.5
+    JUMPING = 2, (0, 1), 0.0, True
+    HOPPING_LEFT = 3, (0,), 0.0, True
+    HOPPING_RIGHT = 4, (1,), 0.0, True
+
+    def __new__(
+        cls, number: int, feet: tuple[int, ...] = (), offset: float = 0.0, flight: bool = False, travels: bool = True
+    ) -> "Gait":
+        """Make a gait of a row."""
+        gait = int.__new__(cls, number)
+        gait._value_ = number
+        gait.feet, gait.offset, gait.flight, gait.travels = feet, offset, flight, travels
+        gait.hops, gait.alternates = len(feet) == 1, offset != 0.0
+        return gait
 
     @property
     def label(self) -> str:
@@ -45,24 +73,35 @@ class Gait(enum.IntEnum):
         except (KeyError, ValueError):
             raise UnknownNameError("gait", label, [gait.label for gait in cls]) from None
 
-    @property
-    def hops(self) -> bool:
-        """Whether one leg hops while the other is held up."""
-        return self in (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
-
     def mirrored(self) -> "Gait":
         """Return the gait seen in a mirror: hopping changes legs, the others stay."""
-        return {Gait.HOPPING_LEFT: Gait.HOPPING_RIGHT, Gait.HOPPING_RIGHT: Gait.HOPPING_LEFT}.get(self, self)
+        others = (gait for gait in Gait if gait.feet == tuple(1 - foot for foot in self.feet) and self.hops)
+        return next(others, self)
+
+
+# Numbers of the gaits for the functions of arrays below.
+_OFFSETS = {int(gait): gait.offset for gait in Gait if gait.offset}
+_HOPS, _FLIGHTS = [int(gait) for gait in Gait if gait.hops], [int(gait) for gait in Gait if gait.flight]
+_HOLDING = [[int(gait) for gait in Gait if gait.hops and foot not in gait.feet] for foot in range(2)]
 
 
 def hopping(gait: Array) -> Array:
     """Return whether values of `Gait` are hops on either leg, same shape, bool."""
-    return (gait == int(Gait.HOPPING_LEFT)) | (gait == int(Gait.HOPPING_RIGHT))
+    return _any_of(gait, _HOPS)
 
 
 def flies(gait: Array) -> Array:
     """Return whether values of `Gait` are jumps or hops, which have a flight, same shape, bool."""
-    return (gait == int(Gait.JUMPING)) | hopping(gait)
+    return _any_of(gait, _FLIGHTS)
+
+
+def held(gait: Array) -> Array:
+    """Return whether values of `Gait`, shape (...), hold up the left and the right leg, shape (..., 2), bool."""
+    return namespace(gait).stack([_any_of(gait, those) for those in _HOLDING], -1)
+
+
+def _any_of(gait: Array, those: list[int]) -> Array:
+    return functools.reduce(operator.or_, [gait == one for one in those])
 
 
 def _normal_cdf(x: Array) -> Array:
@@ -84,7 +123,7 @@ def foot_phases(phase: Array, gait: Array) -> Array:
     """Return the phases of the left and right foot.
 
     This is the paper's phase equation with the constants of its gait section: both feet at 0.25 when standing, the
-    flying leg at 0.75 when hopping, an offset between the feet of psi = 0.5 when walking and 0 when jumping. The offset
+    held leg at 0.75 when hopping, an offset between the feet of psi = 0.5 when walking and 0 when jumping. The offset
     is added to the left foot, so that a walk that starts at phase 0 begins with the left foot in swing.
 
     Args:
@@ -97,12 +136,12 @@ def foot_phases(phase: Array, gait: Array) -> Array:
     xp = namespace(phase)
     phase = np.asarray(phase, dtype=float) if xp is np else phase
     gait = np.asarray(gait) if xp is np else gait
-    offset = xp.where(gait == Gait.WALKING.value, 0.5, 0.0)
-    left, right = (phase + offset) % 1.0, phase
-    standing = gait == Gait.STANDING.value
-    left = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_RIGHT.value, FLYING_PHASE, left))
-    right = xp.where(standing, STANDING_PHASE, xp.where(gait == Gait.HOPPING_LEFT.value, FLYING_PHASE, right))
-    return xp.stack((left, right), -1)
+    offset = xp.zeros_like(phase)
+    for one, ahead in _OFFSETS.items():
+        offset = xp.where(gait == one, ahead, offset)
+    standing, feet = gait == Gait.STANDING.value, ((phase + offset) % 1.0, phase)
+    moving = [xp.where(_any_of(gait, those), FLYING_PHASE, mine) for those, mine in zip(_HOLDING, feet, strict=True)]
+    return xp.stack([xp.where(standing, STANDING_PHASE, mine) for mine in moving], -1)
 
 
 def homogenised_phase(phase: Array, duty: Array = DEFAULT_DUTY) -> Array:

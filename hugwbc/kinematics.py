@@ -85,16 +85,17 @@ class Kinematics:
     `left_sole`, `left_toe`, `left_heel`, `left_hand` (right likewise) and `imu`.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        """Use a robot."""
+    def __init__(self, robot: Robot, model: pin.Model | None = None) -> None:
+        """Use a copy of a robot's model, or another model with the same joints and frames."""
         self.robot = robot
-        self.model = pinocchio_model(self.robot)
+        self.model = pinocchio_model(self.robot).copy() if model is None else model
         self.data = self.model.createData()
         self.columns = joint_columns(self.model, self.robot)
         self._q_joints, self._v_joints = in_place(self.columns + 1), in_place(self.columns)
         self.q = pin.neutral(self.model)
         self.v = np.zeros(self.model.nv)
         self._zero = np.zeros(self.model.nv)
+        self._untold: np.ndarray | None = None
         self._state: RobotState | None = None
         self._ids: dict[str, int] = {}
 
@@ -102,6 +103,12 @@ class Kinematics:
         """Place the robot and compute its frames; a missing position or velocity counts as 0."""
         self.place(state)
         self._compute()
+
+    def add_inertia(self, untold: np.ndarray | None) -> None:
+        """Let the joints have more inertia than the robot's table says [kg m^2], shape (n,); None for none."""
+        if untold is not self._untold:
+            self._untold = untold
+            self.model.armature[self._v_joints] = self.robot.armature + (0.0 if untold is None else untold)
 
     def place(self, state: RobotState) -> None:
         """Set configuration and velocity, and compute nothing."""

@@ -49,7 +49,7 @@ class Mirror:
         return vector[..., self.joint_index] * self.joint_sign
 
     def arms(self, vector: np.ndarray, robot: Robot) -> np.ndarray:
-        """Mirror a vector of the eight arm joints, shape (..., 8)."""
+        """Mirror a vector of the k arm joints, shape (..., k)."""
         full = np.zeros((*vector.shape[:-1], len(robot.joint_names)))
         full[..., robot.arms] = vector
         return self.joints(full)[..., robot.arms]

@@ -75,7 +75,8 @@ def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collectio
     None stays where it is optional. Of vectors of joints, the longest tells how many joints there are.
     """
     fields = record.__dict__
-    joints = (max([_length(fields[name]) for name in shapes if shapes[name] is JOINTS], default=1),)
+    vectors = [fields[name] for name in shapes if shapes[name] is JOINTS and fields[name] is not None]
+    joints = (max(map(_length, vectors), default=1),)
     for name in shapes:
         value, shape = fields[name], shapes[name]
         shape = joints if shape is JOINTS else shape

@@ -1,7 +1,8 @@
-"""The reference in plain text: what the packages export, with types by the names that their modules give them."""
+"""What can be read about hugwbc in a terminal: the documents, and the reference of what the packages export."""
 
 import importlib
 import inspect
+import pathlib
 import re
 import sys
 import textwrap
@@ -9,6 +10,8 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any
+
+from hugwbc.errors import ConfigError, UnknownNameError
 
 PACKAGES = (
     "hugwbc",
@@ -25,8 +28,48 @@ PACKAGES = (
     "hugwbc.targets",
 )
 """What programs import from."""
+_UNREAD = ("api", "log")  # documents: a skeleton that the site fills, and diaries
 _BOUNDS = {"ge": "from", "gt": "above", "le": "to", "lt": "below"}
 _WIDTH = 100  # characters
+
+
+def document_folder() -> pathlib.Path:
+    """Return the folder of the documents: inside an installed package, or next to it in a source checkout."""
+    package = pathlib.Path(__file__).parent
+    for candidate in (package / "docs", package.parent / "docs"):
+        if (candidate / "getting-started.md").is_file():
+            return candidate
+    raise ConfigError(f"the documents were found neither in {package} nor next to it; reinstall hugwbc")
+
+
+def document_names() -> tuple[str, ...]:
+    """Return the names of the documents, such as "tasks" and "how-to/add-a-task", sorted, how-tos last."""
+    folder = document_folder()
+    pages = [path.relative_to(folder).with_suffix("") for path in folder.rglob("*.md")]
+    names = [page.as_posix() for page in pages if page.parts[0] not in _UNREAD]
+    return tuple(sorted(names, key=lambda name: ("/" in name, name)))
+
+
+def document(name: str, besides: tuple[str, ...] = ()) -> str:
+    """Return a document as Markdown.
+
+    Args:
+        name: one of `document_names()`. The last part is enough ("add-a-task"), and a path as other texts write it
+            ("docs/tasks.md") is taken as well.
+        besides: other names to suggest for an unknown one.
+    """
+    names = document_names()
+    plain = name.removeprefix("docs/").removesuffix(".md")
+    found = plain if plain in names else next((full for full in names if full.split("/")[-1] == plain), None)
+    if found is None:
+        raise UnknownNameError("document", name, (*names, *besides))
+    return (document_folder() / f"{found}.md").read_text(encoding="utf-8")
+
+
+def document_title(name: str) -> str:
+    """Return the title of a document, its first heading."""
+    lines = document(name).splitlines()
+    return next((line.removeprefix("# ") for line in lines if line.startswith("# ")), name)
 
 
 class _Words(str):
@@ -67,14 +110,14 @@ def reference(name: str) -> str | None:
     Args:
         name: such as "walk_to", "hugwbc.tasks.Task" or "hugwbc.behaviours"; "api/behaviours", as on the site, too.
     """
-    wanted = name.removeprefix("docs/").removesuffix(".md")
-    if wanted.startswith("api/"):
-        wanted = f"hugwbc.{wanted.removeprefix('api/')}".removesuffix(".core")
-    if wanted in PACKAGES:
-        module = importlib.import_module(wanted)
-        rows = (f"{each:<20} {_first_line(getattr(module, each))}" for each in exported(wanted))
-        return "\n".join([about(wanted), "", *rows])
-    room, _, last = wanted.rpartition(".")
+    plain = name.removeprefix("docs/").removesuffix(".md")
+    if plain.startswith("api/"):
+        plain = f"hugwbc.{plain.removeprefix('api/')}".removesuffix(".core")
+    if plain in PACKAGES:
+        module = importlib.import_module(plain)
+        rows = (f"{each:<20} {_first_line(getattr(module, each))}" for each in exported(plain))
+        return "\n".join([about(plain), "", *rows])
+    room, _, last = plain.rpartition(".")
     entries: dict[int, str] = {}  # a name may be exported twice, or mean two things
     for package in PACKAGES:
         if room in ("", package) and last in exported(package):

@@ -92,6 +92,7 @@ class Robot:
         hand: origin of the hand frame in the hand link's frame [m], shape (3,).
         leg_postures: named postures of a leg [rad], in the order of `legs`.
         arm_postures: named postures of the left arm [rad], in the order of `arms`.
+        arm_kp, arm_kd: gains of the arms under external control [N*m/rad], [N*m*s/rad], shape (arm joints,).
         squat_heights: heights of the pelvis above the nominal one, ascending [m].
         squat_reach: foremost centre of mass ahead of the ankles that the ankles' range allows at these heights, with
             level soles and an upright pelvis [m].
@@ -148,6 +149,8 @@ class Robot:
     hand: np.ndarray
     leg_postures: Mapping[str, np.ndarray]
     arm_postures: Mapping[str, np.ndarray]
+    arm_kp: np.ndarray
+    arm_kd: np.ndarray
     squat_heights: tuple[float, ...]
     squat_reach: tuple[float, ...]
     squat_reach_per_pitch: float
@@ -407,6 +410,8 @@ def _load_robot(name: str) -> Robot:
             hand=_frozen(table["hand"]["xyz"]),
             leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
             arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
+            arm_kp=_frozen(2 * table["arm_servo"]["kp"]),
+            arm_kd=_frozen(2 * table["arm_servo"]["kd"]),
             squat_heights=tuple(table["squat"]["heights"]),
             squat_reach=tuple(table["squat"]["reach"]),
             squat_reach_per_pitch=float(table["squat"]["reach_per_pitch"]),

@@ -1,8 +1,12 @@
 """The commit of the source that runs, for whatever a file says about how it was made."""
 
+import ast
+import contextlib
 import functools
 import pathlib
 import subprocess
+
+import yaml
 
 import hugwbc
 from hugwbc.files import digest
@@ -15,22 +19,67 @@ _POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  #
 def source_commit(*, policies: bool = True) -> str:
     """Return the last commit that changed code or models, then "+" and a digest of what differs from it, if anything.
 
-    Outside of a checkout, return the version. What was made stays valid when only documents, tests or `viz` change.
-    Without policies, changes of shipped policies and recipes do not count: for what depends on no policy or knows its
-    digest.
+    Outside of a checkout, return the version. What was made stays valid when only documents, comments, docstrings,
+    tests or `viz` change. Without policies, changes of shipped policies and recipes do not count: for what depends on
+    no policy or knows its digest.
     """
     paths = ("hugwbc", "models", *_SHOWING, *(() if policies else _POLICIES))
     try:
         if not _git("ls-files", "hugwbc/__init__.py"):
             return hugwbc.__version__
-        changes = _git("diff", "HEAD", "--", *paths)
-        added = _git("ls-files", "--others", "--exclude-standard", "-z", "--", "hugwbc/*.py", *_SHOWING)
-        for name in sorted(filter(None, added.decode().split("\0"))):
-            changes += name.encode() + (_root() / name).read_bytes()
-        last = _git("log", "-1", "--format=%H", "--", *paths).decode().strip()
-        return last + (f"+{digest(changes)[:16]}" if changes else "")
+        changed = _changed(["HEAD"], paths)
+        added = _names(_git("ls-files", "--others", "--exclude-standard", "-z", "--", "hugwbc/*.py", *_SHOWING))
+        changes = b"".join(name.encode() + (_content("", name) or b"") for name in sorted([*changed, *added]))
+        return _last_change(paths) + (f"+{digest(changes)[:16]}" if changes else "")
     except (OSError, subprocess.CalledProcessError):
         return hugwbc.__version__
+
+
+def _last_change(paths: tuple[str, ...]) -> str:
+    """Return the newest commit on the first-parent history that changed what the files under `paths` mean."""
+    commits = _git("log", "--first-parent", "--format=%H %P", "--", *paths).decode().splitlines()
+    last = ""
+    with contextlib.suppress(subprocess.CalledProcessError):  # a shallow clone ends before the parent
+        for last, *parents in map(str.split, commits):
+            if not parents or _changed([parents[0], last], paths):
+                break
+    return last
+
+
+def _changed(commits: list[str], paths: tuple[str, ...]) -> list[str]:
+    """Return the files whose meaning differs between two commits, or between one and the working tree."""
+    names = _names(_git("diff", "--name-only", "--no-renames", "-z", *commits, "--", *paths))
+    before, after = commits[0], commits[1] if len(commits) > 1 else ""
+    return [name for name in names if _meaning(before, name) != _meaning(after, name)]
+
+
+def _meaning(commit: str, name: str) -> object:
+    """Return a file without comments and docstrings; its bytes if it is neither Python nor YAML, or cannot be read."""
+    content = _content(commit, name)
+    try:
+        if content is not None and name.endswith(".py"):
+            tree = ast.parse(content)
+            for node in ast.walk(tree):
+                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                    node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
+            return ast.dump(tree)
+        if content is not None and name.endswith(".yaml"):
+            return yaml.safe_load(content)
+    except (SyntaxError, ValueError, yaml.YAMLError):
+        pass
+    return content
+
+
+def _content(commit: str, name: str) -> bytes | None:
+    """Return a file of a commit, or of the working tree without one; None if it has no such file."""
+    try:
+        return _git("show", f"{commit}:{name}") if commit else (_root() / name).read_bytes()
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _names(output: bytes) -> list[str]:
+    return [name for name in output.decode().split("\0") if name]
 
 
 def _root() -> pathlib.Path:

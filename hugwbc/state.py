@@ -32,6 +32,8 @@ class RobotState:
         imu_accelerometer: specific force at the IMU (acceleration minus gravity), in its own frame, averaged since the
             last reading [m/s^2], shape (3,), or None.
         torque: joint torques as the motors measure them, averaged since the last reading [N*m], shape (n,), or None.
+        untold_inertia: inertia of the joints that an estimator has learnt and the robot's table lacks [kg m^2],
+            shape (n,), or None.
         time: time of the reading [s].
         age: how long ago the reading was taken [s].
         coasted: sensors whose reading was refused and replaced (`hugwbc.runtime.reading_guard`).
@@ -49,6 +51,7 @@ class RobotState:
     imu_gyro: np.ndarray | None = None
     imu_accelerometer: np.ndarray | None = None
     torque: np.ndarray | None = None
+    untold_inertia: np.ndarray | None = None
     time: float = 0.0
     age: float = 0.0
     coasted: tuple[str, ...] = ()
@@ -93,7 +96,7 @@ class RobotState:
 
 
 _NUMBERS: dict[str, Shape] = {
-    **dict.fromkeys(("q", "dq", "torque"), JOINTS),
+    **dict.fromkeys(("q", "dq", "torque", "untold_inertia"), JOINTS),
     "orientation": (4,),
     **dict.fromkeys(("angular_velocity", "position", "velocity", "imu_gyro", "imu_accelerometer"), (3,)),
     **dict.fromkeys(("foot_force", "hand_force"), (2, 3)),

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from hugwbc.errors import TargetError, UnknownNameError
-from hugwbc.numeric import Shape, floats, keep_floats, number
+from hugwbc.numeric import JOINTS, Shape, floats, keep_floats, number
 from hugwbc.robot import SIDES
 
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
@@ -41,9 +41,9 @@ class HandTargets:
         stamp: time at which the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new
             whenever they arrive, such as a script's.
         sequence: number of the message, rising by one; None if messages are not counted.
-        joints: positions of the arm joints in the order of `Robot.arm_names` [rad], shape (8,), such as those of a
+        joints: positions of the arm joints in the order of `Robot.arm_names` [rad], shape (k,), such as those of a
             motion file; they replace hand positions and inverse kinematics. None for targets of the hands.
-        joint_velocity: velocities of those joints [rad/s], shape (8,); None for 0.
+        joint_velocity: velocities of those joints [rad/s], shape (k,); None for 0.
         left_force, right_force: desired force of the hand on what it touches, in the axes of `frame` [N], shape
             (3,); None or zero for a hand that only goes to its target. Along the force the hand gives way, across it
             it holds its position. Two opposite forces squeeze an object: the hands then give way against each other,
@@ -143,7 +143,7 @@ class HandTargets:
 
 _SHAPES: dict[str, Shape] = {
     **dict.fromkeys(("left", "right", "left_direction", "right_direction", "left_force", "right_force"), (3,)),
-    **dict.fromkeys(("joints", "joint_velocity"), (8,)),
+    **dict.fromkeys(("joints", "joint_velocity"), JOINTS),
     **{"payload": (2,), "stiffness": (), "stamp": ()},
 }
 

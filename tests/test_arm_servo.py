@@ -10,7 +10,7 @@ from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import load_robot
 from hugwbc.sim import Actuators
-from hugwbc.sim.hand_pull import HandPull
+from hugwbc.sim.forces import HandPull
 from tests.conftest import make_state
 from tests.upper_ik.conftest import Hanging
 

@@ -55,7 +55,7 @@ def simulation(g1: Robot) -> Simulation:
 
 
 def test_the_rooms_count_the_joints_of_a_second_robot(g1: Robot, simulation: Simulation) -> None:
-    """29 joints and 8 joints of arms in the core, sim, mbc, upper_ik and runtime, without a word about the H1."""
+    """29 joints and 14 joints of arms in the core, sim, mbc, upper_ik and runtime, without a word about the H1."""
     state = simulation.reset()
     assert state.q.shape == state.dq.shape == (29,) and simulation.qpos.shape == (36,)
     assert Kinematics(g1).model.nv == 35
@@ -67,7 +67,7 @@ def test_the_rooms_count_the_joints_of_a_second_robot(g1: Robot, simulation: Sim
     source = UpperBodySource(g1)
     hands = HandTargets.of(left=(0.25, 0.15, 0.1), right=(0.25, -0.15, 0.1), frame="pelvis")
     arms, _ = source.update(state, hands, Command(), 0.02)
-    assert arms.q.shape == (8,) and ArmServo(g1)(arms, state, 0.02).tau.shape == (8,)
+    assert arms.q.shape == (14,) and ArmServo(g1)(arms, state, 0.02).tau.shape == (14,)
 
 
 def test_a_record_of_another_robot_is_refused(g1: Robot, simulation: Simulation) -> None:

@@ -11,7 +11,22 @@ import tyro
 from pydantic import Field
 
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
-from hugwbc.settings import Beside, Count, NotNegative, Positive, Seed, Share, one_of, settings
+from hugwbc.evaluation.episode import Settings
+from hugwbc.learned.config import RecordConfig, TrainConfig
+from hugwbc.settings import (
+    REPORT_SEEDS,
+    SELECTION_SEEDS,
+    TRAINING_SEEDS,
+    Beside,
+    Count,
+    NotNegative,
+    Positive,
+    Seed,
+    Share,
+    one_of,
+    seed_class,
+    settings,
+)
 from hugwbc.settings_file import LARGEST_FILE, load, parse
 
 PATH = Path("walk.yaml")
@@ -152,3 +167,17 @@ def test_what_is_no_text_file_is_refused(tmp_path, content) -> None:
     path.write_bytes(content) if content else path.mkdir()
     with pytest.raises(ConfigError, match=r"cannot read .*walk\.yaml.*UTF-8"):
         load(Walk, path)
+
+
+def test_every_seed_has_one_class():
+    assert [seed_class(seed) for seed in (0, 3, 4, 999)] == ["selection"] * 4
+    assert seed_class(1000) == seed_class(1999) == "report" and seed_class(2000) == seed_class(2999) == "training"
+    assert seed_class(3000) == seed_class(10**12) == "own"
+    classes = (SELECTION_SEEDS, REPORT_SEEDS, TRAINING_SEEDS)
+    assert len({seed for seeds in classes for seed in seeds}) == sum(map(len, classes)), "no seed has two classes"
+
+
+def test_defaults_are_of_the_class_of_their_use():
+    assert seed_class(Settings().seed) == "report"
+    fields = [f for kind in (TrainConfig, RecordConfig) for f in dataclasses.fields(kind)]
+    assert [seed_class(field.default) for field in fields if field.name == "seed"] == ["training"] * 2

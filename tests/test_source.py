@@ -51,3 +51,27 @@ def test_results_of_one_controller_outlive_the_policy_of_another(tmp_path, monke
     assert source_commit.__wrapped__() != commit == without == source_commit.__wrapped__(policies=False)
     (tmp_path / "models" / "h1" / "h1.xml").write_text("another robot")
     assert source_commit.__wrapped__(policies=False) != without
+
+
+def test_a_comment_or_a_docstring_makes_no_result_old(tmp_path, monkeypatch):
+    package = tmp_path / "hugwbc"
+    package.mkdir()
+    (tmp_path / "models").mkdir()
+    (package / "__init__.py").write_text('"""One."""\n\ndef run():\n    """Return one."""\n    return 1  # one\n')
+    (tmp_path / "models" / "one.yaml").write_text("mass: 1\n")
+    commit_all(tmp_path)
+    monkeypatch.setattr(hugwbc, "__file__", str(package / "__init__.py"))
+    before = source_commit.__wrapped__()
+    (package / "__init__.py").write_text("# Two.\ndef run():\n    return 1\n")
+    (tmp_path / "models" / "one.yaml").write_text("# kg\nmass: 1\n")
+    assert source_commit.__wrapped__() == before
+    commit_all(tmp_path)
+    assert source_commit.__wrapped__() == before
+    (tmp_path / "models" / "one.yaml").write_text("mass: 2\n")
+    commit_all(tmp_path)
+    assert source_commit.__wrapped__()[:40] not in (before, "") and "+" not in source_commit.__wrapped__()
+    shallow = tmp_path / "shallow"
+    subprocess.run(["git", "clone", "-q", "--depth", "1", tmp_path.as_uri(), str(shallow)], check=True)
+    after = source_commit.__wrapped__()
+    monkeypatch.setattr(hugwbc, "__file__", str(shallow / "hugwbc" / "__init__.py"))
+    assert source_commit.__wrapped__() == after

@@ -22,7 +22,7 @@ from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, run_study
-from hugwbc.seeds import REPORT_SEED
+from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]

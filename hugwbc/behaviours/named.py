@@ -8,8 +8,7 @@ from hugwbc.behaviours.course import Behaviour
 from hugwbc.behaviours.fetch_cup import fetch_cup
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot
-from hugwbc.scripts.script import Script
-from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
+from hugwbc.scripts.script import SCRIPT_NAMES, Script, load_script
 
 _SHIPPED: dict[str, Behaviour] = {"fetch_cup": fetch_cup}
 BEHAVIOUR_NAMES = tuple(_SHIPPED)

@@ -24,7 +24,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.rollout import rollout
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts.script import load_script
 from hugwbc.sim import Simulation
 from hugwbc.sim.batch import BatchSimulation
 from hugwbc.tasks import load_task, run_task

@@ -12,16 +12,16 @@ from hugwbc.cli import evaluate, output
 from hugwbc.cli.output import progress, say
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import comparison, study
+from hugwbc.evaluation.comparison import segment_spans
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
-from hugwbc.evaluation.segment_figures import segment_spans
 from hugwbc.evaluation.tables import format_table
 from hugwbc.report.comparison_page import link_video, write_comparison
 from hugwbc.report.paper_table import PAIRED_NOTE, paired_tables, write_paper
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script, while_walking
-from hugwbc.seeds import REPORT_SEED
+from hugwbc.settings import REPORT_SEED
 from hugwbc.sim import Arena, load_scene
 from hugwbc.tasks import Task, load_task
 from hugwbc.viz.framing import Chapter, check_count

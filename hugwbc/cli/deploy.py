@@ -12,22 +12,19 @@ import tyro
 
 from hugwbc.cli.output import parse, say
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
-from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.messages import Messages
-from hugwbc.deploy.motion_switcher import release_modes
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.relay import RIVAL, Settings
-from hugwbc.deploy.remote import OF_KEY, Request
+from hugwbc.deploy.remote import OF_KEY, Request, Sticks, listen
 from hugwbc.deploy.robot_side import RobotSide
-from hugwbc.deploy.sticks import Sticks
-from hugwbc.deploy.transport import Endpoint
+from hugwbc.deploy.transport import Endpoint, release_modes
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.command_source import CommandSource
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts.script import load_script
 from hugwbc.sim.arena import Arena
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.tasks import load_task

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 import tyro
 
 from hugwbc.cli.output import parse, say
-from hugwbc.documents import document, document_names, document_title
-from hugwbc.reference import PACKAGES, about, exported, reference
+from hugwbc.reference import PACKAGES, about, document, document_names, document_title, exported, reference
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +25,7 @@ class DocsOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, then list or print: formatted on a terminal, as Markdown elsewhere."""
     from hugwbc.behaviours import BEHAVIOUR_NAMES, load_behaviour
-    from hugwbc.scripts.script_file import FOLDER, SCRIPT_NAMES, load_script
+    from hugwbc.scripts.script import FOLDER, SCRIPT_NAMES, load_script
 
     name = parse(DocsOptions, words, "docs", DocsOptions.__doc__).name
     scripts = {each: FOLDER / f"{each}.yaml" for each in SCRIPT_NAMES}

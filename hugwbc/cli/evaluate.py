@@ -17,7 +17,7 @@ from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
 from hugwbc.evaluation.study import Entry, remarks, run_study
 from hugwbc.evaluation.tables import figures_text
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.seeds import seed_class
+from hugwbc.settings import seed_class
 from hugwbc.source import source_commit
 
 DEFAULT = "single-command"

@@ -203,11 +203,11 @@ def _drive(options: PlayOptions) -> int:
     port = _free_port(serve.host, serve.port)
     stream = None if options.listen is None else _listening(options.listen)
     with needing("live", "the live page"):
-        from hugwbc.viz.page_guard import page_address
+        from hugwbc.viz.drive_link import page_address
 
         say(f"the page will be at {page_address(serve.host, port)}")
-        from hugwbc.viz.drive import drive
         from hugwbc.viz.live import LivePage
+        from hugwbc.viz.show import drive
     controller, arena = chosen.build(), options.arena
     simulation = arena.simulation(seed=options.seed, scene=_scene(options))
     page = LivePage(

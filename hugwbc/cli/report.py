@@ -8,7 +8,7 @@ from typing import Literal
 from hugwbc.cli.output import output_folder, parse, progress, say
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
-from hugwbc.seeds import REPORT_SEED
+from hugwbc.settings import REPORT_SEED
 
 
 @dataclasses.dataclass(frozen=True)

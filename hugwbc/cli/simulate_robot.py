@@ -10,13 +10,10 @@ import tyro
 from hugwbc.cli.output import parse_settings, say, say_arena
 from hugwbc.controller import JointCommand
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
-from hugwbc.deploy.hoist import LIFTED
-from hugwbc.deploy.keyboard import listen
 from hugwbc.deploy.messages import Messages
-from hugwbc.deploy.radio import Radio
 from hugwbc.deploy.relay import Slower
-from hugwbc.deploy.schedule import HOIST_WORDS, Happening, Schedule
-from hugwbc.deploy.simulated_robot import SimulatedRobot
+from hugwbc.deploy.remote import listen
+from hugwbc.deploy.simulated_robot import HOIST_WORDS, LIFTED, Happening, Radio, Schedule, SimulatedRobot
 from hugwbc.errors import ConfigError
 from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Simulation, load_scene

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.deploy.capture import Capture, CapturedWorld
 from hugwbc.deploy.messages import StateMessage
-from hugwbc.deploy.remote import ButtonWatch, Request
+from hugwbc.deploy.remote import ButtonPresses, Request
 from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
-from hugwbc.deploy.watchdogs import BodyWatch, Limits, run_refusal, start_refusal
+from hugwbc.deploy.watchdogs import BodyLimits, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod, Due
 from hugwbc.runtime.estimation import StateEstimator
@@ -77,7 +77,7 @@ class Pilot:
         self.estimate: RobotState | None = None  # the last one
         self._robot = robot
         self._steer = getattr(source, "steer", None)
-        self._watch, self._buttons = BodyWatch(robot, self.limits), ButtonWatch()
+        self._watch, self._buttons = BodyLimits(robot, self.limits), ButtonPresses()
         self._weight = GRAVITY * robot.mass
         self._estimating = False
         self._last: JointCommand | None = None
@@ -106,7 +106,7 @@ class Pilot:
     def observe(
         self,
         message: StateMessage,
-        asked: Sequence[Request] = (),
+        requests: Sequence[Request] = (),
         fault: str | None = None,
         *,
         behind: bool = False,
@@ -115,7 +115,7 @@ class Pilot:
 
         Args:
             message: the state.
-            asked: what the operator has asked for since the last state, by other means than the remote control.
+            requests: what the operator has asked for since the last state, by other means than the remote control.
             fault: a fault outside, found since the last state.
             behind: whether a newer state waits, for which the controller is called instead.
         """
@@ -126,7 +126,7 @@ class Pilot:
             self.machine.fail(fault, state)
         if self.mode is Mode.IDLE:
             self.machine.enter(Mode.ZERO_TORQUE, "the robot sends states", state)
-        for request in (*self._buttons.update(message.remote.pressed), *asked):
+        for request in (*self._buttons.update(message.remote.pressed), *requests):
             self._take(request, state)
         self._last_time = state.time
         if self.mode is Mode.RUN:

@@ -155,7 +155,7 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
     The age of a reading when it arrives [s] is that of the recording.
     """
     intake = Intake(messages, pilot.limits, age)
-    asked: list[Request] = []
+    requests: list[Request] = []
     fault: str | None = None
     behind = False
     command = b""
@@ -163,7 +163,7 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
     first = None
     for entry in recording.entries():
         if entry.kind == REQUEST:
-            asked.append(Request(entry.content.decode()))
+            requests.append(Request(entry.content.decode()))
         elif entry.kind == FAULT:
             fault = entry.content.decode()
         elif entry.kind == BEHIND:
@@ -174,9 +174,9 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
             state = intake.accept(entry.content, entry.time)
             if state is not None:
                 states += 1
-                decided = pilot.observe(state, asked, fault, behind=behind).command
+                decided = pilot.observe(state, requests, fault, behind=behind).command
                 command = b"" if decided is None else messages.pack_command(decided)
-                asked, fault, behind = [], None, False
+                requests, fault, behind = [], None, False
         elif entry.kind == DECISION:
             decisions += 1
             if entry.content != command:

@@ -112,7 +112,7 @@ class Outlet:
 
 
 @dataclasses.dataclass(frozen=True)
-class Watch:
+class LineSetup:
     """How states are checked and the joints damped; it can be sent to another process."""
 
     robot: Robot  # whose messages they are
@@ -126,16 +126,16 @@ class Watch:
 class Line:
     """The checks of what arrives, and the watchdogs of what is sent."""
 
-    def __init__(self, endpoint: Endpoint, watch: Watch, recorder: Recorder | None = None) -> None:
+    def __init__(self, endpoint: Endpoint, setup: LineSetup, recorder: Recorder | None = None) -> None:
         """Begin with nothing to send."""
-        self.settings = watch.settings
-        self._endpoint, self._recorder, self._tell = endpoint, recorder, watch.tell
-        self._messages = Messages(watch.robot)
-        self.intake = Intake(self._messages, watch.limits, self.settings.age)  # counts what arrives
+        self.settings = setup.settings
+        self._endpoint, self._recorder, self._tell = endpoint, recorder, setup.tell
+        self._messages = Messages(setup.robot)
+        self.intake = Intake(self._messages, setup.limits, self.settings.age)  # counts what arrives
         self.timing = Timing(PERIOD)  # latency and jitter, on the robot's clock
         # Packed when it is needed, for the variant of the robot that has sent states until then.
-        damping = functools.partial(self._messages.pack_command, watch.damping)
-        self._outlet = Outlet(self.intake, watch.limits.late, watch.period, damping)
+        damping = functools.partial(self._messages.pack_command, setup.damping)
+        self._outlet = Outlet(self.intake, setup.limits.late, setup.period, damping)
         self.sent, self._told = 0, False  # commands; whether the fault was told
         self._rivalled = False  # whether a second program was told
 
@@ -190,9 +190,9 @@ class Relay(Line):
     the pilot's process ends without a word, the relay damps the joints for a while.
     """
 
-    def __init__(self, endpoint: Endpoint, watch: Watch, link: Connection, *, records: bool) -> None:
+    def __init__(self, endpoint: Endpoint, setup: LineSetup, link: Connection, *, records: bool) -> None:
         """Connect the network with the pilot at the other end of a link, which may want to record what is sent."""
-        super().__init__(endpoint, watch)
+        super().__init__(endpoint, setup)
         self._link, self._records = link, records
         self._notes: collections.deque[bytes] = collections.deque()
         self._over = threading.Event()
@@ -259,13 +259,13 @@ class Relay(Line):
         return new
 
 
-def relay(connect: Callable[[], Endpoint], watch: Watch, link: Connection, records: bool) -> None:
+def relay(connect: Callable[[], Endpoint], setup: LineSetup, link: Connection, records: bool) -> None:
     """Run a relay with a connection of its own, as a process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the pilot's process, which damps first
     keep_apart(last=False)
     endpoint = connect()
     try:
         with real_time():
-            Relay(endpoint, watch, link, records=records).run()
+            Relay(endpoint, setup, link, records=records).run()
     finally:
         endpoint.close()

@@ -16,7 +16,7 @@ from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
 from hugwbc.deploy.messages import TICK, StateMessage
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
-from hugwbc.deploy.relay import DECISION, END, FADE, NOTE, PERIOD, POLL, Line, Relay, Settings, Watch, relay
+from hugwbc.deploy.relay import DECISION, END, FADE, NOTE, PERIOD, POLL, Line, LineSetup, Relay, Settings, relay
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.timing import keep_apart, real_time
@@ -54,10 +54,10 @@ class RobotSide(Line):
             tell: called with the messages of the watchdogs; a function that another process can import.
             connect: makes the endpoint of the relay's process, likewise; without it, the relay is a thread of this one.
         """
-        self._watch = Watch(robot, pilot.limits, pilot.control.period, pilot.damped(), settings or Settings(), tell)
-        super().__init__(endpoint, self._watch, recorder)
+        self._setup = LineSetup(robot, pilot.limits, pilot.control.period, pilot.damped(), settings or Settings(), tell)
+        super().__init__(endpoint, self._setup, recorder)
         self.pilot, self._connect = pilot, connect
-        self._asked: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._end = threading.Event()
         self._failure: BaseException | None = None
         self._start: float | None = None
@@ -80,7 +80,7 @@ class RobotSide(Line):
         """Pass on what the operator asks for; a second stop ends the program."""
         if request is Request.STOP and self.pilot.mode is Mode.DAMPING:
             self._end.set()
-        self._asked.put(request)
+        self._requests.put(request)
 
     def run(self) -> None:
         """Control the robot until the duration is over, or the operator ends it.
@@ -97,11 +97,11 @@ class RobotSide(Line):
 
     def handle(self, raw: bytes, state: StateMessage, arrival: float, *, behind: bool = False) -> bytes | None:
         """Let the pilot decide on a state, and return the message that answers it; `behind` if a newer one waits."""
-        asked = []
-        while not self._asked.empty():
-            asked.append(self._asked.get())
+        requests = []
+        while not self._requests.empty():
+            requests.append(self._requests.get())
         fault = self._outlet.fault if self.pilot.mode is not Mode.DAMPING else None
-        for request in asked:
+        for request in requests:
             self._record(recording.REQUEST, request.value.encode())
         if fault is not None:
             self._record(recording.FAULT, fault.encode())
@@ -109,7 +109,7 @@ class RobotSide(Line):
         if behind:
             self._record(recording.BEHIND)
         self._record(recording.STATE, raw, arrival)
-        decision = self.pilot.observe(state, asked, fault, behind=behind)
+        decision = self.pilot.observe(state, requests, fault, behind=behind)
         if decision.new:
             self._message = None if decision.command is None else self._messages.pack_command(decision.command)
             self._grip()
@@ -149,16 +149,16 @@ class RobotSide(Line):
         duration = self.settings.duration
         if duration is not None and self._fade is None and now - self._start >= duration:
             self._fade = now
-            self._asked.put(Request.STOP)
+            self._requests.put(Request.STOP)
         if self._fade is not None and now - self._fade >= FADE:
             self._end.set()
 
     def _run_apart(self) -> None:
         records = self._recorder is not None
         if self._connect is None:
-            worker = threading.Thread(target=Relay(self._endpoint, self._watch, self._far, records=records).run)
+            worker = threading.Thread(target=Relay(self._endpoint, self._setup, self._far, records=records).run)
         else:
-            words = (self._connect, self._watch, self._far, records)
+            words = (self._connect, self._setup, self._far, records)
             worker = multiprocessing.get_context("spawn").Process(target=relay, args=words, daemon=True)
         worker.start()
         if self._connect is not None:
@@ -204,7 +204,7 @@ class RobotSide(Line):
         self._tell(f"watchdog: {_GONE}: damping")
         slots = round(FADE / PERIOD) if self._message is not None and not self.settings.dry_run else 0
         for _ in range(slots):
-            self._endpoint.send(self._messages.pack_command(self._watch.damping))
+            self._endpoint.send(self._messages.pack_command(self._setup.damping))
             time.sleep(PERIOD * self.settings.slower)
 
     def _hear(self, note: bytes) -> tuple[bytes, StateMessage, float] | None:

@@ -1,30 +1,197 @@
-"""A simulated robot behind the messages of a real one."""
+"""A simulated robot behind the messages of a real one, with its network, its hoist, and a schedule of what happens."""
 
 import dataclasses
+import heapq
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
+from pydantic import Field
 
 from hugwbc.controller import JointCommand
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, grips_of
-from hugwbc.deploy.hoist import Hoist
 from hugwbc.deploy.messages import TICK, Messages
-from hugwbc.deploy.motion_switcher import SimulatedSwitcher
-from hugwbc.deploy.radio import Channel, Radio
-from hugwbc.deploy.schedule import Schedule
+from hugwbc.deploy.remote import BUTTONS, Remote
 from hugwbc.deploy.timing import real_time
-from hugwbc.deploy.transport import Endpoint
+from hugwbc.deploy.transport import Endpoint, SimulatedSwitcher
 from hugwbc.errors import CaptureError, ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.runtime.sight import carry_out
+from hugwbc.settings import NotNegative, settings
 from hugwbc.sim import Simulation
+from hugwbc.state import GRAVITY
 from hugwbc.streams import Tally
 
 AMBIENT = 30.0  # [degrees Celsius] of the motors; heating is not simulated
 _PATIENCE = 1.0  # [s] of the wall clock for an answer in lockstep
 _POLL = 0.002  # [s]
+
+Content = TypeVar("Content")
+
+
+@settings
+class Radio:
+    """What a network does to messages, in each direction."""
+
+    loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0  # part of the messages that is lost
+    delay: NotNegative = 0.0  # time that a message takes [s]
+    jitter: NotNegative = 0.0  # largest additional time, drawn evenly [s]; messages may overtake each other
+
+
+class Channel(Generic[Content]):
+    """Messages on their way in one direction."""
+
+    def __init__(self, radio: Radio, rng: np.random.Generator, delay: float = 0.0) -> None:
+        """Begin empty; the delay [s] comes in addition to the radio's."""
+        self._radio, self._rng, self._delay = radio, rng, radio.delay + delay
+        self._waiting: list[tuple[float, int, Content]] = []
+        self._count = self.lost = 0  # messages sent and lost
+
+    def put(self, message: Content, now: float) -> None:
+        """Send a message at a time [s]."""
+        loss, jitter = self._rng.uniform(size=2)
+        if loss < self._radio.loss:
+            self.lost += 1
+            return
+        self._count += 1
+        heapq.heappush(self._waiting, (now + self._delay + jitter * self._radio.jitter, self._count, message))
+
+    def take(self, now: float) -> list[Content]:
+        """Return what has arrived by a time [s], in the order of arrival."""
+        arrived = []
+        while self._waiting and self._waiting[0][0] <= now + 1e-9:
+            arrived.append(heapq.heappop(self._waiting)[2])
+        return arrived
+
+
+_HOOK = np.array([0.0, 0.0, 0.5])  # on the torso, between the shoulders and the head, in the link's frame [m]
+_ROPE = 1.0  # [m] from the hook up to the pulley, when the robot stands
+_STIFFNESS, _DAMPING = 5000.0, 500.0  # [N/m], [N*s/m]; the maker's 200 N/m lets an H1 sink by 3 m
+_SPEED = 0.1  # [m/s] of the winch
+# [m] above the stand, where the rope carries all of the weight. A lowered robot stands with two thirds of its weight on
+# its feet, and the rope keeps it upright until its controller runs.
+LIFTED, LOWERED = 0.1, -0.085
+
+
+class Hoist:
+    """A rope from a pulley above the robot to a hook on its torso, and a winch. The rope only pulls.
+
+    Attributes:
+        attached: whether the rope holds the robot.
+        height: where the winch would hold the hook, above its height in the stand [m].
+    """
+
+    def __init__(self, simulation: Simulation, height: float = LIFTED) -> None:
+        """Hang up a robot that has just been reset and touches the ground; the winch first goes to a height [m]."""
+        self._simulation = simulation
+        self._row = simulation.link_names.index(simulation.robot.trunk)
+        self._body = simulation.model.body(simulation.robot.trunk).id
+        self._pulley = self._hook() + np.array([0.0, 0.0, _ROPE])
+        self._weight = simulation.robot.mass * GRAVITY
+        self._distance = _ROPE
+        self.attached, self.height, self._target = True, 0.0, height
+
+    def lift(self) -> None:
+        """Let the winch lift the robot off the ground."""
+        self._target = LIFTED
+
+    def lower(self) -> None:
+        """Let the winch lower the robot until its feet carry most of its weight."""
+        self._target = LOWERED
+
+    def release(self) -> None:
+        """Let go."""
+        self.attached = False
+
+    @property
+    def tension(self) -> float:
+        """Pull of the rope in the last step [N]."""
+        return float(np.linalg.norm(self._simulation.external_force[self._row, :3]))
+
+    def update(self) -> None:
+        """Move the winch for one physics step, and pull."""
+        simulation, dt = self._simulation, self._simulation.timestep
+        self.height += float(np.clip(self._target - self.height, -_SPEED * dt, _SPEED * dt))
+        hook = self._hook()
+        rope = self._pulley - hook
+        distance = float(np.linalg.norm(rope))
+        speed, self._distance = (distance - self._distance) / dt, distance
+        # At its height, the rope is stretched by the robot's weight.
+        stretch = distance - (_ROPE - self.height - self._weight / _STIFFNESS)
+        pull = max(_STIFFNESS * stretch + _DAMPING * speed, 0.0) if self.attached and stretch > 0.0 else 0.0
+        force = pull * rope / distance
+        simulation.external_force[self._row, :3] = force
+        simulation.external_force[self._row, 3:] = np.cross(hook - simulation.data.xipos[self._body], force)
+
+    def _hook(self) -> np.ndarray:
+        data = self._simulation.data
+        return data.xpos[self._body] + data.xmat[self._body].reshape(3, 3) @ _HOOK
+
+
+HOIST_WORDS = ("lift", "lower", "release")
+_STICKS = ("lx", "ly", "rx", "ry")
+_PRESS = 0.2  # [s] for which a button is held
+
+
+@dataclasses.dataclass(frozen=True)
+class Happening:
+    """One event."""
+
+    time: float  # when [s]
+    word: str  # a button, a stick or a word for the hoist
+    value: float = 0.0  # of a stick
+
+
+class Schedule:
+    """A list of events, and the next one to come."""
+
+    def __init__(self, happenings: Sequence[Happening] = ()) -> None:
+        """Begin before the first one."""
+        self._next = sorted(happenings, key=lambda one: one.time)
+        self._held: dict[str, float] = {}
+        self._sticks: dict[str, float] = dict.fromkeys(_STICKS, 0.0)
+        self.remote = Remote()  # the remote control now
+
+    @classmethod
+    def parse(cls, text: str) -> "Schedule":
+        """Read a schedule such as "1 Start, 7 lower, 10 A, 12 ly=0.5, 30 Select"."""
+        return cls([_happening(item.strip()) for item in text.split(",") if item.strip()])
+
+    def update(self, now: float) -> list[str]:
+        """Return the hoist commands due at a time [s], and set the remote control."""
+        words = []
+        while self._next and self._next[0].time <= now + 1e-9:
+            one = self._next.pop(0)
+            if one.word in HOIST_WORDS:
+                words.append(one.word)
+            elif one.word in BUTTONS:
+                self._held[one.word] = one.time + _PRESS
+            else:
+                self._sticks[one.word] = one.value
+        self._held = {name: until for name, until in self._held.items() if now < until}
+        self.remote = Remote(frozenset(self._held), **self._sticks)
+        return words
+
+    def add(self, happening: Happening) -> None:
+        """Add something, such as what a person asks for while the robot runs."""
+        self._next = sorted([*self._next, happening], key=lambda one: one.time)
+
+
+def _happening(item: str) -> Happening:
+    valid = f"give TIME and one of {', '.join((*BUTTONS, *HOIST_WORDS))}, or lx, ly, rx or ry = -1 to 1"
+    words = item.split()
+    try:
+        time = float(words[0])
+        name, _, number = words[1].partition("=")
+        value = float(number) if number else 0.0
+    except (IndexError, ValueError):
+        raise ConfigError(f"'{item}' in the schedule is not valid; {valid}") from None
+    known = name in _STICKS if number else name in (*BUTTONS, *HOIST_WORDS)
+    if len(words) != 2 or not known or not 0.0 <= time < float("inf") or not -1.0 <= value <= 1.0:
+        raise ConfigError(f"'{item}' in the schedule is not valid; {valid}")
+    return Happening(time, name, value)
 
 
 @dataclasses.dataclass(frozen=True)

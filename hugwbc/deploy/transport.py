@@ -1,7 +1,16 @@
-"""The connection between a robot and what controls it."""
+"""The connection between a robot and what controls it, and the robot's own motion modes.
 
+While a motion mode is active, the robot's programs send commands to the same motors. The calls are those of the maker's
+`MotionSwitcherClient` (unitree_sdk2_python, comm/motion_switcher). That class is not used, because it joins the network
+by itself with multicast, which a second participant of this process would undo.
+"""
+
+import json
+import time
 from collections.abc import Callable
 from typing import Protocol
+
+from hugwbc.errors import DeploymentError
 
 Service = Callable[[int, str], tuple[int, str]]
 """A service of the robot: takes the number of a call and its parameter, returns a code (0: done) and data."""
@@ -59,3 +68,63 @@ class Endpoint(Protocol):
     def close(self) -> None:
         """Leave the network."""
         ...
+
+
+CHECK_MODE, RELEASE_MODE = 1001, 1003
+DONE, UNKNOWN_CALL = 0, 3203
+_TIMEOUT = 5.0  # [s] for one call
+_TRIES, _PAUSE = 5, 0.5  # [s] between tries, for a mode to end
+
+
+def release_modes(endpoint: Endpoint, *, required: bool) -> str:
+    """Release the robot's motion modes until none is active; return what was done, for the log.
+
+    A robot that does not answer is an error only if an answer is required: an H1 in its debug mode may have no motion
+    switcher.
+    """
+    released: list[str] = []
+    for attempt in range(_TRIES):
+        code, data = endpoint.call(CHECK_MODE, "{}", _TIMEOUT)
+        if code != DONE:
+            outcome = "does not answer" if code == UNREACHABLE else f"answers with error {code}"
+            if required:
+                raise DeploymentError(
+                    f"the robot's motion switcher {outcome}; check network and domain, or give --no-release if the "
+                    "robot is in its debug mode"
+                )
+            return f"the motion switcher {outcome}"
+        if not (name := _active(data)):
+            return f"released {', '.join(released)}" if released else "no motion mode is active"
+        if name not in released:
+            released.append(name)
+        endpoint.call(RELEASE_MODE, "{}", _TIMEOUT)
+        time.sleep(_PAUSE if attempt else 0.0)
+    raise DeploymentError(
+        f"motion mode '{released[-1]}' stays active; release it with the remote control (docs/deploy.md)"
+    )
+
+
+def _active(data: str) -> str:
+    """Return the name of the active mode in an answer; empty if none is."""
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        return ""
+    return str(content.get("name") or "") if isinstance(content, dict) else ""
+
+
+class SimulatedSwitcher:
+    """The motion switcher of a simulated robot."""
+
+    def __init__(self, active: str = "") -> None:
+        """Begin with a mode."""
+        self.active = active  # name of the active mode; empty if none is
+
+    def __call__(self, number: int, parameter: str) -> tuple[int, str]:
+        """Answer a call."""
+        if number == CHECK_MODE:
+            return DONE, json.dumps({"form": "0", "name": self.active})
+        if number == RELEASE_MODE:
+            self.active = ""
+            return DONE, ""
+        return UNKNOWN_CALL, ""

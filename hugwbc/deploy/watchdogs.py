@@ -87,7 +87,7 @@ class Intake:
         return f"no state for {silence * 1e3:.0f} ms" + (f", but {self.refusal}" if self.refusal else "")
 
 
-class BodyWatch:
+class BodyLimits:
     """A check of tilt, joint speeds and temperatures."""
 
     def __init__(self, robot: Robot, limits: Limits) -> None:

@@ -8,21 +8,28 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
+from hugwbc.commands import Command
+from hugwbc.controller import UpperBody
 from hugwbc.errors import ConfigError
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.trace import Trace
+from hugwbc.scripts.motion import MOTION_FPS
 from hugwbc.settings import one_of, settings
 from hugwbc.sim import Arena, Engine, Scene, Simulation, Variation, rough_terrain
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
+from hugwbc.state import RobotState
+from hugwbc.targets import HandTargets
 
 if TYPE_CHECKING:
-    from hugwbc.evaluation.moved_arms import ArmIntervention
+    from hugwbc.learned.env.arm_intervention import ArmTargets
 
 INTERVENTIONS = ("none", "noise", "motion")
 NOISE_INTERVAL = 90  # control steps between two targets of the noise, as in the paper
 GENERATED_MOTIONS_SEED = 1  # not the seed of the training's motions
+_PERIOD = 1.0 / MOTION_FPS  # [s] between two postures of moved arms
 _START_RADIUS = 0.6  # [m], radius of plane ground around the start
 _TOP_SPEED = 2.5  # [m/s], fastest walk that the ground must be large enough for
 _LONGEST_ON_GROUND = 200.0  # [s]; the height field for it spans a kilometre and has 25 million heights
@@ -147,10 +154,9 @@ class Conditions:
         """Return what moves the arms in one episode, with targets of a seed; None leaves them to the controller."""
         if self.intervention == "none":
             return None
-        # These modules load torch, which only some evaluations need.
+        # They load torch, which only some evaluations need.
         import torch
 
-        from hugwbc.evaluation.moved_arms import ArmIntervention
         from hugwbc.learned.env.arm_intervention import make_arm_targets
 
         generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
@@ -165,3 +171,59 @@ class Conditions:
             generator=generator,
         )
         return ArmIntervention(targets, robot)
+
+
+class ArmIntervention:
+    """A source of arm targets for `ControlLoop` that moves both arms whatever the hand targets are.
+
+    The postures come at 50 Hz. Between two postures the targets are interpolated linearly, with their velocity.
+    """
+
+    solution = None
+
+    def __init__(self, source: "ArmTargets", robot: Robot) -> None:
+        """Play a source of arm targets for one robot."""
+        self._source, self._robot = source, robot
+        self._nominal = robot.nominal[robot.arms]
+        self.postures: list[np.ndarray] = []  # since `reset` at 50 Hz [rad], each (8,)
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the nominal posture; the source continues with new targets."""
+        import torch  # which only some evaluations need
+
+        self._source.reset(torch.tensor([0]))
+        self.postures = []
+        self._begin = self._end = self._nominal
+        self._elapsed = _PERIOD
+
+    def update(
+        self,
+        state: RobotState,
+        hands: HandTargets | None,
+        command: Command,
+        dt: float,
+        commanded: np.ndarray | None = None,
+    ) -> tuple[UpperBody, Command]:
+        """Return the arm targets at the end of the next `dt` seconds, and the command; the rest does not matter."""
+        self._elapsed += dt
+        while self._elapsed > _PERIOD + 1e-9:
+            self._elapsed -= _PERIOD
+            self._source.step()
+            self._begin, self._end = self._end, self._source.targets()[0].double().numpy()
+            self.postures.append(self._end)
+        ratio = self._elapsed / _PERIOD
+        speed = (self._end - self._begin) / _PERIOD
+        return UpperBody.targets(self._begin + ratio * (self._end - self._begin), speed), command
+
+    def error(self, trace: Trace, settle: float) -> float:
+        """Return the mean distance of the arm joints to their targets after `settle` [s] of a run [rad].
+
+        NaN if the run ended before.
+        """
+        steps = min(len(self.postures), len(trace.time) - 1)
+        # A sample is taken before the target of its time acts, so the next sample shows the effect.
+        kept = trace.time[1 : steps + 1] >= settle
+        reached = trace.qpos[1 : steps + 1, 7:][:, self._robot.arms]
+        difference = np.abs(reached - np.array(self.postures[:steps]).reshape(steps, -1))[kept]
+        return float(difference.mean()) if difference.size else float("nan")

@@ -1,7 +1,6 @@
 """One episode: the settings that every experiment has, and the simulation of a plan."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 
 from hugwbc.commands import Command
@@ -11,12 +10,12 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.metrics import SETTLE_S
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
-from hugwbc.seeds import REPORT_SEED
-from hugwbc.settings import Count, NotNegative, Positive, Seed, one_of, settings
-from hugwbc.state import RobotState
+from hugwbc.scripts.command_source import CommandSource
+from hugwbc.settings import REPORT_SEED, Count, NotNegative, Positive, Seed, one_of, settings
+from hugwbc.sim import Engine, Scene
+from hugwbc.upper_ik import UpperBodySource
 
 Row = dict[str, Any]
 """What is kept of an episode: plain numbers and texts by column; None where there is nothing to measure."""
@@ -29,7 +28,7 @@ MOVING = GAITS[1:]  # all but standing
 class Settings:
     """Settings that every experiment has."""
 
-    # seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in `hugwbc.seeds`
+    # seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in `hugwbc.settings`
     seed: Seed = REPORT_SEED
     duration: Positive = 10.0  # duration of an episode [s]
     settle: NotNegative = SETTLE_S  # start of an episode that is left out of the errors [s]
@@ -74,6 +73,7 @@ class Run:
 
     plan: Plan
     trace: Trace
+    simulation: Engine  # as it was at the end
     arm_error: float  # mean distance of the arms to their external targets after the settling time [rad]; NaN if free
 
     @property
@@ -82,33 +82,34 @@ class Run:
         return self.plan.command
 
 
+def simulation_of(settings: Settings, plan: Plan, duration: float | None = None, scene: Scene | None = None) -> Engine:
+    """Return the simulation of an episode, whose seed is that of the settings and the plan's draw."""
+    conditions = plan.conditions or settings.conditions
+    return conditions.simulation(duration or settings.duration, (settings.seed, plan.draw), scene)
+
+
 def simulate(
     controller: Controller,
     settings: Settings,
     plan: Plan,
     *,
-    estimator: StateEstimator | None = None,
-    on_step: Callable[[RobotState, RobotState], None] | None = None,
+    source: CommandSource | None = None,
+    simulation: Engine | None = None,
+    upper_body: UpperBodySource | None = None,
+    **options: Any,  # noqa: ANN401
 ) -> Run:
-    """Run one episode in a simulation of its own; its seed is that of the settings and the plan's draw.
+    """Run one episode in a simulation of its own.
 
-    Without an estimator the conditions make one, if the sensors need it; `on_step` is that of `rollout`.
+    The commands are the plan's; the simulation, the estimator and what moves the arms are those of the conditions;
+    unless others are given. Further options are those of `rollout`.
     """
-    conditions, seed = plan.conditions or settings.conditions, (settings.seed, plan.draw)
-    arms = conditions.arms(seed)
-    trace = rollout(
-        controller,
-        plan.source,
-        conditions.simulation(settings.duration, seed),
-        arms,
-        duration=settings.duration,
-        estimator=estimator or conditions.estimator(),
-        forces=plan.forces,
-        on_step=on_step,
-        strict=False,
-    )
-    error = float("nan") if arms is None else arms.error(trace, settings.settle)
-    return Run(plan, trace, error)
+    conditions = plan.conditions or settings.conditions
+    simulation = simulation or simulation_of(settings, plan)
+    arms = conditions.arms((settings.seed, plan.draw)) if upper_body is None else None
+    defaults: dict[str, Any] = {"duration": settings.duration, "forces": plan.forces, "strict": False}
+    defaults |= {"estimator": conditions.estimator(), "upper_body": upper_body or arms}
+    trace = rollout(controller, source or plan.source, simulation, **defaults | options)
+    return Run(plan, trace, simulation, float("nan") if arms is None else arms.error(trace, settings.settle))
 
 
 def ending(trace: Trace) -> Row:

@@ -108,8 +108,8 @@ def run_experiment(
     store the rows are kept in memory only. `on_progress` is called with the part of the planned episodes that is done.
     """
     settings = experiment.adapt(settings, spec)
-    told, store = spec.told(settings.conditions.told_arena), store or Store(None)
-    table = store.table(experiment.name, experiment.episode, settings, told)
+    known, store = spec.told(settings.conditions.told_arena), store or Store(None)
+    table = store.table(experiment.name, experiment.episode, settings, known)
     rows: list[Row] = []
     done: list[Plan] = []
     measured = 0  # of the rows; the others were stored
@@ -117,7 +117,7 @@ def run_experiment(
     while plans:
         found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
         missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
-        for index, row in run_plans(experiment.episode, settings, told, missing, execution):
+        for index, row in run_plans(experiment.episode, settings, known, missing, execution):
             found[index] = table.add(plans[index], row)
             measured += 1
             on_progress((len(rows) + len(found)) / (len(rows) + len(plans)))
@@ -125,7 +125,7 @@ def run_experiment(
         done += plans
         plans = list(experiment.following(settings, rows))
     try:
-        summary = experiment.figures(settings, frame_of(rows), *_beside(experiment, settings, told, store))
+        summary = experiment.figures(settings, frame_of(rows), *_beside(experiment, settings, known, store))
     except (pl.exceptions.PolarsError, TypeError, ValueError) as error:
         if measured == len(rows):
             raise

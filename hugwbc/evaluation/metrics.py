@@ -65,11 +65,6 @@ def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     }
 
 
-def stepping_feet(gait: Gait) -> tuple[int, ...]:
-    """Return which feet (0 left, 1 right) step in a gait; the held leg of a hop does not."""
-    return {Gait.STANDING: (), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}.get(gait, (0, 1))
-
-
 def touch_downs(trace: Trace, foot: int, settle: float = SETTLE_S) -> np.ndarray:
     """Return the times of touch-down of a foot after `settle` [s], shape (number of steps,)."""
     times = trace.touch_downs[foot]
@@ -115,7 +110,7 @@ def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
     """Return the feet that should step after `settle`; none if the run ended before."""
     if not np.any(trace.time >= settle):
         return ()
-    return stepping_feet(Gait(int(trace.gait[-1])))
+    return Gait(int(trace.gait[-1])).feet
 
 
 def _at(trace: Trace, times: np.ndarray, column: int) -> np.ndarray:
@@ -135,7 +130,7 @@ def held_foot_contact(trace: Trace, settle: float = SETTLE_S) -> float:
     gait, kept = Gait(int(trace.gait[-1])), trace.time >= settle
     if not gait.hops or not kept.any():
         return float("nan")
-    (hopping_foot,) = stepping_feet(gait)
+    (hopping_foot,) = gait.feet
     return float(trace.foot_contact[kept, 1 - hopping_foot].mean())
 
 
@@ -224,17 +219,17 @@ def hand_errors(error: np.ndarray, reachable: np.ndarray) -> dict[str, float | N
         error: distance of the left and the right hand to its target [m], shape (samples, 2); NaN without a target.
         reachable: whether the inverse kinematics calls each target reachable, shape (samples, 2), bool.
     """
-    wanted = np.isfinite(error)
-    counted = wanted & reachable
+    targeted = np.isfinite(error)
+    counted = targeted & reachable
     left, right = (_mean(error[counted[:, side], side]) for side in (0, 1))
     return {
         "mean": _mean(error[counted]),
         "p95": _p95(error[counted]),
         "left": left,
         "right": right,
-        "reachable_fraction": _mean(reachable[wanted].astype(float)),
-        "all_mean": _mean(error[wanted]),
-        "all_p95": _p95(error[wanted]),
+        "reachable_fraction": _mean(reachable[targeted].astype(float)),
+        "all_mean": _mean(error[targeted]),
+        "all_p95": _p95(error[targeted]),
     }
 
 

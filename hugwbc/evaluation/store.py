@@ -76,10 +76,10 @@ class Store:
 
     def rows_of(self, experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> list[Row]:
         """Return all stored rows of an experiment with a controller, whatever the number of episodes."""
-        wanted, found = _without_count(table_key(experiment, episode, settings, spec)), []
+        same, found = _without_count(table_key(experiment, episode, settings, spec)), []
         for path in [] if self.folder is None else sorted(self.folder.glob(f"{experiment}-*.jsonl")):
             key = _key_of(path)
-            if _without_count(key) == wanted:
+            if _without_count(key) == same:
                 found += _read(path, key).values()
         return found
 

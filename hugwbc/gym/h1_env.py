@@ -137,11 +137,11 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _admitted(self, actions: np.ndarray) -> np.ndarray:
         """Return finite actions within the space."""
-        wanted = (self.num_envs, self.joints)
-        given = floats(actions, wanted)
+        shape = (self.num_envs, self.joints)
+        given = floats(actions, shape)
         if given is None:
             raise ConfigError(
-                f"the actions have the shape {getattr(actions, 'shape', 'unknown')}; give {wanted} numbers"
+                f"the actions have the shape {getattr(actions, 'shape', 'unknown')}; give {shape} numbers"
             )
         return np.nan_to_num(given).clip(-LARGEST_ACTION, LARGEST_ACTION).astype(np.float32)
 
@@ -152,8 +152,8 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for place, row, privileged in zip(np.flatnonzero(done), _actor(final), _rows(final.critic), strict=True):
             last[place], critic[place] = row, privileged
             reason[place] = "the time was over" if truncated[place] else "the robot fell"
-        told = {"critic": critic, "_critic": done, "reason": reason, "_reason": done}
-        return {"final_obs": last, "_final_obs": done, "final_info": told, "_final_info": done}
+        ended = {"critic": critic, "_critic": done, "reason": reason, "_reason": done}
+        return {"final_obs": last, "_final_obs": done, "final_info": ended, "_final_info": done}
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401  the signature of gymnasium
         """Let go of the robots."""
@@ -195,12 +195,12 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         given = floats(action, (self._robots.joints,))
         observation, reward, fell, over, info = self._robots.step(action if given is None else given[None])
-        told = {"critic": info["critic"][0]}
+        shown = {"critic": info["critic"][0]}
         last = observation[0]
         if "final_obs" in info:
             last = info["final_obs"][0]
-            told |= {name: info["final_info"][name][0] for name in ("critic", "reason")}
-        return last, float(reward[0]), bool(fell[0]), bool(over[0]), told
+            shown |= {name: info["final_info"][name][0] for name in ("critic", "reason")}
+        return last, float(reward[0]), bool(fell[0]), bool(over[0]), shown
 
     def close(self) -> None:
         """Let go of the robot."""

@@ -70,15 +70,15 @@ class H1StableBaselinesEnv(VecEnv):
         Returns:
             Observations (n, 333), rewards (n,), ends of episodes (n,), and what the class says of each robot.
         """
-        seen, reward, fell, over, told = self.robots.step(self._actions)
+        seen, reward, fell, over, info = self.robots.step(self._actions)
         done = fell | over
-        infos: list[dict[str, Any]] = [{"critic": row} for row in told["critic"]]
+        infos: list[dict[str, Any]] = [{"critic": row} for row in info["critic"]]
         for robot in np.flatnonzero(done):
             infos[robot] |= {
-                "terminal_observation": told["final_obs"][robot],
+                "terminal_observation": info["final_obs"][robot],
                 "TimeLimit.truncated": bool(over[robot]),
-                "reason": told["final_info"]["reason"][robot],
-                "critic_at_the_end": told["final_info"]["critic"][robot],
+                "reason": info["final_info"]["reason"][robot],
+                "critic_at_the_end": info["final_info"]["critic"][robot],
             }
         return seen, reward.astype(np.float32), done, infos
 

@@ -9,8 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.gym.episode import Episode
-from hugwbc.gym.follow_wish import PERIOD, FollowRow
+from hugwbc.gym.episode import PERIOD, Episode, FollowRow
 from hugwbc.gym.task_action import ActionLayout, RecordedLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
 from hugwbc.numeric import floats

@@ -103,7 +103,7 @@ def _seen(view: View, thing: SeenObject, axes: np.ndarray) -> np.ndarray:
 
 def dimensions(shapes: Shapes) -> dict[str, list[float]]:
     """Return the numbers among the dimensions of each object, in order; words, such as the side of a hinge, are not."""
-    return {name: [number for value in told.values() for number in _numbers(value)] for name, told in shapes.items()}
+    return {name: [number for value in known.values() for number in _numbers(value)] for name, known in shapes.items()}
 
 
 def _numbers(value: object) -> list[float]:

@@ -17,8 +17,6 @@ from hugwbc.mbc.reach import (
 )
 from hugwbc.robot import Robot
 
-_HOPS = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
-_LEAPS = (Gait.JUMPING, *_HOPS)
 _NOTABLE = 0.005  # [m], change of h or l from which on it is reported
 _SETTLING_STEPS, _SETTLING_LEAPS = 3, 1  # number after a change of command that the velocity trim ignores
 _HELD, _SLOWEST_HELD = 0.8, 0.08  # share of a velocity that a held robot lacks, from which velocity on [m/s]
@@ -125,15 +123,15 @@ class CommandFilter:
         changing = legs.running not in (Gait.STANDING, gait)
         limiting = legs.running if changing else gait
         wanted = (0.0, 0.0, 0.0) if changing or legs.waiting else (command.v_x, command.v_y, command.omega)
-        if limiting in (Gait.WALKING, Gait.JUMPING):
+        if len(limiting.feet) == 2:
             fastest = fastest_walk(params, command.f, self._robot)
-            fastest *= params.jump_speed if limiting is Gait.JUMPING else 1.0
+            fastest *= params.jump_speed if limiting.flight else 1.0
             if abs(wanted[0]) > fastest:
                 report += (f"v_x = {wanted[0]:g} m/s is too fast for the hips at this f: using {fastest:.2f} m/s",)
                 wanted = (math.copysign(fastest, wanted[0]), *wanted[1:])
-        if limiting in _HOPS:
+        if limiting.hops:
             # The hip cannot swing the leg far enough across for more.
-            outwards = 1.0 if limiting is Gait.HOPPING_LEFT else -1.0
+            outwards = 1.0 if limiting.feet == (0,) else -1.0
             aside = outwards * max(outwards * wanted[1], -params.hop_inward_speed)
             if aside != wanted[1]:
                 report += (f"v_y = {wanted[1]:g} m/s is too fast for a leg that crosses over: using {aside:g} m/s",)
@@ -146,7 +144,7 @@ class CommandFilter:
         # On three numbers, floats are several times faster than arrays.
         rates, (speed, aside, turn) = params.velocity_rate, self._velocity
         speed = _towards(speed, wanted[0], rates[0] * dt)
-        aside = _towards(aside, wanted[1], (params.hop_side_rate if limiting in _HOPS else rates[1]) * dt)
+        aside = _towards(aside, wanted[1], (params.hop_side_rate if limiting.hops else rates[1]) * dt)
         turn = _towards(turn, wanted[2], rates[2] * dt)
         self._velocity = speed, aside, turn
         self._frequency = command.f if self._frequency is None else self._frequency
@@ -154,17 +152,17 @@ class CommandFilter:
             self._frequency = _towards(self._frequency, command.f, params.frequency_rate * dt)
 
         # A posture that changes in the last leap turns the body in the air.
-        if not changing or limiting not in _LEAPS:
+        if not changing or not limiting.flight:
             self._posed = command.h, command.p, command.w
         h, pitch, waist = self._posed
         if stepping:
             h, why = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
             if abs(h - self._posed[0]) > _NOTABLE:
                 report += (f"h = {self._posed[0]:g} m {why}: using {h:.2f} m",)
-        leaping = legs.running in _LEAPS and not legs.waiting
-        self._follow((h, pitch, waist), self._leap_limits[limiting in _HOPS] if leaping else self._limits, dt)
+        leaping = legs.running.flight and not legs.waiting
+        self._follow((h, pitch, waist), self._leap_limits[limiting.hops] if leaping else self._limits, dt)
         height = self._posture[0]
-        if limiting in _LEAPS:
+        if limiting.flight:
             apex = highest_leap_clearance(params, height, self._frequency)
         else:
             apex = highest_clearance(params, height, self._frequency, speed, self._robot)
@@ -196,16 +194,16 @@ class CommandFilter:
             for each in (speed, speed + stray)
         )
         wanted, why = h - lowering, "leaves the trailing leg too short at this speed"
-        if gait in _HOPS and wanted > -params.hop_lowering:
+        if gait.hops and wanted > -params.hop_lowering:
             wanted, why = -params.hop_lowering, "is too high for a leg that leans"
-        if gait in _LEAPS:
-            lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait in _HOPS else 2))
+        if gait.flight:
+            lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
             travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
-            least = -params.hop_lowering if gait in _HOPS else -params.jump_lowering
+            least = -params.hop_lowering if gait.hops else -params.jump_lowering
             lowest += travel * max(least - lowest, 0.0)
         if h < lowest:
             # Where the room of the stance leg ends, the trailing leg of a fast walk still needs its lowering.
-            least = lowest if gait in _LEAPS else lowest - lowering
+            least = lowest if gait.flight else lowest - lowering
             if wanted < least:
                 wanted, why = least, "leaves the stance leg no room to move"
         return wanted, why

@@ -53,11 +53,8 @@ class Dynamics(Kinematics):
     """
 
     def __init__(self, robot: Robot, model: pin.Model | None = None) -> None:
-        """Use a robot's shared model, or another model with the same joints and frames."""
-        super().__init__(robot)
-        if model is not None:
-            self.model = model
-            self.data = model.createData()
+        """Use a copy of a robot's model, or another model with the same joints and frames."""
+        super().__init__(robot, model)
         self.mass = float(pin.computeTotalMass(self.model))
         self._damping = np.zeros(self.model.nv)
         self._damping[self.columns] = self.robot.damping
@@ -73,6 +70,7 @@ class Dynamics(Kinematics):
 
     def update(self, state: RobotState) -> None:
         """Compute everything at a state; a missing position or velocity counts as 0."""
+        self.add_inertia(state.untold_inertia)
         super().update(state)
         self._frames: dict[str, FrameMotion] = {}
 

@@ -19,7 +19,6 @@ class Mode(enum.Enum):
 
 _STEPPING = (Mode.WALKING, Mode.LEAPING)
 _LONGEST_WAIT = 0.4  # longest wait for a foot that does not find the ground, as a share of the step's duration
-_LEGS = {Gait.JUMPING: (0, 1), Gait.HOPPING_LEFT: (0,), Gait.HOPPING_RIGHT: (1,)}
 
 
 class GaitPlan:
@@ -139,7 +138,7 @@ class GaitPlan:
         self.frequency = frequency
         self.elapsed += dt
         if self.mode is Mode.STANDING:
-            if gait is Gait.JUMPING:
+            if gait.flight and not gait.hops:
                 if may_start:
                     self._enter(Mode.LEAPING, gait)
                     self._gather = self._gather_time
@@ -175,7 +174,7 @@ class GaitPlan:
             return False
         if not may_start:
             return False
-        if gait is Gait.WALKING:
+        if gait.alternates:
             # The left foot swings from phase 0 on, the right one from 0.5.
             self._enter(Mode.WALKING, gait, 0.5 * first_swing)
         else:
@@ -214,7 +213,7 @@ class GaitPlan:
     def _set_feet(self) -> None:
         self.legs = (0, 1) if self.mode is Mode.LANDING else ()
         if self.mode is Mode.LEAPING:
-            self.legs = (0, 1) if self._last else _LEGS[self.gait]
+            self.legs = (0, 1) if self._last else self.gait.feet
         if self.mode is Mode.WALKING:
             self.swing = int(np.argmax(foot_phases(self.phase, Gait.WALKING)))
         else:

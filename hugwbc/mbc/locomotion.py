@@ -115,7 +115,7 @@ class Locomotion:
             Gait.WALKING if catching else command.gait,
             command.f,
             dt,
-            may_start=catching or (standing.ready and (command.gait is Gait.WALKING or posed)),
+            may_start=catching or (standing.ready and (posed or not command.gait.flight)),
             first_swing=standing.first_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
             landed=self._walking.loaded,

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from hugwbc.gait import Gait
 from hugwbc.mbc import feet
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, nominal_offset
@@ -65,12 +64,12 @@ class Standing:
             # A robot with a load on one side, of which the plan knows nothing, never gets closer: time makes it ready.
             self.ready = math.hypot(*deviation.tolist()) < params.jump_calm or self.settled
             self._watch_balance(deviation, between)
-        elif plan.gait is Gait.WALKING:
+        elif plan.gait.alternates:
             self._shift_for_a_step(pivots, pendulum)
         else:
             # The weight goes over the outer foot and may pass it a little.
             self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
-            foot, outwards = (0, to_heading[1]) if plan.gait is Gait.HOPPING_LEFT else (1, -to_heading[1])
+            foot, outwards = (0, to_heading[1]) if plan.gait.feet == (0,) else (1, -to_heading[1])
             # The leg of a hop leans inwards and stands on the outer edge of its sole.
             edge = pivots[foot][:2] + dynamics.robot.sole_y[1] * outwards
             self._shift_onto(edge, middle[:2], pendulum)

@@ -130,6 +130,7 @@ class Predictor:
             velocity=rotations.rotate(orientation, v[:3]),
             foot_force=state.foot_force,
             hand_force=state.hand_force,
+            untold_inertia=state.untold_inertia,
             time=state.time,
             age=age - carried,
         )

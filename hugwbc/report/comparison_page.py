@@ -7,13 +7,13 @@ import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from hugwbc.evaluation.segment_figures import headline, pose_table, segment_spans, segment_table
+from hugwbc.evaluation.comparison import headline, pose_table, segment_spans, segment_table
 from hugwbc.evaluation.tables import Cell, Table
 from hugwbc.files import finite_json, write_whole
 from hugwbc.report import page
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
-from hugwbc.seeds import seed_class
+from hugwbc.settings import seed_class
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter
 from hugwbc.viz.plots import Panel, hand_panels, path_panel, torque_panels, tracking_panels
 from hugwbc.viz.replay import write_replay

@@ -20,7 +20,7 @@ from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.records import versions
 from hugwbc.report.report_page import Report
 from hugwbc.runtime.controllers import ControllerSpec, labels
-from hugwbc.seeds import REPORT_SEED
+from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
 from hugwbc.viz.framing import check_count
 

@@ -60,14 +60,18 @@ class ArmDrive:
         """Return the targets within the joint limits, or the last good ones."""
         if upper_body is self._last:  # free arms, or a source that repeats itself
             return upper_body
-        if not isinstance(upper_body, UpperBody) or not upper_body.is_finite:
+        low, high = self._limits
+        known = isinstance(upper_body, UpperBody) and upper_body.is_finite
+        if not known or (upper_body.indicator and upper_body.q.shape != low.shape):
             self._log.count(
                 "upper_body_rejected",
-                "external arm targets are not eight finite numbers each, or the hands' loads are not finite: keeping "
-                "the last good ones",
+                f"external arm targets are not {low.size} finite numbers each, or the hands' loads are not finite: "
+                "keeping the last good ones",
             )
             return self._last
-        low, high = self._limits
+        if not upper_body.indicator:
+            self._last = upper_body
+            return upper_body
         q = np.minimum(np.maximum(upper_body.q, low), high)
         if ((q != upper_body.q) & upper_body.mask).any():
             self._log.count("upper_body_limited", "external arm targets outside the joint limits: clamped")
@@ -90,7 +94,7 @@ class Handover:
     """
 
     def __init__(self, arms: np.ndarray) -> None:
-        """Set up the blend for the joints `arms`, indices of shape (8,)."""
+        """Set up the blend for the joints `arms`, indices of shape (k,)."""
         self._arms, self._size = in_place(arms), arms.size
         self.reset()
 
@@ -127,5 +131,5 @@ class Handover:
         return command
 
     def _of_arms(self, command: JointCommand) -> np.ndarray:
-        """Return the arms' part of the five vectors, shape (5, 8)."""
+        """Return the arms' part of the five vectors, shape (5, k)."""
         return np.array([getattr(command, name)[self._arms] for name in _VECTORS])

@@ -258,7 +258,8 @@ class StateEstimator:
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time
-        self._joints.update(state.q, state.dq, dt, self._planned_at(state, planned))
+        planned = self._planned_at(state, planned)
+        self._joints.update(state.q, state.dq, dt, planned)
         self._see_waist()
         self._predict(gyro - self.gyro_bias, accelerometer - self.accelerometer_bias, dt)
         self._gyro = gyro
@@ -268,7 +269,7 @@ class StateEstimator:
                 self._gyro = newest_gyro
         self._kinematics.place_joints(self._joints.q, self._joints.dq)
         self._kinematics.place_pelvis(*self._pelvis())
-        contact = self._observer.infer(torque, dt)
+        contact = self._observer.infer(torque, dt, planned)
         self._measure_legs()
         stands, stood = contact.tolist(), self.contact.tolist()
         for foot in range(_FEET):
@@ -412,6 +413,7 @@ class StateEstimator:
             imu_gyro=state.imu_gyro,
             imu_accelerometer=state.imu_accelerometer,
             torque=state.torque,
+            untold_inertia=self._observer.inertia.untold,
             time=state.time,
             age=state.age,
             coasted=state.coasted,

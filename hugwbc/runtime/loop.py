@@ -141,12 +141,13 @@ class ControlLoop:
         )
 
     def _arm_target(self) -> np.ndarray:
-        if self.control.upper_body is None or self.control.hands is None:
-            return np.full(8, np.nan)
-        if self.control.hands.joints is not None:
-            return self.control.hands.joints.copy()
-        solution = self.control.upper_body.solution
-        return np.full(8, np.nan) if solution is None else solution.q.copy()
+        hands, source = self.control.hands, self.control.upper_body
+        if source is not None and hands is not None:
+            if hands.joints is not None:
+                return hands.joints.copy()
+            if source.solution is not None:
+                return source.solution.q.copy()
+        return np.full(self.simulation.robot.arms.size, np.nan)
 
     @property
     def reachable(self) -> np.ndarray:

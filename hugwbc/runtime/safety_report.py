@@ -20,7 +20,7 @@ class SafetyReport:
         ticks: control periods.
         commands_clamped: periods in which a command value was out of range or NaN, by command name.
         commands_guarded: periods in which the other values did not allow a command value, by command name.
-        upper_body_rejected: external arm targets that were not eight finite numbers; the last good ones stayed.
+        upper_body_rejected: arm targets that were not a finite number for each joint: the last good ones stayed
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
         bad_states: states with NaN or infinity, or with an orientation that is not a unit quaternion.
         bad_outputs: joint commands of the controller with NaN or infinity, or of a wrong size.

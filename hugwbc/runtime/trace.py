@@ -40,7 +40,7 @@ class Trace:
         qvel: pelvis velocity [m/s], its angular velocity in its own frame and joint velocities [rad/s], shape (T, 25).
         target: joint position targets of the joint command at this time [rad], shape (T, n).
         hand_target_world: targets of both hands [m], shape (T, 2, 3); NaN without one.
-        arm_target: arm positions that the inverse kinematics asks for [rad], shape (T, 8); NaN where it does not move
+        arm_target: arm positions that the inverse kinematics asks for [rad], shape (T, k); NaN where it does not move
             the arms.
         hand_error: distance of each hand to its target, reachable or not [m], shape (T, 2); NaN without a target.
         reachable: whether the inverse kinematics can reach each hand's target, shape (T, 2), bool.

@@ -120,11 +120,11 @@ def load_motion(path: str | pathlib.Path, robot: Robot) -> ArmMotion:
 
     So are joints that are not of the arms: the robot's legs and waist do not follow a motion.
     """
-    motion, told = _read_motion(path, robot)
+    motion, warning = _read_motion(path, robot)
     if motion.unused:
         _log.warning("%s: only the arms follow a motion; not used: %s", path, _listed(motion.unused))
-    if told:
-        _log.warning("%s", told)
+    if warning:
+        _log.warning("%s", warning)
     return motion
 
 
@@ -151,13 +151,15 @@ def check_motion(what: str, motion: ArmMotion) -> str:
     worst = past.max(axis=1)
     if worst.max() <= _ROUNDED:
         return ""
-    told = f"{what}: {np.mean(worst > _ROUNDED):.1%} of the frames are beyond joint limits, by up to {worst.max():.2f} "
-    told += f"rad ({robot.arm_names[past.max(axis=0).argmax()]})"
+    warning = (
+        f"{what}: {np.mean(worst > _ROUNDED):.1%} of the frames are beyond joint limits, by up to {worst.max():.2f} "
+    )
+    warning += f"rad ({robot.arm_names[past.max(axis=0).argmax()]})"
     if np.mean(worst > _BEYOND[0]) > _BEYOND[1]:
         raise MotionFileError(
-            f"{told}; give radians that the arms can reach, with the signs and zeros of the {robot.name}"
+            f"{warning}; give radians that the arms can reach, with the signs and zeros of the {robot.name}"
         )
-    return f"{told}; they are clamped"
+    return f"{warning}; they are clamped"
 
 
 def _read_motion(path: str | pathlib.Path, robot: Robot) -> tuple[ArmMotion, str]:
@@ -185,9 +187,9 @@ def _read_motion(path: str | pathlib.Path, robot: Robot) -> tuple[ArmMotion, str
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
     unused = tuple(name for name in found if name not in robot.arm_names)
     motion = ArmMotion(path.stem, float(fps.item()), arms, robot, unused)
-    told = check_motion(str(path), motion)
+    warning = check_motion(str(path), motion)
     arms = np.clip(arms, robot.lower[robot.arms], robot.upper[robot.arms])
-    return dataclasses.replace(motion, positions=arms), told
+    return dataclasses.replace(motion, positions=arms), warning
 
 
 def _read_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
@@ -253,7 +255,7 @@ def load_motions(folder: str | pathlib.Path, robot: Robot) -> list[ArmMotion]:
     if not paths:
         raise MotionFileError(f"{folder} holds no motion files; give a folder with {' or '.join(_READABLE)} files")
     read = [_read_motion(path, robot) for path in paths]
-    motions, clamped = [motion for motion, _ in read], [told for _, told in read if told]
+    motions, clamped = [motion for motion, _ in read], [warning for _, warning in read if warning]
     unused = list(dict.fromkeys(name for motion in motions for name in motion.unused))
     if unused:  # one line, not one for each of perhaps a thousand files
         _log.warning("%s: only the arms follow a motion; not used: %s", folder, _listed(unused))

@@ -1,8 +1,29 @@
 """Command scripts: what the robot does over time, the same for every controller.
 
 A script is a list of segments. Within a segment the commands ramp smoothly from the previous segment's values to its
-own, and then hold; the gait switches at the segment's start. `script_file` reads scripts from YAML; the shipped ones
+own, and then hold; the gait switches at the segment's start. A file says the same in YAML; the shipped ones
 are in `hugwbc/scripts`.
+
+    segments:
+      - label: wave
+        duration: 3
+        gait: standing            # optional, like everything but label and duration
+        commands: {h: -0.1}
+        ramp: 1
+        hands:
+          frame: pelvis           # pelvis, heading, steady or world
+          right_direction: [1, 0, 0]  # along which the forearm points; left_direction likewise
+          together: true          # both hands hold one object
+          whole_body: true        # h, p and w may help
+          left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}
+          right: mirror           # mirror image of the left; a hand that is left out rests
+      - label: gesture
+        duration: 5
+        motion: wave.npz          # arm joints from a motion file (see `hugwbc.scripts.motion`), instead of hands
+
+A path is one of `hold`, `line`, `grid`, `circle`, `swing` and `wander`, with the fields of the class of that name in
+`scripts.hand_paths`, or `file`, the path of a CSV file (t, x, y, z). Paths of CSV and motion files are relative to the
+script. YAML anchors may repeat parts.
 """
 
 import bisect
@@ -10,6 +31,7 @@ import dataclasses
 import functools
 import itertools
 import logging
+import pathlib
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -23,11 +45,11 @@ from hugwbc.errors import CommandError, ConfigError, HugwbcError, TargetError, U
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES, Robot
 from hugwbc.scripts import hand_paths
-from hugwbc.scripts.hand_paths import HandPath, Point
+from hugwbc.scripts.hand_paths import HandPath, Point, Recorded, read_path
 from hugwbc.scripts.motion import ArmMotion, check_motion, load_motion
-from hugwbc.scripts.recorded_path import Recorded, read_path
 from hugwbc.scripts.sampled import check_pace
 from hugwbc.settings import Beside, NotNegative, Positive, refusing, settings
+from hugwbc.settings_file import load, named_path, shipped_names
 from hugwbc.targets import FARTHEST_HAND, HandFrame, HandTargets
 
 _log = logging.getLogger(__name__)
@@ -62,8 +84,8 @@ def _path(value: Any, info: ValidationInfo) -> HandPath | None:  # noqa: ANN401
 def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN401
     """Return the motion of a file, the same object for the same file, so that it can go on from segment to segment."""
     if value is None or isinstance(value, ArmMotion):
-        if value is not None and (told := check_motion(f"motion '{value.name}'", value)):
-            _log.warning("%s", told)
+        if value is not None and (warning := check_motion(f"motion '{value.name}'", value)):
+            _log.warning("%s", warning)
         return value
     path = TypeAdapter(Beside).validate_python(value, context=info.context)
     known = {} if info.context is None else info.context
@@ -341,3 +363,22 @@ def while_walking(script: Script, v_x: float) -> Script:
         gait = Gait.WALKING if segment.gait is Gait.STANDING else segment.gait
         segments.append(dataclasses.replace(segment, gait=gait, commands=commands))
     return Script(f"{script.name} while walking", tuple(segments), script.about)
+
+
+FOLDER = pathlib.Path(__file__).parent
+SCRIPT_NAMES = shipped_names(FOLDER)
+
+
+def load_script(name: str | pathlib.Path, robot: Robot | None = None) -> Script:
+    """Load a shipped script, one of `SCRIPT_NAMES`, or a script from a path that ends in .yaml or .yml.
+
+    Args:
+        name: the name or the path.
+        robot: whose arms the script's motion files move, and whose ranges its commands keep; None for a script without
+            such files, and the paper's ranges.
+    """
+    path = named_path("script", name, FOLDER)
+    script = load(Script, path, robot, name=path.stem)
+    if robot is not None:
+        script.check(robot)
+    return script

@@ -14,10 +14,10 @@ class ArmSolver:
     """Tasks of both hands, posture, damping and collisions, within the limits of the arm joints; all are soft.
 
     Attributes:
-        lower, upper: joint position limits minus the margin [rad], shape (8,).
-        velocity_limit: highest joint speeds [rad/s], shape (8,).
+        lower, upper: joint position limits minus the margin [rad], shape (k,).
+        velocity_limit: highest joint speeds [rad/s], shape (k,).
         placo: placo's robot.
-        columns: places of the arm joints in its configuration, shape (8,).
+        columns: places of the arm joints in its configuration, shape (k,).
         solver: placo's solver, to which further tasks may be added.
         hands: task of each hand, of weight 1.
         damping: task that keeps the step short.

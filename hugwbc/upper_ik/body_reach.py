@@ -11,7 +11,7 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.arm_solver import ArmSolver
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, hip_names
+from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, still_names
 
 BODY_NAMES = ("h", "p", "w")
 
@@ -49,7 +49,7 @@ class BodyReach:
         self._robot = robot
         self._body = (HEIGHT_JOINT, PITCH_JOINT, robot.joint_names[robot.waist])
         self.rejected = self.failures = 0
-        self._arms = arms = ArmSolver(self._robot, self._config, still=hip_names(robot), on_column=True)
+        self._arms = arms = ArmSolver(self._robot, self._config, still=still_names(robot), on_column=True)
         self.placo, self._solver = arms.placo, arms.solver
         for name, fastest in zip(self._body, speed, strict=True):
             self.placo.set_velocity_limit(name, fastest)
@@ -160,7 +160,7 @@ class BodyReach:
         return self._arms.hand_points()
 
     def start(self, q_arm: np.ndarray, values: np.ndarray) -> None:
-        """Move the virtual robot to arm positions (8,) [rad] and to h, p, w (3,), to search from there."""
+        """Move the virtual robot to arm positions (k,) [rad] and to h, p, w (3,), to search from there."""
         self._place_arms(q_arm)
         self.values = np.array(values, dtype=float)
 

@@ -9,7 +9,7 @@ import placo
 from hugwbc.robot import Robot
 from hugwbc.upper_ik.arm_solver import FRAMES, ArmSolver
 from hugwbc.upper_ik.config import ArmIKConfig
-from hugwbc.upper_ik.self_collision import Clearance, hip_names
+from hugwbc.upper_ik.self_collision import Clearance, still_names
 
 # A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
 STALL = 0.02
@@ -30,12 +30,14 @@ class Goal:
         directions: unit vectors from the elbows to the hands, shape (2, 3); NaN where they do not matter.
         together: whether the hands hold one object; their relative position then has priority.
         speed: speed of each target [m/s], shape (2,).
+        carried: speed at which the body carries each hand away from it [m/s], shape (2,).
     """
 
     points: np.ndarray
     directions: np.ndarray = dataclasses.field(default_factory=lambda: NOWHERE)
     together: bool = False
     speed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
+    carried: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 class Descent:
@@ -57,12 +59,12 @@ class Descent:
     the step is repeated without collision avoidance.
 
     Attributes:
-        q: arm joint positions [rad], shape (8,).
+        q: arm joint positions [rad], shape (k,).
         hands: hand positions at `q` [m], shape (2, 3).
         residual: distances to the targets after the last step [m], shape (2,).
         stalled: whether a hand was off its target and the last step brought it no nearer, shape (2,), bool.
-        lower, upper: joint position limits minus the margin [rad], shape (8,).
-        velocity_limit: highest joint speeds [rad/s], shape (8,).
+        lower, upper: joint position limits minus the margin [rad], shape (k,).
+        velocity_limit: highest joint speeds [rad/s], shape (k,).
         placo: placo's robot, at the posture `q`.
         clearance: measures the distances of the arms at that posture.
         without_collisions: number of steps that had to be solved without collision avoidance.
@@ -71,7 +73,7 @@ class Descent:
     def __init__(self, config: ArmIKConfig, robot: Robot) -> None:
         self.config = config
         self._robot = robot
-        body = (robot.joint_names[robot.waist], *hip_names(robot))
+        body = (robot.joint_names[robot.waist], *still_names(robot))
         self._arms = arms = ArmSolver(self._robot, config, still=body)
         self.lower, self.upper, self.velocity_limit = arms.lower, arms.upper, arms.velocity_limit
         self.placo, self._columns, self._solver = arms.placo, arms.columns, arms.solver
@@ -92,7 +94,7 @@ class Descent:
         self.place(self._robot.nominal[self._robot.arms], self._robot.nominal)
 
     def place(self, q: np.ndarray, body: np.ndarray) -> None:
-        """Move to arm positions (8,) [rad], with waist and hips taken from joint positions (n,) [rad]."""
+        """Move to arm positions (k,) [rad], with waist and hips taken from joint positions (n,) [rad]."""
         self.q = np.minimum(np.maximum(q, self.lower), self.upper)
         self._put(self.q, body)
         # Near an obstacle, a hand moves only as fast as its arm can still stop.
@@ -105,7 +107,7 @@ class Descent:
         return min(max(stopping, self.config.touch_speed), self.config.hand_speed)
 
     def forward(self, q: np.ndarray, body: np.ndarray) -> np.ndarray:
-        """Return both hands' positions [m], shape (2, 3), at arms (8,) and body (n,); overwrites the posture."""
+        """Return both hands' positions [m], shape (2, 3), at arms (k,) and body (n,); overwrites the posture."""
         self._put(q, body)
         return self.hands
 
@@ -122,7 +124,7 @@ class Descent:
         self.hands = self._arms.hand_points()
 
     def jacobians(self) -> np.ndarray:
-        """Return the Jacobians of both hands at the present posture, each by its own arm's joints, shape (2, 3, 4)."""
+        """Return the Jacobians of both hands at the present posture by their arms' joints, shape (2, 3, k / 2)."""
         columns = (self._columns - 1).reshape(2, -1)
         return np.array(
             [
@@ -152,10 +154,12 @@ class Descent:
     def _step(self, goal: Goal, error: np.ndarray, dt: float) -> list[float]:
         """Take one step from the hands' errors (2, 3) and return the requested travel of each hand [m]."""
         steps, parts = [], []
-        for distance, safe, speed in zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), strict=True):
+        rows = zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), goal.carried.tolist(), strict=True)
+        for distance, safe, speed, carried in rows:
             fastest = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), self.config.hand_speed) + speed
-            # The target's own speed does not count next to an obstacle.
-            steps.append(min(distance, (fastest if safe == self.config.hand_speed else min(fastest, safe)) * dt))
+            # The target's own speed does not count next to an obstacle, other than the motion of what carries the arm.
+            fastest = carried + (fastest if safe == self.config.hand_speed else min(fastest, safe))
+            steps.append(min(distance, fastest * dt))
             parts.append([steps[-1] / max(distance, 1e-9)])
         if goal.together:  # a hand next to an obstacle slows the other one down
             parts = [min(parts)] * 2

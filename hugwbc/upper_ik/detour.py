@@ -13,7 +13,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.mirror import load_mirror
-from hugwbc.robot import Robot
+from hugwbc.robot import SIDES, Robot
 from hugwbc.upper_ik.config import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
@@ -33,13 +33,19 @@ ROUNDING = 0.001  # [m]; an arm that is stalled next to an obstacle may slide al
 PROBE = 0.2  # [rad] between two collision checks on a route
 
 
+def own(arm: int, q: np.ndarray) -> slice:
+    """Return the places of an arm, 0 for the left and 1 for the right, in a vector of the joints of both."""
+    half = q.size // 2
+    return slice(half * arm, half * (arm + 1))
+
+
 def arm_mirror(robot: Robot) -> np.ndarray:
-    """Return the signs that turn a posture of one arm into its mirror image, shape (4,)."""
-    return load_mirror(robot).joint_sign[robot.arms[4:]]
+    """Return the signs that turn a posture of one arm into its mirror image, shape (k,)."""
+    return load_mirror(robot).joint_sign[robot.arms.reshape(len(SIDES), -1)[1]]
 
 
 def seeds(robot: Robot) -> np.ndarray:
-    """Return the known postures of both arms, `Robot.arm_postures`, as mirror images [rad], shape (2, n, 4)."""
+    """Return the known postures of both arms, `Robot.arm_postures`, as mirror images [rad], shape (2, n, k)."""
     postures = np.array(list(robot.arm_postures.values()))
     return np.stack((postures, postures * arm_mirror(robot)))
 
@@ -54,9 +60,9 @@ class PostureTable:
     """A table of collision-free postures of the left arm and of the hand positions that they give.
 
     Attributes:
-        q: joint positions [rad], shape (n, 4).
+        q: joint positions [rad], shape (n, k).
         hands: hand positions in the pelvis frame with the waist at zero [m], shape (n, 3).
-        mirror: signs that turn a posture into that of the right arm, shape (4,).
+        mirror: signs that turn a posture into that of the right arm, shape (k,).
     """
 
     q: np.ndarray
@@ -70,14 +76,14 @@ class PostureTable:
             arm: 0 for the left, 1 for the right arm.
             point: target of the hand in the pelvis frame [m], shape (3,).
             waist: angle of the waist [rad].
-            q: current positions of the arm [rad], shape (4,); of postures equally near the point, the nearest to `q`
+            q: current positions of the arm [rad], shape (k,); of postures equally near the point, the nearest to `q`
                 comes first.
             count: number of postures, which differ by at least `APART`.
 
         Returns:
-            Joint positions [rad], shape (count, 4).
+            Joint positions [rad], shape (count, k).
         """
-        mirror = self.mirror if arm else np.ones(4)
+        mirror = self.mirror if arm else np.ones_like(self.mirror)
         local = rotations.rotation_z(-waist) @ point * ([1.0, -1.0, 1.0] if arm else [1.0, 1.0, 1.0])
         cost = lengths(self.hands - local) + TRAVEL_COST * np.abs(self.q - q * mirror).max(axis=1)
         found = []
@@ -94,11 +100,12 @@ def posture_table(robot: Robot) -> PostureTable:
     rng = np.random.default_rng(0)
     postures, hands = [], []
     q = robot.nominal[robot.arms].copy()
+    left = own(0, q)
     while len(postures) < COUNT:
-        q[:4] = rng.uniform(descent.lower[:4], descent.upper[:4])
+        q[left] = rng.uniform(descent.lower[left], descent.upper[left])
         hand = descent.forward(q, robot.nominal)[0]
         if descent.clearance()[0] > descent.config.collision_margin:
-            postures.append(q[:4].copy())
+            postures.append(q[left].copy())
             hands.append(hand)
     return PostureTable(np.array(postures), np.array(hands), arm_mirror(robot))
 
@@ -107,7 +114,7 @@ class Scout:
     """Virtual arms that search from posture to posture, each on its own, and keep the best one found.
 
     Attributes:
-        q: joint positions of the virtual arms [rad], shape (8,).
+        q: joint positions of the virtual arms [rad], shape (2 k,).
         residual: distances of the virtual hands to their targets [m], shape (2,).
         direct: distance to the target at which the direct way ends [m], shape (2,); infinite until it is known.
         done: whether each arm's search is over, because its target was reached or all postures were tried; shape (2,),
@@ -124,7 +131,7 @@ class Scout:
         self._starts: list[list[np.ndarray]] = [[], []]
         self._searching = np.zeros(2, dtype=bool)
         self._goal = np.zeros((2, 3))
-        self._best = np.zeros((2, 4))
+        self._best = np.zeros((2, robot.arms.size // 2))
         self._best_residual = np.full(2, np.inf)
         self._settled = np.zeros(2, dtype=bool)
         self._waist = robot.waist
@@ -134,7 +141,7 @@ class Scout:
         self.done = np.zeros(2, dtype=bool)
 
     def reset(self, q: np.ndarray) -> None:
-        """Forget both searches and move to the real arms' positions (8,) [rad]."""
+        """Forget both searches and move to the real arms' positions (2 k,) [rad]."""
         for arm in range(2):
             self.rest(arm)
         self.q = q.copy()
@@ -149,12 +156,12 @@ class Scout:
         Args:
             arm: 0 for the left, 1 for the right arm.
             goal: targets [m], shape (2, 3).
-            q: positions of the real arms [rad], shape (8,).
+            q: positions of the real arms [rad], shape (2 k,).
             body: joint positions of the robot [rad], shape (n,).
         """
         if self.done[arm] and np.linalg.norm(goal[arm] - self._goal[arm]) > MOVED:
             self.rest(arm)
-        joints = slice(4 * arm, 4 * arm + 4)
+        joints = own(arm, q)
         if self.done[arm]:
             return
         if not self._searching[arm]:
@@ -225,19 +232,19 @@ class Detours:
         self._tried[arm] = 0
 
     def look(self, arm: int, q: np.ndarray, posture: np.ndarray, body: np.ndarray) -> None:
-        """Check the next route of an arm from positions (8,) to its posture in (8,), and start on it if it is clear."""
+        """Check an arm's next route from positions (2 k,) to its posture in (2 k,), and start on it if it is clear."""
         if self._tried[arm] == len(self._ways):
             return
         vias = [self._seeds[arm, seed] for seed in self._ways[self._tried[arm]]]
         self._tried[arm] += 1
-        joints = slice(4 * arm, 4 * arm + 4)
+        joints = own(arm, q)
         corners = [q[joints], *vias, posture[joints]]
         if all(self._is_clear(arm, q, *leg, body) for leg in itertools.pairwise(corners)):
             self.active[arm], self._vias[arm], self._tried[arm] = True, vias, 0
             self.count += 1
 
     def _is_clear(self, arm: int, q: np.ndarray, start: np.ndarray, end: np.ndarray, body: np.ndarray) -> bool:
-        joints = slice(4 * arm, 4 * arm + 4)
+        joints = own(arm, q)
         probe = q.copy()
         self._descent.forward(probe, body)
         least = self._least_room(self._descent.clearance())[arm]
@@ -254,15 +261,15 @@ class Detours:
         """Return the arm positions one tick later: on the detour, or `direct` for an arm without one.
 
         Args:
-            q: current arm positions [rad], shape (8,).
-            direct: arm positions of the direct way [rad], shape (8,).
-            postures: postures to which the detours lead [rad], shape (8,).
+            q: current arm positions [rad], shape (2 k,).
+            direct: arm positions of the direct way [rad], shape (2 k,).
+            postures: postures to which the detours lead [rad], shape (2 k,).
             body: joint positions of the robot [rad], shape (n,).
             dt: length of the tick [s].
         """
         target = direct.copy()
         for arm in np.flatnonzero(self.active):
-            joints = slice(4 * arm, 4 * arm + 4)
+            joints = own(arm, q)
             vias = self._vias[arm]
             while vias and np.abs(vias[0] - q[joints]).max() <= CORNER:
                 vias.pop(0)
@@ -289,5 +296,6 @@ class Detours:
         for arm in np.flatnonzero(blocked):
             self._tried[arm] = len(self._ways)  # it would be blocked again
         fastest = np.array([self._descent.stoppable(room) for room in clearance])
+        half = q.size // 2
         part = np.minimum(1.0, fastest * dt / np.maximum(travel, 1e-9))
-        return np.where(np.repeat(self.active, 4), q + np.repeat(part, 4) * (target - q), direct)
+        return np.where(np.repeat(self.active, half), q + np.repeat(part, half) * (target - q), direct)

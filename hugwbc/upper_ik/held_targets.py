@@ -55,7 +55,7 @@ class HeldTargets:
         parts = np.split(self._q, np.cumsum([getattr(hands, name).size for name in given])[:-1])
         new = {n: x / max(math.sqrt(x @ x), 1e-9) if "dir" in n else x for n, x in zip(given, parts, strict=True)}
         if hands.joints is not None:
-            new["joint_velocity"] = self._dq[-8:]
+            new["joint_velocity"] = self._dq[-hands.joints.size :]
         # Without its stamp: unlike the messages', its differences are those of a motion.
         return dataclasses.replace(hands, stamp=None, **new)
 
@@ -96,7 +96,8 @@ class HeldTargets:
         due = self._now + delay - (off * (1.0 - _GAIN) if abs(off) <= delay else 0.0)
         due = max(due, self._now + 0.6 * max(period, dt))
         by_joints = hands.joints is not None
-        leap = np.abs(point - self._q)[slice(-8, None) if by_joints else slice(3 * int(hands.given.sum()))]
+        moved = slice(3 * int(hands.given.sum())) if hands.joints is None else slice(-hands.joints.size, None)
+        leap = np.abs(point - self._q)[moved]
         if leap.max(initial=0.0) > FASTEST[by_joints] * (due - self._now + dt):
             self._place(point)
             return

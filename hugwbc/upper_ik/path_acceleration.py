@@ -5,7 +5,6 @@ from eigenpy import LLT
 
 _DAMPING = 0.05  # [m]; keeps the joint speeds of a stretched arm bounded
 _RIDGE = _DAMPING**2 * np.eye(3)
-_ARM = 4  # joints
 
 
 class PathAcceleration:
@@ -17,25 +16,26 @@ class PathAcceleration:
     their difference between two ticks is the acceleration.
     """
 
-    def __init__(self, speed: float, largest: float) -> None:
+    def __init__(self, speed: float, largest: float, joints: int) -> None:
         """Set the bounds.
 
         Args:
             speed: of a target beyond which it has jumped [m/s].
             largest: acceleration of a joint [rad/s^2].
+            joints: number of joints of both arms, k.
         """
-        self._speed, self._largest = speed, largest
+        self._speed, self._largest, self._joints = speed, largest, joints
         self.reset()
 
     def reset(self) -> None:
         """Forget the last targets."""
         self._points = np.full((2, 3), np.nan)
-        self._rates = np.full((2, _ARM), np.nan)
+        self._rates = np.full((2, self._joints // 2), np.nan)
 
     def update(
         self, points: np.ndarray, smooth: np.ndarray, turn: np.ndarray | None, jacobians: np.ndarray, dt: float
     ) -> np.ndarray:
-        """Return the accelerations of the arm joints in this tick [rad/s^2], shape (8,).
+        """Return the accelerations of the arm joints in this tick [rad/s^2], shape (k,).
 
         They are zero for a hand without two successive velocities: its target is new, jumps, or is not followed.
 
@@ -43,7 +43,7 @@ class PathAcceleration:
             points: targets in their own frame [m], shape (2, 3); NaN for a hand without one.
             smooth: whether the arm follows a target that moves smoothly, shape (2,), bool.
             turn: rotation from that frame to the pelvis frame, shape (3, 3); None for none.
-            jacobians: of the hands in the pelvis frame, shape (2, 3, 4).
+            jacobians: of the hands in the pelvis frame, shape (2, 3, k / 2).
             dt: time since the last call [s].
         """
         velocity = (points - self._points) / dt

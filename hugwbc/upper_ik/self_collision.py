@@ -16,14 +16,15 @@ _ROUND = 1.03  # ratio of a capsule's radius to that of the box's corners: a lit
 HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 
 
-def hip_names(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the six hip joints, those of the left leg first."""
+def still_names(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the joints that stay where they are measured: six of the hips, and those in no chain."""
     pairs = [robot.pair(part) for part in ("hip_yaw", "hip_roll", "hip_pitch")]
-    return tuple(robot.joint_names[pair[side]] for side in range(len(SIDES)) for pair in pairs)
+    hips = [pair[side] for side in range(len(SIDES)) for pair in pairs]
+    return tuple(robot.joint_names[index] for index in (*hips, *robot.held))
 
 
 def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
-    """Build placo's model of the robot with arms, waist and hips; knees, ankles and held joints are fixed.
+    """Build placo's model of the robot with arms, waist and hips; knees and ankles are fixed.
 
     Its shapes are capsules around the collision boxes of the simulated robot, and the robot's capsules around what has
     none. (Flat faces would do without the difference, but the nearest points of two parallel ones jump from edge to
@@ -37,7 +38,7 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     for link in root.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
-    stiff = {robot.joint_names[index] for index in (*robot.legs, *robot.held)} - set(hip_names(robot))
+    stiff = {robot.joint_names[index] for index in robot.legs} - set(still_names(robot))
     for joint in root.findall("joint"):
         if joint.get("name") in stiff:
             joint.set("type", "fixed")
@@ -103,7 +104,7 @@ class Clearance:
         self._wrapper = wrapper
         moved_by = [wrapper.model.names[shape.parentJoint] for shape in wrapper.collision_model.geometryObjects]
         pairs = [{moved_by[pair.first], moved_by[pair.second]} for pair in wrapper.collision_model.collisionPairs]
-        arms = (robot.arm_names[:4], robot.arm_names[4:])
+        arms = np.array(robot.arm_names).reshape(len(SIDES), -1).tolist()
         self._of_arm = [[i for i, pair in enumerate(pairs) if not pair.isdisjoint(arm)] for arm in arms]
 
     def __call__(self) -> list[float]:

@@ -1,4 +1,4 @@
-"""Inverse kinematics of both arms: from two hand positions to eight joint targets."""
+"""Inverse kinematics of both arms: from the positions of two hands to the joints of both arms."""
 
 import dataclasses
 import math
@@ -26,9 +26,9 @@ class IKSolution:
     """The arm targets of one tick; joints in the order of `Robot.arms`, hands in the order left, right.
 
     Attributes:
-        q: joint positions [rad], shape (8,).
-        dq: joint velocities [rad/s], shape (8,).
-        ddq: joint accelerations of the targets' own motion [rad/s^2], shape (8,); without what the arms do to correct
+        q: joint positions [rad], shape (k,).
+        dq: joint velocities [rad/s], shape (k,).
+        ddq: joint accelerations of the targets' own motion [rad/s^2], shape (k,); without what the arms do to correct
             for the body's motion, and zero where the targets' motion is not smooth.
         residual: distance of each hand at `q` to its target [m], shape (2,); NaN before the first usable target.
         reachable: False for a hand that is off its target and no longer gets nearer, so that `q` is the nearest pose
@@ -58,8 +58,8 @@ class ArmIK:
             configuration.
         failures: number of calls in which the solver failed. Each kept the last configuration or, if only the search
             for a better posture failed, continued without the search.
-        lower, upper: joint position limits of the solution [rad], shape (8,).
-        velocity_limit: joint speed limits of the solution [rad/s], shape (8,).
+        lower, upper: joint position limits of the solution [rad], shape (k,).
+        velocity_limit: joint speed limits of the solution [rad/s], shape (k,).
         acceleration_limit: joint acceleration limit of the solution [rad/s^2].
     """
 
@@ -77,14 +77,14 @@ class ArmIK:
         self.acceleration_limit = self.config.acceleration
         self._limiter = JointLimiter(self.lower, self.upper, self.velocity_limit, self.acceleration_limit)
         self._limiter.place(self._descent.q)
-        self._path = PathAcceleration(self.config.hand_speed, self.acceleration_limit)
+        self._path = PathAcceleration(self.config.hand_speed, self.acceleration_limit, self._descent.q.size)
         self._body = self.robot.nominal.copy()
         self._rest = self._descent.forward(self._limiter.q, self._body).copy()
         self.reset(self._limiter.q)
 
     @property
     def q(self) -> np.ndarray:
-        """The current arm configuration [rad], shape (8,)."""
+        """The current arm configuration [rad], shape (k,)."""
         return self._limiter.q.copy()
 
     @property
@@ -98,9 +98,9 @@ class ArmIK:
         return self._detours.count
 
     def reset(self, q: np.ndarray) -> None:
-        """Continue at rest from arm positions (8,) [rad], clamped to the limits; joints that are not finite stay."""
+        """Continue at rest from arm positions (k,) [rad], clamped to the limits; joints that are not finite stay."""
         self._limiter.place(np.clip(np.where(np.isfinite(q), q, self._limiter.q), self.lower, self.upper))
-        self._ddq = np.zeros(8)
+        self._ddq = np.zeros_like(self._limiter.q)
         self._path.reset()
         self._residual = np.full(2, np.nan)
         self._reachable = np.ones(2, dtype=bool)
@@ -110,7 +110,7 @@ class ArmIK:
         self._scout.reset(self._limiter.q)
 
     def hands(self, q: np.ndarray, waist: float) -> np.ndarray:
-        """Return both hands in the pelvis frame [m], shape (2, 3), at arm positions (8,) and a waist angle [rad]."""
+        """Return both hands in the pelvis frame [m], shape (2, 3), at arm positions (k,) and a waist angle [rad]."""
         self._body[self.robot.waist] = waist
         return self._descent.forward(q, self._body)
 
@@ -125,7 +125,7 @@ class ArmIK:
         Waist and hips are as in the last state.
 
         Args:
-            q: arm positions [rad], shape (8,).
+            q: arm positions [rad], shape (k,).
 
         Returns:
             Distances of the surfaces, negative in a collision [m], shape (2,).
@@ -148,8 +148,8 @@ class ArmIK:
         if goal is None or not math.isfinite(state.q[self.robot.waist]) or not 0.0 < dt < np.inf:
             self.rejected += 1
             return self._hold(dt)
-        self._body = np.where(np.isfinite(state.q), state.q, self._body)
-        goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt))
+        carried = self._carried(np.where(np.isfinite(state.q), state.q, self._body), dt)
+        goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt), carried)
         try:
             q = self._descend(goal, dt)
             # A stream's targets stand still between two messages: their differences say nothing.
@@ -174,9 +174,19 @@ class ArmIK:
         self._jumped = moved > MOVED
         return np.where(moved <= self.config.hand_speed * dt, moved / dt, 0.0)
 
+    def _carried(self, body: np.ndarray, dt: float) -> np.ndarray:
+        """Place the arms on a body (n,), and return the speed at which it has carried the hands along [m/s], (2,).
+
+        It is 0 up to the speed at which a hand stays on its target within the tolerance anyway (`Descent`).
+        """
+        before, self._body = self._descent.forward(self._limiter.q, self._body), body
+        self._descent.place(self._limiter.q, body)
+        speed = np.minimum(lengths(self._descent.hands - before) / dt, self.config.hand_speed)
+        counts = speed**2 > 2.0 * self.config.hand_deceleration * self.config.tolerance
+        return np.where(counts & (self._last_points is not None), speed, 0.0)
+
     def _descend(self, goal: Goal, dt: float) -> np.ndarray:
         count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
-        self._descent.place(self._limiter.q, self._body)
         self._descent.descend(goal, dt / count, count)
         self._residual, self._reachable = self._descent.residual, ~self._descent.stalled
         return self._descent.q

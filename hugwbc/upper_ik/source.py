@@ -33,7 +33,9 @@ class TargetWatch:
         age: time since the newest good target was made [s].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot) -> None:
+        """Watch for targets of a robot, which may be of its arm joints."""
+        self._robot = robot
         self.reset()
 
     def reset(self) -> None:
@@ -73,8 +75,10 @@ class TargetWatch:
         return None if stale else self._newest
 
     def _is_new(self, hands: HandTargets) -> bool:
-        if not hands.is_usable or (hands.stamp is not None and not math.isfinite(hands.stamp)):
-            self.tally.note("bad", "numbers that are not finite, or not three for a hand and eight for the joints")
+        joints = self._robot.arms.size
+        fits = hands.joints is None or hands.joints.size == joints
+        if not hands.is_usable or not fits or (hands.stamp is not None and not math.isfinite(hands.stamp)):
+            self.tally.note("bad", f"numbers that are not finite, or not three for a hand and {joints} for the joints")
             return False
         if hands.stamp is not None and self._stamp is not None:
             ahead = hands.stamp - self._stamp
@@ -104,7 +108,7 @@ class UpperBodySource:
         """Build the solver for a robot."""
         self.ik = ArmIK(robot)
         self.takeover = Takeover(robot)
-        self.watch, self._held = TargetWatch(), HeldTargets()
+        self.watch, self._held = TargetWatch(robot), HeldTargets()
         self._loads = HandLoads()
         self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
@@ -143,7 +147,7 @@ class UpperBodySource:
             command: the user's command. Its h, p and w are changed for targets that ask for the whole body
                 (`BodyReach`), and brought back afterwards.
             dt: time since the last tick [s].
-            commanded: the arm part of the last joint command [rad], shape (8,), if known. A takeover starts there, and
+            commanded: the arm part of the last joint command [rad], shape (k,), if known. A takeover starts there, and
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
                 measured arms and a hand-back ends in the nominal pose.
         """
@@ -175,7 +179,8 @@ class UpperBodySource:
             q, dq, ddq = self.solution.q, self.solution.dq, self.solution.ddq
         else:
             self.solution = None
-            q, dq, ddq = hands.joints, np.zeros(8) if hands.joint_velocity is None else hands.joint_velocity, None
+            q, dq, ddq = hands.joints, hands.joint_velocity, None
+            dq = np.zeros_like(q) if dq is None else dq
         return self._loads.apply(self.takeover.follow(q, dq, dt, start, ddq), hands, state, dt)
 
     def _placed(self, hands: HandTargets, state: RobotState, command: Command, dt: float) -> HandTargets:

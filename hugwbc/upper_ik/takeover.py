@@ -31,7 +31,7 @@ class Takeover:
 
     Attributes:
         phase: who moves the arms.
-        velocity_limit: highest speed of the arm command [rad/s], shape (8,).
+        velocity_limit: highest speed of the arm command [rad/s], shape (k,).
         held: number of ticks with a target that was not finite or a time step that was not positive; in each the arms
             braked.
     """
@@ -48,6 +48,7 @@ class Takeover:
         self.phase = Phase.RELEASED
         self.held = 0
         self._rest = robot.nominal[arms]
+        self._all = np.ones(arms.size, dtype=bool)
         self._from = self._rest.copy()
         self._limiter.place(self._rest)
         self._elapsed = 0.0
@@ -73,12 +74,12 @@ class Takeover:
         """Return the arm command for one tick of external control.
 
         Args:
-            q: target positions [rad], shape (8,).
-            dq: target velocities [rad/s], shape (8,).
+            q: target positions [rad], shape (k,).
+            dq: target velocities [rad/s], shape (k,).
             dt: time since the last tick [s].
-            start: the arm command before a takeover [rad], shape (8,), read only while the arms are released. None
+            start: the arm command before a takeover [rad], shape (k,), read only while the arms are released. None
                 starts where the last takeover ended, at first in the nominal pose.
-            ddq: accelerations of the targets' planned motion [rad/s^2], shape (8,). None takes those of the arm
+            ddq: accelerations of the targets' planned motion [rad/s^2], shape (k,). None takes those of the arm
                 command, which would be wrong for targets that follow the measured body (`UpperBody.ddq`).
         """
         if self.phase is not Phase.TAKEN:
@@ -95,7 +96,7 @@ class Takeover:
         """Return the arm command for one tick of the way back; `UpperBody.none()` at its end.
 
         Args:
-            own: the controller's own arm positions [rad], shape (8,); None returns to the nominal positions.
+            own: the controller's own arm positions [rad], shape (k,); None returns to the nominal positions.
             dt: time since the last tick [s].
         """
         goal = self._rest if own is None else own
@@ -105,10 +106,10 @@ class Takeover:
             self.phase = Phase.RELEASED
         if self.phase is Phase.RELEASED:
             return UpperBody.none()
-        return self._advance(goal, np.zeros(8), None, RETURN_TIME, dt)
+        return self._advance(goal, np.zeros_like(goal), None, RETURN_TIME, dt)
 
     def _begin(self, phase: Phase, start: np.ndarray | None) -> None:
-        """Start a blend at rest from positions (8,), or from the current arm command at its speed."""
+        """Start a blend at rest from positions (k,), or from the current arm command at its speed."""
         self.phase = phase
         if start is not None:
             self._limiter.place(start)
@@ -124,7 +125,7 @@ class Takeover:
     ) -> UpperBody:
         if not 0.0 < dt < np.inf:
             self.held += 1
-            return UpperBody(self._limiter.q.copy(), np.zeros(8), np.ones(8, dtype=bool))
+            return UpperBody(self._limiter.q.copy(), np.zeros_like(goal), self._all)
         last, ddq = self._limiter.dq, None
         if np.isfinite(goal).all() and np.isfinite(goal_dq).all():
             before = smooth_step(self._elapsed / blend_time)
@@ -139,4 +140,4 @@ class Takeover:
             self._limiter.stop(dt)
         if ddq is None:
             ddq = (self._limiter.dq - last) / dt
-        return UpperBody(self._limiter.q.copy(), self._limiter.dq.copy(), np.ones(8, dtype=bool), ddq)
+        return UpperBody(self._limiter.q.copy(), self._limiter.dq.copy(), self._all, ddq)

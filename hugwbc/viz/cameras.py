@@ -58,10 +58,10 @@ def render_films(
     """
     check_cameras(cameras)
     with tempfile.TemporaryDirectory() as place:
-        told, positions = pathlib.Path(place) / "model.mjb", pathlib.Path(place) / "qpos.npy"
-        mujoco.mj_saveModel(model, str(told))
+        compiled, positions = pathlib.Path(place) / "model.mjb", pathlib.Path(place) / "qpos.npy"
+        mujoco.mj_saveModel(model, str(compiled))
         np.save(positions, qpos, allow_pickle=False)
-        words = [str(told), str(positions), str(folder.absolute()), str(fps), robot.name, *cameras]
+        words = [str(compiled), str(positions), str(folder.absolute()), str(fps), robot.name, *cameras]
         command = [sys.executable, "-m", "hugwbc.viz.cameras", *words]
         done = subprocess.run(command, capture_output=True, text=True, env=renderer_environment(), cwd=place)
     if done.returncode:

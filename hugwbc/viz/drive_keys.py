@@ -78,24 +78,24 @@ class Touched:
         return cls(codes, numbers, max(0.0, _unit(message.get("squat"))))
 
     def commands(self) -> dict[str, float]:
-        """Return the asked values of v_x, v_y, omega, and of h where the trigger is pulled; empty if nothing is."""
+        """Return the requested values of v_x, v_y, omega, and of h where the trigger is pulled; empty if nothing is."""
         speeds = FAST_SPEED if self.held & set(SHIFT) else SPEED
-        asked: dict[str, float] = {}
+        values: dict[str, float] = {}
         for code in self.held & HELD.keys():
             name, sign = HELD[code]
-            asked[name] = asked.get(name, 0.0) + sign * speeds[name]
-        if "v_x" in asked:
-            asked["v_x"] = max(asked["v_x"], -BACKWARD)
+            values[name] = values.get(name, 0.0) + sign * speeds[name]
+        if "v_x" in values:
+            values["v_x"] = max(values["v_x"], -BACKWARD)
         if len(self.axes) == 4:
             right, down, turn, _ = (_beyond_dead_zone(value) for value in self.axes)
             for name, share in (("v_x", -down), ("v_y", -right), ("omega", -turn)):
                 if share:
-                    asked[name] = share * FULL_TILT[name]
-        if asked:  # one key held means that the other directions are at rest
-            asked = {**dict.fromkeys(SPEED, 0.0), **asked}
+                    values[name] = share * FULL_TILT[name]
+        if values:  # one key held means that the other directions are at rest
+            values = {**dict.fromkeys(SPEED, 0.0), **values}
         if self.squat > DEAD_ZONE:
-            asked["h"] = self.squat * DEEPEST
-        return asked
+            values["h"] = self.squat * DEEPEST
+        return values
 
 
 def actions(presses: object, tasks: Sequence[str] = ()) -> list[str]:

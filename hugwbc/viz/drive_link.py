@@ -1,22 +1,30 @@
-"""The driver's line to the live page: keys, gamepad and a heartbeat come in, what to display goes out.
+"""The driver's line to the live page, and who may use it: keys and a heartbeat come in, what to display goes out.
 
 viser's page has no keyboard for robots, and says that a browser is gone only when its connection ends. Our part of the
-page therefore has its own web socket on the same port, behind the same checks (`page_guard`). Every 50 ms it says what
-is held; the answer is what to display. A page that falls silent is gone (`DriveLink.silence`).
+page therefore has its own web socket on the same port, behind the same checks. Every 50 ms it says what is held; the
+answer is what to display. A page that falls silent is gone (`DriveLink.silence`).
+
+Only browsers that ask this machine for the page by its own name may use it, and only its own page. A server on
+127.0.0.1 is still within reach of every page that the user's browser has open: a page of another site may open a web
+socket to it (the browser says so in `Origin`, and leaves it to the server to check), or may have its own name point to
+127.0.0.1 and so count as the same site (then `Host` has that name).
 """
 
 import contextlib
 import dataclasses
 import http
+import ipaddress
 import json
 import math
 import pathlib
+import re
 import threading
 import time
 import types
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, cast
 
+import msgspec
 import websockets
 import websockets.asyncio.server as server
 import websockets.exceptions
@@ -25,7 +33,6 @@ from websockets.http11 import Request, Response
 
 from hugwbc.errors import ConfigError
 from hugwbc.viz.drive_keys import HELP, KEY_CODES, Touched, actions
-from hugwbc.viz.page_guard import LARGEST_MESSAGE, admitted, refusal
 
 Handler = Callable[[server.ServerConnection], Awaitable[None]]
 SOCKET = "/drive"
@@ -98,7 +105,7 @@ class DriveLink:
                 reason = refusal(request.headers, any_host=any_host)
                 if reason is not None:
                     return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
-                return self.answer(request, lambda asked: process_request(connection, asked))
+                return self.answer(request, lambda own: process_request(connection, own))
 
             named["max_size"] = LARGEST_MESSAGE
             return server.serve(self.handler(handler), *arguments, process_request=checked, **named)
@@ -132,8 +139,8 @@ class DriveLink:
         """
         now = self.clock()
         with self._using:
-            asked = [page.touched.commands() for page in self._pages.values() if now - page.heard <= SILENT_TIME]
-        return {name: value for values in asked for name, value in values.items()}
+            touched = [page.touched.commands() for page in self._pages.values() if now - page.heard <= SILENT_TIME]
+        return {name: value for values in touched for name, value in values.items()}
 
     @property
     def closed(self) -> bool:
@@ -216,3 +223,60 @@ def _response(text: str, kind: str) -> Response:
     body = text.encode("utf-8")
     headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"})
     return Response(http.HTTPStatus.OK, "OK", headers, body)
+
+
+HOST = "127.0.0.1"
+OWN_NAMES = ("127.0.0.1", "localhost", "[::1]")
+LARGEST_MESSAGE = 65536  # [bytes] of a page
+# What viser's page may say: where it looks from, which hand it drags, and the value of a slider, a box or a button.
+_DRAGS = ("TransformControlsUpdateMessage", "TransformControlsDragStartMessage", "TransformControlsDragEndMessage")
+_UPDATE = "GuiUpdateMessage"
+
+
+def check_host(host: str, *, expose: bool) -> str:
+    """Return the host to listen on, unchanged; only an exposed one may be within reach of other machines."""
+    try:
+        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback and not expose:
+        raise ConfigError(
+            f"host is {host}: other machines could drive the robot; give {HOST}, or --expose if that is meant"
+        )
+    return host
+
+
+def refusal(headers: Headers, *, any_host: bool) -> str | None:
+    """Return why a request must not be answered; None if it may be.
+
+    Only with `any_host` may it call this machine by another name than its own.
+    """
+    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    if len(hosts) != 1 or len(origins) > 1:
+        return "expected exactly one Host and at most one Origin header"
+    if not any_host and re.sub(r":\d+$", "", hosts[0]).lower() not in OWN_NAMES:
+        return f"this page is at {OWN_NAMES[0]}, not at {hosts[0]}"
+    if origins and origins[0] not in (f"http://{hosts[0]}", f"https://{hosts[0]}"):
+        return f"pages of {origins[0]} may not drive this robot"
+    return None
+
+
+def admitted(message: str | bytes) -> bool:
+    """Return whether a message of viser's page may reach viser.
+
+    viser would also let a page remove parts of the panel, upload files into memory, and open a tunnel to the internet.
+    """
+    try:
+        said: Any = msgspec.msgpack.decode(message) if isinstance(message, bytes) else None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return False
+    if not isinstance(said, dict) or said.get("type") != _UPDATE:
+        return isinstance(said, dict) and said.get("type") in ("ViewerCameraMessage", *_DRAGS)
+    updates = said.get("updates")
+    value = updates.get("value") if isinstance(updates, dict) and len(updates) == 1 else None
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def page_address(host: str, port: int) -> str:
+    """Return the address of a page for a browser, which requires brackets around an IPv6 address."""
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"

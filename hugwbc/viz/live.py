@@ -23,12 +23,10 @@ from hugwbc.sim import Engine, Scene
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.targets import HandTargets
 from hugwbc.viz.drive_keys import HIDE, TASK
-from hugwbc.viz.drive_link import SILENT_TIME, DriveLink
-from hugwbc.viz.live_meshes import colour_meshes
+from hugwbc.viz.drive_link import HOST, SILENT_TIME, DriveLink, check_host, page_address
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.marks import HAND_FORCE_SCALE
-from hugwbc.viz.page_guard import HOST, check_host, page_address
-from hugwbc.viz.shapes import rgb_of, shapes_of
+from hugwbc.viz.shapes import colour_meshes, rgb_of, shapes_of
 
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
@@ -74,7 +72,7 @@ class LivePage:
             host: host to listen on.
             port: port to listen on; 0 for any free port.
             expose: allow a host that other machines can reach, and requests that call this machine by any name.
-            tasks: names of tasks to offer; whoever runs the robot asks `take_task` for the one that is wanted.
+            tasks: names of tasks to offer; whoever runs the robot asks `take_task` for the one that is requested.
             stream: another program's commands. While they come, the sliders follow them and cannot be moved.
         """
         check_host(host, expose=expose)
@@ -88,7 +86,7 @@ class LivePage:
         self.source = LiveSource(simulation.robot, stream=stream)  # what the person asks for, for the control loop
         self._following = False  # as the sliders show it
         self.push: np.ndarray | None = None  # force that waits, in the pelvis' heading frame [N], (3,)
-        self._asked: set[str] = set()
+        self._actions: set[str] = set()
         self._moved: set[str] = set()  # sliders that do not show the command
         self._driven: dict[str, float] = {}  # by keys and sticks, at the last picture
         self._abandoned, self._missed = True, ""
@@ -160,7 +158,7 @@ class LivePage:
             for shown in (*self._objects, *self._forces.values()):
                 shown.remove()
             self._build_objects(simulation.scene)
-        self._asked.clear()
+        self._actions.clear()
         self._missed = ""
         self.push = None
 
@@ -221,12 +219,12 @@ class LivePage:
         Moving it back here would have no effect: viser passes the slider's value on to all other pages, and this
         message replaces the one that would move it back.
         """
-        asked = float(self._sliders[name].value)
-        if asked == getattr(self.source.wanted, name):
+        value = float(self._sliders[name].value)
+        if value == getattr(self.source.requested, name):
             return
         if self._attended:
-            self.source.ask(name, asked)
-        if getattr(self.source.wanted, name) != asked:
+            self.source.ask(name, value)
+        if getattr(self.source.requested, name) != value:
             self._moved.add(name)
 
     def _choose_gait(self, gait: Gait) -> None:
@@ -235,7 +233,7 @@ class LivePage:
 
     def _show_sliders(self) -> None:
         for name, slider in self._sliders.items():
-            slider.value = getattr(self.source.wanted, name)
+            slider.value = getattr(self.source.requested, name)
 
     def _take_hands(self) -> None:
         on = bool(self._hands_on.value) and self._attended
@@ -251,20 +249,20 @@ class LivePage:
 
     def take(self, action: str) -> bool:
         """Return whether an action, such as "reset", was requested since the last call."""
-        asked = action in self._asked
-        self._asked.discard(action)
-        return asked
+        requested = action in self._actions
+        self._actions.discard(action)
+        return requested
 
     def take_task(self) -> str | None:
         """Return the task requested since the last call; None if there is none."""
-        asked = sorted(action for action in self._asked if action.startswith(TASK))
-        self._asked.difference_update(asked)
-        return asked[0].removeprefix(TASK) if asked else None
+        tasks = sorted(action for action in self._actions if action.startswith(TASK))
+        self._actions.difference_update(tasks)
+        return tasks[0].removeprefix(TASK) if tasks else None
 
     @property
     def interruption(self) -> str:
         """Why a task must stop: the person asked for it since the page was staged, or is gone; empty to go on."""
-        return next((reason for action, reason in ENDS.items() if action in self._asked), self._missed)
+        return next((reason for action, reason in ENDS.items() if action in self._actions), self._missed)
 
     def moved(self) -> None:
         """Show the command on the sliders, after it was changed elsewhere."""
@@ -276,17 +274,17 @@ class LivePage:
             self._choose_gait(Gait.parse(action))
         elif action in ("stop", HIDE):
             self.stop()
-            self._asked.add(action)
+            self._actions.add(action)
         elif action == "camera":
             self._camera = CAMERA_MODES[(CAMERA_MODES.index(self._camera) + 1) % len(CAMERA_MODES)]
         elif action == "push":
             self._push(np.array([0.0, -PUSH_FORCE, 0.0]))
         elif action in ("lower", "higher"):
             step = HEIGHT_STEP if action == "higher" else -HEIGHT_STEP
-            self.source.ask("h", round(self.source.wanted.h + step, 2))
+            self.source.ask("h", round(self.source.requested.h + step, 2))
             self._show_sliders()
         else:
-            self._asked.add(action)
+            self._actions.add(action)
 
     def _steer(self) -> None:
         """Apply keys, sticks and buttons, and stop the robot if the page is gone."""
@@ -299,11 +297,11 @@ class LivePage:
                 self.source.ask(name, value)
                 self._moved.add(name)
             self._driven = driven
-            if not driven and all(getattr(self.source.wanted, name) == 0.0 for name in VELOCITY_NAMES):
+            if not driven and all(getattr(self.source.requested, name) == 0.0 for name in VELOCITY_NAMES):
                 self.source.stop()
         silence, gone = self.link.silence(), not self._attended
         # Whatever asks for a motion while no page is there is stopped too.
-        if gone and (not self._abandoned or self.source.wanted.gait is not Gait.STANDING):
+        if gone and (not self._abandoned or self.source.requested.gait is not Gait.STANDING):
             self.source.halt("the page is gone: the robot was stopped")
             self._moved.update(VELOCITY_NAMES)
             self._driven = {}
@@ -346,12 +344,12 @@ class LivePage:
         with _drawn_later():
             while self._moved:
                 name = self._moved.pop()
-                self._sliders[name].value = getattr(self.source.wanted, name)
+                self._sliders[name].value = getattr(self.source.requested, name)
         self._say(simulation, forces, task, speed)
 
     def _show_who_drives(self) -> None:
         """Let the sliders follow another program's commands while they come, and nobody move them."""
-        following, wanted = self.source.following, self.source.wanted
+        following, requested = self.source.following, self.source.requested
         if following is not self._following:
             self._following = following
             self._hands_on.value = False
@@ -359,7 +357,7 @@ class LivePage:
                 control.disabled = following
             self.moved()
         if following:
-            self._moved.update(name for name in COMMAND_NAMES if self._sliders[name].value != getattr(wanted, name))
+            self._moved.update(name for name in COMMAND_NAMES if self._sliders[name].value != getattr(requested, name))
 
     def _follow(self, position: np.ndarray, yaw: float, now: float) -> None:
         """Move the world so that cameras, which stay, keep the robot in view.
@@ -379,22 +377,22 @@ class LivePage:
 
     def _say(self, simulation: Engine, forces: str, task: str, speed: float) -> None:
         """Tell the pages what to display."""
-        state, wanted, command = simulation.state(), self.source.wanted, self.source.command
+        state, requested, command = simulation.state(), self.source.requested, self.source.command
         assert state.position is not None
         self._kinematics.update(state)
         measured = self._kinematics.measured(simulation.ground_height(state.position[:2]))
         allowed, changes = feasible(command.clamp(simulation.robot)[0], simulation.robot)
         gait = command.gait.label
-        coming = "" if wanted.gait is command.gait else f", slows down for {wanted.gait.label}"
+        coming = "" if requested.gait is command.gait else f", slows down for {requested.gait.label}"
         notice = self.source.notice if time.monotonic() < self.source.noticed else ""
         whose = _STREAM if self.source.following else ""
         about = f"{speed:.2f} × real time, pelvis {state.position[2]:.2f} m{forces}"
         status: dict[str, Any] = {
             "gait": gait,
-            "next": wanted.gait.label,
+            "next": requested.gait.label,
             "line": f"{gait.replace('_', ' ')} at {state.time:.1f} s{coming}, {about}",
             "notes": [note for note in (whose, notice, *(f"guard: {change}" for change in changes)) if note],
-            "asked": {name: getattr(wanted, name) for name in COMMAND_NAMES},
+            "asked": {name: getattr(requested, name) for name in COMMAND_NAMES},
             "commanded": {name: getattr(allowed, name) for name in COMMAND_NAMES},
             "changed": [change.name for change in changes],
             "measured": {name: float(getattr(measured, name)) for name in MEASURED_NAMES},

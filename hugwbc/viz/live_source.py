@@ -19,28 +19,28 @@ SLOW = 0.02  # [m/s, rad/s]; a robot with slower commands may change its gait
 
 
 class LiveSource:
-    """Commands that ramp towards the wanted command; the robot comes to rest before it changes to another moving gait.
+    """Commands that ramp towards the requested one; the robot comes to rest before it changes to another moving gait.
 
     A stand is asked for at once, because every control loop brakes before it (`hugwbc.runtime.braking`).
 
     Several threads may ask for values at any time. While another program's messages come, they count instead.
     """
 
-    def __init__(self, robot: Robot, wanted: Command | None = None, stream: SocketSource | None = None) -> None:
+    def __init__(self, robot: Robot, requested: Command | None = None, stream: SocketSource | None = None) -> None:
         self.robot = robot  # whose ranges count
         self._stream, self.following = stream, False  # whether another program gives the commands now
-        self.wanted = wanted or Command()  # what the person asks for
+        self.requested = requested or Command()  # what the person asks for
         self.hands: HandTargets | None = None  # None leaves the arms to the controller
         self.notice, self.noticed = "", -np.inf  # what was done with the last request, for people; shown until then
         self._walks_by_itself = self._paused = False
-        self._command = default_command(self.wanted.gait)
+        self._command = default_command(self.requested.gait)
         self._t = 0.0
         self._asking = threading.Lock()
 
     def stand(self) -> None:
         """Ask for nothing but standing."""
         with self._asking:
-            self.wanted, self._walks_by_itself = Command(), False
+            self.requested, self._walks_by_itself = Command(), False
 
     @property
     def command(self) -> Command:
@@ -59,11 +59,11 @@ class LiveSource:
         if self.following:
             return
         with self._asking:
-            gait = self.wanted.gait
+            gait = self.requested.gait
             if gait is Gait.STANDING and name in VELOCITY_NAMES and abs(value) > 0.0:
                 gait, self._walks_by_itself = Gait.WALKING, True
                 self.tell("standing allows no velocity: the robot starts walking")
-            self.wanted, changes = dataclasses.replace(self.wanted, **{name: value}, gait=gait).clamp(self.robot)
+            self.requested, changes = dataclasses.replace(self.requested, **{name: value}, gait=gait).clamp(self.robot)
             if changes:
                 self.tell(f"{gait.label}: {changes[0]}")
 
@@ -73,15 +73,15 @@ class LiveSource:
             return
         with self._asking:
             self._walks_by_itself = False
-            self.wanted, changes = dataclasses.replace(self.wanted, gait=gait).clamp(self.robot)
+            self.requested, changes = dataclasses.replace(self.requested, gait=gait).clamp(self.robot)
             if changes:
                 self.tell(f"{gait.label}: {'; '.join(map(str, changes))}")
 
     def stop(self) -> None:
         """Request rest; a robot that walks only because a velocity was requested stands again."""
         with self._asking:
-            gait = Gait.STANDING if self._walks_by_itself else self.wanted.gait
-            self.wanted = dataclasses.replace(self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=gait)
+            gait = Gait.STANDING if self._walks_by_itself else self.requested.gait
+            self.requested = dataclasses.replace(self.requested, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=gait)
             self._walks_by_itself = False
 
     def pause(self, *, on: bool) -> None:
@@ -93,8 +93,8 @@ class LiveSource:
         if self.following:
             return
         with self._asking:
-            self.wanted = dataclasses.replace(
-                self.wanted, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
+            self.requested = dataclasses.replace(
+                self.requested, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
             ).clamp(self.robot)[0]
             self._walks_by_itself = False
             self.tell(reason)
@@ -105,21 +105,21 @@ class LiveSource:
             self._t = t
             return self._command
         if t < self._t:
-            self._t, self._command = 0.0, default_command(self.wanted.gait)
+            self._t, self._command = 0.0, default_command(self.requested.gait)
         dt, self._t = t - self._t, t
-        wanted, gait = self.wanted.array(), self._command.gait
-        wanted_gait = Gait.STANDING if self._paused else self.wanted.gait
-        if wanted_gait is not gait:
+        requested, gait = self.requested.array(), self._command.gait
+        requested_gait = Gait.STANDING if self._paused else self.requested.gait
+        if requested_gait is not gait:
             moving = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
-            if moving <= SLOW or wanted_gait is Gait.STANDING:
-                gait = wanted_gait
+            if moving <= SLOW or requested_gait is Gait.STANDING:
+                gait = requested_gait
             else:
-                wanted[: len(VELOCITY_NAMES)] = 0.0  # come to rest first
-        # The ranges are those of the present gait: the wanted one may admit velocities that this one does not.
+                requested[: len(VELOCITY_NAMES)] = 0.0  # come to rest first
+        # The ranges are those of the present gait: the requested one may admit velocities that this one does not.
         low, high = np.array([command_ranges(gait, self.robot)[name].finishing for name in COMMAND_NAMES]).T
         value = np.clip(self._command.array(), low, high)
         step = RATES * dt
-        self._command = Command.from_array(value + np.clip(np.clip(wanted, low, high) - value, -step, step), gait)
+        self._command = Command.from_array(value + np.clip(np.clip(requested, low, high) - value, -step, step), gait)
         return self._command
 
     def hands_at(self, t: float) -> HandTargets | None:
@@ -132,7 +132,7 @@ class LiveSource:
             return False
         command = self._stream.command_at(0.0)
         if self._stream.driven:
-            self.following, self.wanted, self._command = True, command, command
+            self.following, self.requested, self._command = True, command, command
         elif self.following:
             self.following = False
             self.stand()

@@ -109,15 +109,15 @@ class Marks:
         for side, target in zip(SIDES, moment.hand_target_world, strict=True):
             known = bool(np.all(np.isfinite(target)))
             marks[f"hands/target_{side}"] = Mark(position=target) if known else HIDDEN
-        wanted = bool(np.all(np.isfinite(moment.arm_target)))
-        if wanted:
+        moved = bool(np.all(np.isfinite(moment.arm_target)))
+        if moved:
             # The ghost is the same robot with the arms where the IK wants them.
             self._ghost.qpos[self._layout.qpos] = moment.qpos
             self._ghost.qpos[self._layout.joints][self._robot.arms] = moment.arm_target
             mujoco.mj_kinematics(self._model, self._ghost)
         for side, link in zip(SIDES, self._robot.hand_links, strict=True):
             body = self._ghost.body(link)
-            mark = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy()) if wanted else HIDDEN
+            mark = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy()) if moved else HIDDEN
             marks[f"hands/ghost_{side}"] = mark
         return marks
 

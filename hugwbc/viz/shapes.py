@@ -5,11 +5,14 @@ The live scene and the replay page draw them with meshcat, the live page as mesh
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import meshcat.geometry as geometry
 import mujoco
 import numpy as np
+
+if TYPE_CHECKING:
+    import trimesh
 
 VISUAL_GROUP = 2  # geoms of this group and those below it are drawn
 SEGMENTS = 48  # facets around a round shape
@@ -138,3 +141,31 @@ def _mesh(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
         model.mesh_vert[vertices : vertices + model.mesh_vertnum[mesh]].astype(float),
         model.mesh_face[faces : faces + model.mesh_facenum[mesh]].astype(int),
     )
+
+
+def colour_meshes(shapes: Iterable[Shape]) -> dict[str, dict[str, "trimesh.Trimesh"]]:
+    """Return the shapes of each body in its frame, joined to one mesh for each colour, by the body's name."""
+    import trimesh  # of the extra [live]
+
+    parts: dict[str, dict[str, list[trimesh.Trimesh]]] = {}
+    for shape in shapes:
+        mesh = _trimesh(shape.primitive).apply_transform(shape.placement)
+        parts.setdefault(shape.body, {}).setdefault(shape.colour, []).append(mesh)
+    return {
+        body: {colour: cast(trimesh.Trimesh, trimesh.util.concatenate(meshes)) for colour, meshes in of_body.items()}
+        for body, of_body in parts.items()
+    }
+
+
+def _trimesh(primitive: geometry.Geometry) -> "trimesh.Trimesh":
+    import trimesh
+
+    if isinstance(primitive, geometry.TriangularMeshGeometry):
+        return trimesh.Trimesh(primitive.vertices, primitive.faces, process=False)
+    if isinstance(primitive, geometry.Box):
+        return trimesh.creation.box(extents=primitive.lengths)
+    if isinstance(primitive, geometry.Cylinder):
+        cylinder = trimesh.creation.cylinder(primitive.radiusTop, primitive.height, sections=40)
+        return cylinder.apply_transform(CYLINDER_TO_Z.T)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+    return ball.apply_scale(primitive.radii if isinstance(primitive, geometry.Ellipsoid) else primitive.radius)

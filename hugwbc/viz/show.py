@@ -1,7 +1,8 @@
 """Run a robot in front of a viewer: live in the browser at real time, or afterwards as a replay page.
 
-`watch` is what the examples use: one rollout, shown live if asked for, with a replay page to keep. `run_live` goes on
-until it is stopped and stands the robot up again after a fall. meshcat is loaded only when something is drawn.
+`watch` is what the examples use: one rollout, shown live if requested, with a replay page to keep. `run_live` goes on
+until it is stopped and stands the robot up again after a fall; `drive` lets a person command it from the live page.
+meshcat is loaded only when something is drawn.
 """
 
 import pathlib
@@ -9,6 +10,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,16 +29,22 @@ from hugwbc.sim import Engine, Force, Scene, Simulation
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
+if TYPE_CHECKING:
+    from hugwbc.viz.live import LivePage
+
 FRAME_PERIOD = 0.04  # [s] of simulated time between two pictures
 SETTLE = 1.0  # [s] after a start that do not count in mean velocities
 FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
 PAGE_LOAD_TIME = 1.5  # [s] that a browser needs to show the scene
 DEARER, CHEAPER = 0.2, 0.02  # shares by which a picture's time changes what the next one may take
-SMOOTHING = 0.05  # share of a picture in the speed that is told
+SMOOTHING = 0.05  # share of a picture in the speed that is shown
+VERDICT_TIME = 60.0  # [s] that the page shows how a task ended
 USAGE_ERROR, INTERRUPTED = 2, 130  # exit codes
 
 Draw = Callable[[Moment], None]
 Tell = Callable[[str], object]
+Perform = Callable[[str, Callable[[], bool]], str]
+"""Does a task by its name in its own scene, until it is over or the second argument says so; says how it went."""
 
 
 class RealTime:
@@ -221,6 +229,46 @@ def run_live(
             tell(f"safety: {message}")
 
 
+def drive(
+    loop: ControlLoop,
+    page: "LivePage",
+    duration: float,
+    *,
+    perform: Perform | None = None,
+    stop: Callable[[], bool] = lambda: False,
+    tell: Tell = print,
+) -> None:
+    """Let a person drive a robot until the duration [s] is over, falls included, or `stop` says so.
+
+    The source of the loop is the page's. `perform` does the tasks that the page offers, with the loop's controller.
+    `tell` receives a line for each fall and each task and, at the end, how the drive went.
+    """
+    clock = RealTime()
+
+    def draw(_: Moment) -> bool:
+        page.disturb(loop.simulation)
+        page.show(loop.simulation, speed=clock.speed)
+        again, task = page.take("reset"), page.take_task()
+        if again or task is not None:
+            page.source.stand()
+            page.moved()
+        if task is not None and perform is not None:
+            try:
+                words = perform(task, stop)
+            except HugwbcError as error:  # such as a scene in which the robot does not fit; driving continues
+                words = f"{task} was not done: {error}"
+            page.stage(loop.simulation)
+            tell(words)
+            page.source.tell(words, VERDICT_TIME)
+        return again or task is not None
+
+    def say(words: str) -> None:
+        tell(words)
+        page.source.tell(words)
+
+    run_live(loop, duration, draw, until=stop, clock=clock, tell=say)
+
+
 def walked(state: RobotState) -> np.ndarray:
     """Return v_x, v_y [m/s] and omega [rad/s] of a robot from its true state, shape (3,)."""
     assert state.velocity is not None
@@ -228,10 +276,10 @@ def walked(state: RobotState) -> np.ndarray:
     return np.array([*velocity[:2], rotations.rotate(state.orientation, state.angular_velocity)[2]])
 
 
-def mean_velocities(told: np.ndarray, walked: np.ndarray) -> str:
+def mean_velocities(commanded: np.ndarray, walked: np.ndarray) -> str:
     """Return mean velocities as a line for people; both have the shape (3,)."""
-    pairs = zip(VELOCITY_NAMES, walked, told, strict=True)
-    words = (f"{name} {mean:.2f} of {asked:.2f} {COMMAND_UNITS[name]}" for name, mean, asked in pairs)
+    pairs = zip(VELOCITY_NAMES, walked, commanded, strict=True)
+    words = (f"{name} {mean:.2f} of {value:.2f} {COMMAND_UNITS[name]}" for name, mean, value in pairs)
     return f"mean velocities, walked of commanded: {', '.join(words)}"
 
 

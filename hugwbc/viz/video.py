@@ -72,8 +72,8 @@ def write_video(
         settings = {"hide": list(hide), "chapters": [dataclasses.asdict(chapter) for chapter in chapters]}
         command = [sys.executable, "-m", "hugwbc.viz.video", json.dumps(settings), str(film)]
         # The log goes to a file: a driver that prints a lot would block on a pipe that nobody reads.
-        told: Any = {"stdout": subprocess.PIPE, "text": True, "env": renderer_environment(), "cwd": folder}
-        with log.open("w", encoding="utf-8") as errors, subprocess.Popen(command, stderr=errors, **told) as process:
+        options: Any = {"stdout": subprocess.PIPE, "text": True, "env": renderer_environment(), "cwd": folder}
+        with log.open("w", encoding="utf-8") as errors, subprocess.Popen(command, stderr=errors, **options) as process:
             for line in process.stdout or ():
                 if on_progress is not None and line.strip().isdigit():
                     on_progress(int(line) / frame_count(traces))
@@ -349,10 +349,10 @@ def _render(traces: Sequence[Trace], layers: Sequence[str], chapters: Sequence[C
 
 
 if __name__ == "__main__":
-    told, film = json.loads(sys.argv[1]), pathlib.Path(sys.argv[2])
+    settings, film = json.loads(sys.argv[1]), pathlib.Path(sys.argv[2])
     _render(
         [read_trace(file) for file in sorted(film.parent.glob("run_*.npz"))],
-        [layer for layer in LAYERS if layer not in told["hide"]],
-        [Chapter(**chapter) for chapter in told["chapters"]],
+        [layer for layer in LAYERS if layer not in settings["hide"]],
+        [Chapter(**chapter) for chapter in settings["chapters"]],
         film,
     )

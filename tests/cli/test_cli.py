@@ -221,7 +221,7 @@ def test_what_is_refused_leaves_no_folder_behind(words, tmp_path, capsys):
 
 @pytest.mark.parametrize("buffered", [True, False])
 def test_a_reader_who_has_enough_is_no_error(buffered: bool) -> None:
-    words = [sys.executable, *([] if buffered else ["-u"]), "-m", "hugwbc.cli", "evaluate", "hands", "--help"]
+    words = [sys.executable, *([] if buffered else ["-u"]), "-m", "hugwbc.cli", "docs", "evaluation"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.close()

@@ -7,12 +7,11 @@ import re
 import pytest
 import yaml
 
-from hugwbc import documents
+from hugwbc import reference as documents
 from hugwbc.behaviours import walk_to
 from hugwbc.cli import main
-from hugwbc.documents import document, document_names, document_title
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.reference import PACKAGES, exported, reference
+from hugwbc.reference import PACKAGES, document, document_names, document_title, exported, reference
 from hugwbc.scripts import SCRIPT_NAMES
 
 ROOT = pathlib.Path(__file__).parents[2]

@@ -144,7 +144,7 @@ def test_a_stream_is_followed_in_the_live_page_and_both_addresses_come_first(cap
 
 
 def test_mean_velocities_are_said_after_a_play_and_a_task(capsys, standing_task):
-    assert main(["play", "--controller", "qp", "--viewer", "none", "--v-x", "0.3", "--duration", "3"]) == 0
+    assert main(["play", "--viewer", "none", "--v-x", "0.3", "--duration", "3"]) == 0
     said = re.search(r"walked of commanded: v_x (\d\.\d\d) of 0\.30 m/s, v_y", capsys.readouterr().out)
     assert said is not None and float(said[1]) == pytest.approx(0.3, abs=0.08)
     words = ["play", "--task", str(standing_task()), "--controller", "hold", "--viewer", "none"]

@@ -15,8 +15,7 @@ from hugwbc.deploy.recording import Recorder
 from hugwbc.deploy.relay import Settings
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.robot_side import RobotSide
-from hugwbc.deploy.schedule import Schedule
-from hugwbc.deploy.simulated_robot import SimulatedRobot
+from hugwbc.deploy.simulated_robot import Schedule, SimulatedRobot
 from hugwbc.deploy.state_machine import START_TIME, Mode
 from hugwbc.robot import Robot
 from hugwbc.runtime import Constant, HoldController

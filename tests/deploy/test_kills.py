@@ -9,8 +9,8 @@ import pytest
 from deploy_bench import H1, Pair
 
 from hugwbc.deploy import state_machine
+from hugwbc.deploy.remote import Sticks
 from hugwbc.deploy.simulated_robot import Extremes
-from hugwbc.deploy.sticks import Sticks
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import load_robot
 from hugwbc.runtime.safety import target_limits

@@ -7,9 +7,8 @@ from deploy_bench import Counting, Standing, bring_to, make_pilot
 
 from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.deploy.pilot import Pilot
-from hugwbc.deploy.remote import Remote, Request
+from hugwbc.deploy.remote import Remote, Request, Sticks
 from hugwbc.deploy.state_machine import START_TIME, Mode
-from hugwbc.deploy.sticks import Sticks
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.sim import Simulation
 

@@ -235,11 +235,12 @@ def test_a_controller_that_hangs_is_damped_by_the_publisher(standing) -> None:
     assert np.all(command.kd == DAMPING_GAIN)
 
 
-def test_joints_are_damped_when_the_process_that_controls_is_killed(standing) -> None:
+def test_joints_are_damped_when_the_process_that_controls_is_killed(standing, monkeypatch) -> None:
+    monkeypatch.setattr("hugwbc.deploy.relay.FADE", 0.2)  # ten times slower
     bench = Bench(standing, slower=10.0)
     robot_end, end = local_pair()
     link, far = multiprocessing.Pipe()
-    relay = Relay(end, bench.side._watch, far, records=False)
+    relay = Relay(end, bench.side._setup, far, records=False)
     feeder, worker = Feeder(standing, robot_end, 10.0), threading.Thread(target=relay.run)
     stiff = bench.slot()
     assert stiff is not None and not is_damping(stiff)

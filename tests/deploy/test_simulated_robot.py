@@ -4,6 +4,7 @@ import dataclasses
 import threading
 import time
 
+import mujoco
 import numpy as np
 import pytest
 from deploy_bench import EXACT, Counting, Pair
@@ -12,13 +13,12 @@ from local_endpoint import LocalEndpoint, local_pair
 from hugwbc import JointCommand, load_robot
 from hugwbc.deploy import state_machine, wire
 from hugwbc.deploy.messages import Messages
-from hugwbc.deploy.radio import Radio
-from hugwbc.deploy.schedule import Schedule
-from hugwbc.deploy.simulated_robot import SimulatedRobot
+from hugwbc.deploy.simulated_robot import LIFTED, LOWERED, Channel, Happening, Hoist, Radio, Schedule, SimulatedRobot
 from hugwbc.deploy.state_machine import Mode
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import Simulation
+from hugwbc.state import GRAVITY
 
 H1 = load_robot()
 HOLD = JointCommand.position(H1, H1.nominal)
@@ -246,3 +246,126 @@ def test_a_robot_side_that_dies_leaves_the_last_command() -> None:
     pair.run(0.3, alive=lambda: False)
     assert pair.side.sent == sent
     assert pair.robot.extremes.silence == pytest.approx(0.2, abs=0.02)
+
+
+def arrivals(radio: Radio, count: int = 2000, delay: float = 0.0) -> tuple[Channel, list[tuple[int, float]]]:
+    channel: Channel[int] = Channel(radio, np.random.default_rng(0), delay)
+    arrived = []
+    for step in range(count + 50):
+        now = 0.002 * step
+        if step < count:
+            channel.put(step, now)
+        arrived += [(message, now - 0.002 * message) for message in channel.take(now)]
+    return channel, arrived
+
+
+def test_a_good_network_passes_everything_at_once() -> None:
+    channel, arrived = arrivals(Radio())
+    assert [message for message, _ in arrived] == list(range(2000)) and channel.lost == 0
+    assert max(took for _, took in arrived) < 1e-9
+
+
+def test_a_delay_holds_for_every_message() -> None:
+    _, arrived = arrivals(Radio(delay=0.006), delay=0.004)
+    np.testing.assert_allclose([took for _, took in arrived], 0.01, atol=1e-6)
+
+
+def test_losses_have_their_rate() -> None:
+    channel, arrived = arrivals(Radio(loss=0.1))
+    assert len(arrived) + channel.lost == 2000
+    assert channel.lost == pytest.approx(200, abs=50)
+
+
+def test_jitter_lets_messages_overtake_each_other() -> None:
+    _, arrived = arrivals(Radio(jitter=0.01))
+    order, took = zip(*arrived, strict=True)
+    assert sorted(order) == list(range(2000)) and list(order) != sorted(order)
+    assert min(took) >= 0.0 and max(took) <= 0.012 and np.mean(took) == pytest.approx(0.006, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("loss", 1.0), ("loss", -0.1), ("loss", float("nan")), ("delay", -1.0), ("jitter", float("inf"))],
+)
+def test_a_network_out_of_range_is_refused(name, value) -> None:
+    with pytest.raises(ConfigError, match=name):
+        Radio(**{name: value})
+
+
+@pytest.fixture
+def simulation() -> Simulation:
+    return Simulation()
+
+
+def run(simulation: Simulation, hoist: Hoist, seconds: float, *, stiff: bool = True) -> None:
+    command = JointCommand.position(simulation.robot, simulation.robot.nominal)
+    zero = np.zeros(19)
+    limp = JointCommand(q=zero, dq=zero, kp=zero, kd=zero, tau=zero)
+    for _ in range(round(seconds / simulation.timestep)):
+        hoist.update()
+        simulation.step(command if stiff else limp, simulation.timestep)
+
+
+def test_it_lifts_a_limp_robot_and_carries_its_weight(simulation) -> None:
+    before = float(simulation.qpos[2])
+    hoist = Hoist(simulation)
+    run(simulation, hoist, 3.0, stiff=False)
+    weight = simulation.robot.mass * GRAVITY
+    assert hoist.tension == pytest.approx(weight, rel=0.05)
+    assert simulation.qpos[2] - before == pytest.approx(LIFTED, abs=0.03)
+    foot_force = simulation.state().foot_force
+    assert foot_force is not None and abs(foot_force[:, 2].sum()) < 1.0, "the feet may touch each other"
+    assert abs(float(simulation.qpos[3])) > 0.95, "upright"
+
+
+def test_a_lowered_robot_carries_most_of_its_weight_itself(simulation) -> None:
+    hoist = Hoist(simulation, 0.0)
+    hoist.lower()
+    run(simulation, hoist, 1.2)
+    foot_force = simulation.state().foot_force
+    assert foot_force is not None
+    assert foot_force[:, 2].sum() > 0.5 * simulation.robot.mass * GRAVITY
+    assert not simulation.fallen
+    assert hoist.height == pytest.approx(LOWERED)
+
+
+def test_a_rope_never_pushes_and_lets_go(simulation) -> None:
+    hoist = Hoist(simulation, 0.0)
+    simulation.data.qpos[2] += 0.3  # nearer to the pulley: slack
+    mujoco.mj_forward(simulation.model, simulation.data)
+    hoist.update()
+    assert hoist.tension == 0.0
+    hoist = Hoist(simulation, 0.1)
+    run(simulation, hoist, 0.2)
+    assert hoist.tension > 100.0
+    hoist.release()
+    hoist.update()
+    assert hoist.tension == 0.0 and not np.any(simulation.external_force)
+
+
+def test_buttons_are_held_for_a_while_and_sticks_for_ever() -> None:
+    schedule = Schedule.parse("1 Start, 2 ly=0.5,2 lx=-1, 3 lower, 3 release")
+    assert schedule.update(0.5) == [] and not schedule.remote.pressed
+    schedule.update(1.0)
+    assert schedule.remote.pressed == {"Start"}
+    schedule.update(1.3)
+    assert not schedule.remote.pressed and schedule.remote.ly == 0.0
+    schedule.update(2.5)
+    assert (schedule.remote.ly, schedule.remote.lx) == (0.5, -1.0)
+    assert schedule.update(3.0) == ["lower", "release"] and schedule.update(3.1) == []
+
+
+def test_something_can_be_added_while_it_runs() -> None:
+    schedule = Schedule.parse("5 lift")
+    schedule.update(1.0)
+    schedule.add(Happening(1.0, "release"))
+    assert schedule.update(1.002) == ["release"] and schedule.update(5.0) == ["lift"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["Start", "x Start", "1 Stat", "1", "1 ly", "1 ly=x", "1 ly=2", "-1 A", "nan A", "inf A", "1 A B", "1 A=0.5"],
+)
+def test_what_is_not_understood_is_refused(text) -> None:
+    with pytest.raises(ConfigError, match="is not valid; give TIME and one of R1"):
+        Schedule.parse(text)

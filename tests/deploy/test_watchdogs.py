@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc import load_robot, rotations
 from hugwbc.deploy.messages import Messages
-from hugwbc.deploy.watchdogs import BodyWatch, Intake, Limits, run_refusal, start_refusal, tilt
+from hugwbc.deploy.watchdogs import BodyLimits, Intake, Limits, run_refusal, start_refusal, tilt
 
 H1 = load_robot()
 
@@ -72,7 +72,7 @@ def leaning(angle: float) -> dict[str, np.ndarray]:
     return {"orientation": rotations.from_yaw_pitch_roll(0.7, angle, 0.0)}
 
 
-def fault_after(watch: BodyWatch, standing, count: int, **changes) -> str | None:
+def fault_after(watch: BodyLimits, standing, count: int, **changes) -> str | None:
     """What a watch says after as many states with a fault, every 2 ms."""
     found = [watch.fault(standing.next(**changes)) for _ in range(count)]
     assert not any(found[:-1])
@@ -85,7 +85,7 @@ def test_tilt_is_the_angle_from_the_vertical(standing) -> None:
 
 
 def test_a_robot_that_leans_by_more_than_1_rad_is_damped(standing) -> None:
-    watch = BodyWatch(H1, Limits())
+    watch = BodyLimits(H1, Limits())
     assert fault_after(watch, standing, 50, **leaning(0.95)) is None
     assert "leans 1.05 rad" in str(fault_after(watch, standing, 4, **leaning(1.05)))
 
@@ -94,18 +94,18 @@ def test_a_robot_that_leans_by_more_than_1_rad_is_damped(standing) -> None:
 def test_a_joint_that_turns_too_fast_is_named(standing, joint) -> None:
     dq, index = np.zeros(19), H1.index(joint)
     dq[index] = -2.6 * H1.velocity_limit[index]
-    assert joint in str(fault_after(BodyWatch(H1, Limits()), standing, 4, dq=dq))
+    assert joint in str(fault_after(BodyLimits(H1, Limits()), standing, 4, dq=dq))
 
 
 def test_single_wrong_readings_are_left_to_the_estimator(standing) -> None:
-    watch, fast = BodyWatch(H1, Limits()), np.full(19, 500.0)
+    watch, fast = BodyLimits(H1, Limits()), np.full(19, 500.0)
     for _ in range(20):
         assert fault_after(watch, standing, 3, dq=fast) is None
         assert fault_after(watch, standing, 1) is None
 
 
 def test_a_hot_motor_is_damped_at_once(standing) -> None:
-    watch = BodyWatch(H1, Limits())
+    watch = BodyLimits(H1, Limits())
     assert watch.fault(standing.next(hot=85.0)) is None
     assert "86 degrees" in str(watch.fault(standing.next(hot=86.0)))
 
@@ -113,7 +113,7 @@ def test_a_hot_motor_is_damped_at_once(standing) -> None:
 def test_what_is_not_a_number_exceeds_no_limit(standing) -> None:
     nan = np.full(19, np.nan)
     changes = {"q": nan, "dq": nan, "orientation": np.full(4, np.nan)}
-    assert fault_after(BodyWatch(H1, Limits()), standing, 20, **changes) is None
+    assert fault_after(BodyLimits(H1, Limits()), standing, 20, **changes) is None
 
 
 def test_a_start_is_refused_tilted_broken_or_out_of_range(standing) -> None:

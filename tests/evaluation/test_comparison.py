@@ -3,15 +3,22 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, load_robot
+from hugwbc import Command, Gait, load_robot, rotations
 from hugwbc.behaviours import Failure, wait
-from hugwbc.evaluation.comparison import compare, figure_table, summarise
-from hugwbc.evaluation.segment_figures import headline
+from hugwbc.evaluation.comparison import (
+    compare,
+    figure_table,
+    headline,
+    pose_table,
+    segment_spans,
+    segment_table,
+    summarise,
+)
+from hugwbc.evaluation.metrics import arrived, hand_travel
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 from hugwbc.scripts.hand_paths import Hold
-from hugwbc.scripts.script import HandMotion, Script, Segment, while_walking
-from hugwbc.scripts.script_file import SCRIPT_NAMES, load_script
+from hugwbc.scripts.script import SCRIPT_NAMES, HandMotion, Script, Segment, load_script, while_walking
 
 REACH = HandMotion(Hold((0.35, 0.3, 0.25)), Hold((0.35, -0.3, 0.25)))
 SCRIPT = Script("test", (Segment("stand", 0.3, ramp=0.1), Segment("reach", 0.9, hands=REACH, ramp=0.5)))
@@ -38,10 +45,15 @@ def test_an_outcome_holds_the_figures_of_its_trace(synthetic_trace):
     assert outcome["footsteps"] == 7 + 8
 
 
-def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targets():
-    traces = [
-        run.trace for run in compare({"one": HoldController(load_robot()), "two": HoldController(load_robot())}, SCRIPT)
-    ]
+@pytest.fixture(scope="module")
+def held():
+    """Traces of two controllers that hold still, in the same noise."""
+    controllers = {name: HoldController(load_robot()) for name in ("one", "two")}
+    return [run.trace for run in compare(controllers, SCRIPT)]
+
+
+def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targets(held):
+    traces = held
     assert [trace.name for trace in traces] == ["one", "two"]
     for trace in traces:
         assert trace.time[-1] == pytest.approx(SCRIPT.duration - 0.02)
@@ -70,10 +82,9 @@ def test_how_a_behaviour_ended_is_told():
     assert headline(outcomes) == f"hold stayed up for {run.trace.survived_s:.1f} s (not done: out of breath)."
 
 
-def test_noise_follows_the_seed():
-    first, again, other = (compare({"hold": HoldController(load_robot())}, SCRIPT, seed=s)[0].trace for s in (1, 1, 2))
-    np.testing.assert_array_equal(first.qpos, again.qpos)
-    assert not np.array_equal(first.qpos[-1], other.qpos[-1]), "the IK sees the noise and moves the arms accordingly"
+def test_noise_follows_the_seed(held):
+    other = compare({"hold": HoldController(load_robot())}, SCRIPT, seed=2)[0].trace
+    assert not np.array_equal(held[0].qpos[-1], other.qpos[-1]), "the IK sees the noise and moves the arms accordingly"
 
 
 @pytest.mark.slow
@@ -91,3 +102,76 @@ def test_every_shipped_script_is_finished_without_a_fall(controller, v_x, script
         assert trace.reachable[given].mean() > 0.85
         # The way to the first target is included.
         assert outcome["hand_error_m"]["mean"] < (0.06 if controller == "qp" else 0.16)
+
+
+WALK = Script("test", (Segment("stand", 4.0), Segment("walk", 6.0, Gait.WALKING, {"v_x": 0.5})))
+
+
+@pytest.fixture
+def reaching(synthetic_trace):
+    """A run of 10 s with targets from 2 s on: hands are 7 cm off after 1 s, 1 cm after 2 s; others from 6 s on."""
+
+    def make(name="qp", near=0.01, **fields):
+        trace = synthetic_trace(Command(v_x=0.5, gait=Gait.WALKING), name=name, **fields)
+        error = np.full((500, 2), near)
+        error[:100] = np.nan
+        error[100:150] = error[300:350] = 0.3
+        error[150:200] += 0.06  # it leaves its target again, which is no new journey
+        target = np.where(np.isfinite(error)[..., None], 0.3, np.nan) + np.zeros((500, 2, 3))
+        target[300:] += 0.2
+        return dataclasses.replace(trace, hand_error=error, hand_target_world=target)
+
+    return make
+
+
+def test_a_hand_has_arrived_once_it_was_there_until_its_target_jumps(reaching):
+    run = reaching()
+    run.hand_error[150] = 0.01
+    there = arrived(run)
+    assert there[:, 0].tolist() == [150 <= i < 300 or i >= 350 for i in range(500)]
+    found = hand_travel(run)
+    assert found["travelling"] == pytest.approx(0.3) and found["travel_time"] == pytest.approx(2.0)
+    assert found["arrived"] == pytest.approx((250 * 0.01 + 50 * 0.07 - 0.06) / 300, abs=1e-3)
+    assert hand_travel(run, run.time < 1.0)["arrived"] is None
+
+
+def test_a_row_for_each_segment(reaching):
+    assert segment_spans(WALK) == [("stand", 0.0, 4.0), ("walk", 4.0, 10.0)]
+    fallen = reaching("learned", fell=True, survived_s=3.0)
+    cut = {name: getattr(fallen, name)[:150] for name in ("time", "command", "measured", "hand_error",
+                                                         "hand_target_world", "qpos")}  # fmt: skip
+    table = segment_table(WALK, [reaching(bias={"v_x": 0.2}), dataclasses.replace(fallen, **cut)])
+    stand, walk = table.rows
+    assert stand[0] == "stand (0 to 4 s)" and stand[1] == "forward speed 0.20 m/s"
+    assert "fell at 3.0 s" in stand[5] and stand[4] == pytest.approx(2.0)
+    assert walk[5] == "fell at 3.0 s" and walk[6:] == [None, None, None]
+    assert walk[2] == pytest.approx(1.0, abs=0.01) and walk[3] == pytest.approx(30.0)
+
+
+def test_final_poses_in_the_world(reaching):
+    runs = [reaching(), reaching("learned")]
+    for run, (x, y, yaw) in zip(runs, ((2.0, 0.0, 0.5), (2.0, 0.3, 0.4)), strict=True):
+        run.qpos[-1, :2] = x, y
+        run.qpos[-1, 3:7] = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
+    first, second = pose_table(runs).rows
+    assert first == ["qp", "up for 10.0 s", 2.0, 0.0, 28.6, None, None]
+    assert second[:5] == ["learned", "up for 10.0 s", 2.0, 0.3, 22.9]
+    assert second[5] == pytest.approx(0.3) and second[6] == pytest.approx(-5.7)
+
+
+def test_the_headline_says_the_smallest_and_the_largest_error_of_any_number_of_controllers(reaching):
+    learned = reaching("learned", near=0.03, bias={"v_x": 0.1, "h": 0.012})
+    fallen = dataclasses.replace(reaching("hold", bias={"v_x": 0.5}), fell=True, survived_s=3.0)
+    figures = {r.name: summarise(r) for r in (learned, fallen, reaching("qp", bias={"v_x": 0.02, "h": 0.03}))}
+    text = headline(figures)
+    assert text.startswith("learned and qp stayed up for 10.0 s; hold fell after 3.0 s. Mean errors: ")
+    assert "forward speed 0.02 (qp) to 0.5 m/s (hold), height 0 (hold) to 0.03 m (qp), hands once there " in text
+    assert "turning" not in text, "a difference that nobody sees"
+    assert headline({"qp": figures["qp"]}) == "qp stayed up for 10.0 s."
+
+
+def test_the_headline_of_a_task_has_the_verdicts(reaching):
+    figures = summarise(reaching())
+    done, not_done = ({"verdict": {"success": success, "reason": "it fell over"}} for success in (True, False))
+    text = headline({"qp": figures | done, "learned": figures | not_done})
+    assert text == "qp did the task in 10.0 s; learned did not (it fell over)."

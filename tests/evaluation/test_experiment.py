@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+import shutil
 
 import pytest
 
@@ -66,10 +67,24 @@ def counted(monkeypatch):
     return seen
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tmp_path, counted):
-    alone = run_experiment(WAISTS, SETTINGS, HOLD)
-    assert [row["waist"] for row in alone.rows] == counted and alone.figures[0].controller == "hold"
-    counted.clear()
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """The result of an experiment, and the file that stores it."""
+    folder = tmp_path_factory.mktemp("measured")
+    result = run_experiment(WAISTS, SETTINGS, HOLD, store=Store(folder))
+    (path,) = folder.iterdir()
+    return result, path
+
+
+@pytest.fixture
+def stored(measured, tmp_path):
+    """A copy of the file in the test's own folder."""
+    return shutil.copy(measured[1], tmp_path / measured[1].name)
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tmp_path, measured, counted):
+    alone = measured[0]
+    assert [row["waist"] for row in alone.rows] == [0.0, 0.1, 0.2, 0.1 * 3] and alone.figures[0].controller == "hold"
 
     def stop(done):
         if done == 0.5:
@@ -140,30 +155,25 @@ def test_a_users_own_code_may_load_any_shipped_policy(tmp_path, monkeypatch):
         assert table_key("behaviours", behaviours.episode, settings, spec)["commit"] == f"policies count: {counts}"
 
 
-def test_a_file_that_is_no_table_is_refused_and_left(tmp_path):
-    run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
-    (path,) = tmp_path.iterdir()
+def test_a_file_that_is_no_table_is_refused_and_left(tmp_path, stored):
     for text, message in (("no json\n", "not a table of episodes"), ('{"settings": {}}\n', "does not match its name")):
-        path.write_text(text)
+        stored.write_text(text)
         with pytest.raises(ResultFileError, match=message):
             run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
-        assert path.read_text() == text
+        assert stored.read_text() == text
 
 
 @pytest.mark.parametrize("figures", ["{}", '{"place": "here"}', '{"place": [[1.0]]}', "[" * 20000])
-def test_rows_that_somebody_else_wrote_are_refused_or_run_again(tmp_path, figures):
-    run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
-    (path,) = tmp_path.iterdir()
-    key, *lines = path.read_text().splitlines()
+def test_rows_that_somebody_else_wrote_are_refused_or_run_again(tmp_path, stored, figures):
+    key, *lines = stored.read_text().splitlines()
     number = json.loads(lines[0])["_episode"]
     forged = [figures if figures[0] == "[" else json.dumps({"_episode": number, **json.loads(figures)})]
-    path.write_text("\n".join([key, *forged * len(lines)]) + "\n")
+    stored.write_text("\n".join([key, *forged * len(lines)]) + "\n")
     with contextlib.nullcontext() if figures[0] == "[" else pytest.raises(ResultFileError, match="did not write"):
         assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path)).rows[0]["place"]
 
 
-def test_stored_rows_are_those_of_the_same_settings_but_for_their_number(tmp_path):
-    run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
+def test_stored_rows_are_those_of_the_same_settings_but_for_their_number(tmp_path, stored):
     more = dataclasses.replace(SETTINGS, episodes=9)
     assert len(Store(tmp_path).rows_of("waists", measure, more, HOLD)) == 4
     for other in (dataclasses.replace(more, seed=3), dataclasses.replace(more, gait="standing")):

@@ -22,7 +22,7 @@ def test_the_teacher_is_the_qp_of_the_robot() -> None:
 
 
 def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:
-    config = CalibrationConfig(policy=policy_file("h1"), duration=4.0)
+    config = CalibrationConfig(policy=policy_file("h1"), duration=2.5)
     commands = [{"gait": "walking", "v_x": 0.5}, {"gait": "standing", "h": -0.2}]
     walk, stand = RecipeServices().executed(policy_file("h1"), commands, config)
     assert walk["v_x"] == pytest.approx(0.5, abs=0.1) and walk["l"] == pytest.approx(0.15, abs=0.06)

@@ -8,10 +8,11 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from hugwbc.cli import main
+from hugwbc.evaluation import episode
 from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.evaluation.experiment import run_experiment
-from hugwbc.evaluation.experiments import behaviours, experiment_of
-from hugwbc.evaluation.experiments.behaviours import EXPERIMENT, BehavioursSettings
+from hugwbc.evaluation.experiments import experiment_of
+from hugwbc.evaluation.experiments.behaviours import BEHAVIOURS as EXPERIMENT, BehavioursSettings
 from hugwbc.evaluation.store import Store
 from hugwbc.runtime.controllers import ControllerSpec
 
@@ -46,8 +47,8 @@ SCRIPT = "segments: [{label: a, duration: 3, hands: {frame: pelvis, left: {file:
 @pytest.fixture
 def played(monkeypatch):
     """The scenes of the episodes of behaviours that are simulated."""
-    seen, whole = [], behaviours.rollout
-    monkeypatch.setattr(behaviours, "rollout", lambda *a, **k: (seen.append(a[2].scene), whole(*a, **k))[1])
+    seen, whole = [], episode.rollout
+    monkeypatch.setattr(episode, "rollout", lambda *a, **k: (seen.append(a[2].scene), whole(*a, **k))[1])
     return seen
 
 

@@ -4,7 +4,7 @@ import pytest
 from hugwbc import Command, Gait
 from hugwbc.behaviours import Action, BehaviourSource, Grip, View
 from hugwbc.errors import ConfigError
-from hugwbc.gym.follow_wish import HAND_SPEED, FollowWish
+from hugwbc.gym.episode import HAND_SPEED, FollowWish
 from hugwbc.gym.task_action import GRIP_KINDS, ActionLayout, Wish
 from hugwbc.targets import HandTargets
 from tests.conftest import make_state

@@ -16,7 +16,7 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.command_source import Constant
 from hugwbc.sim import Simulation
-from hugwbc.sim.hand_pull import HandPull
+from hugwbc.sim.forces import HandPull
 
 DT = 0.002
 ARMS = UpperBody.none()

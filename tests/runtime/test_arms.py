@@ -27,8 +27,9 @@ def test_external_arm_targets_are_checked():
     bad = UpperBody(np.full(8, np.nan), np.zeros(8), np.ones(8, dtype=bool))
     np.testing.assert_array_equal(driven(bad), 0.1)
     np.testing.assert_array_equal(driven(UpperBody(np.zeros(7), np.zeros(8), np.ones(8, dtype=bool))), 0.1)
+    np.testing.assert_array_equal(driven(UpperBody.targets(np.zeros(14))), 0.1)
     np.testing.assert_array_equal(driven(UpperBody.targets(np.full(8, 9.0))), ROBOT.upper[ROBOT.arms])
-    assert (log.report().upper_body_rejected, log.report().upper_body_limited) == (2, 1)
+    assert (log.report().upper_body_rejected, log.report().upper_body_limited) == (3, 1)
 
 
 def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():

@@ -1,15 +1,18 @@
 import dataclasses
 import math
+import pathlib
 
 import numpy as np
 import pytest
 
+from hugwbc.commands import VELOCITY_NAMES
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
-from hugwbc.scripts.hand_paths import Hold, Line, Swing
-from hugwbc.scripts.motion import ArmMotion
-from hugwbc.scripts.script import HandMotion, Script, Segment, while_walking
+from hugwbc.scripts.hand_paths import Circle, Hold, Line, Swing
+from hugwbc.scripts.motion import ArmMotion, generate_motions, load_motion
+from hugwbc.scripts.script import SCRIPT_NAMES, HandMotion, Script, Segment, load_script, while_walking
+from hugwbc.settings_file import parse as parse_settings
 
 PATH = Swing(centre=(0.3, 0.2, 0.1), amplitude=(0.1, 0.0, 0.05), phase=(0.0, 0.0, 0.25), period=2.0)
 MOTION = HandMotion(PATH, PATH.mirrored())
@@ -141,3 +144,174 @@ def test_the_velocity_of_joints_is_that_of_their_positions_from_one_motion_to_th
     for t in (1.201, 1.751, 2.301, 2.705):  # between two frames
         before, now, after = (script.hands_at(t + dt) for dt in (-1e-4, 0.0, 1e-4))
         assert now.joint_velocity == pytest.approx((after.joints - before.joints) / 2e-4, abs=1e-5)
+
+
+ROBOT = load_robot()
+
+GOOD = """\
+about: everything a segment can say
+segments:
+  - label: go
+    duration: 2
+    gait: walking
+    commands: {v_x: 0.3, w: -0.2}
+    ramp: 0.5
+    hands:
+      frame: heading
+      left: {circle: {centre: [0.3, 0.2, 0.1], radius: 0.05, axis: z, period: 3}}
+      right: mirror
+  - {label: stop, duration: 0.5, gait: walking}
+  - label: point
+    duration: 3
+    hands: {right: {hold: [0.3, -0.2, 0.1]}}
+"""
+
+
+def parse(text):
+    return parse_settings(Script, text, pathlib.Path("scene.yaml"), name="scene")
+
+
+def test_a_script_is_what_the_file_says():
+    script = parse(GOOD)
+    circle = Circle((0.3, 0.2, 0.1), 0.05, "z", 3.0)
+    go = Segment(
+        "go", 2.0, Gait.WALKING, {"v_x": 0.3, "w": -0.2}, HandMotion(circle, circle.mirrored(), "heading"), 0.5
+    )
+    point = Segment("point", 3.0, hands=HandMotion(None, Hold((0.3, -0.2, 0.1))))
+    assert script.name == "scene"
+    assert script.about == "everything a segment can say"
+    assert script.segments == (go, Segment("stop", 0.5, Gait.WALKING, ramp=0.5), point)
+
+
+def test_a_segment_may_play_a_motion_file(tmp_path):
+    generate_motions(ROBOT, seed=0, count=1, duration=2.0)[0].save(tmp_path / "wave.npz")
+    text = "segments: [{label: a, duration: 1, motion: wave.npz}, {label: b, duration: 1, motion: %s}]"
+    (tmp_path / "scene.yaml").write_text(text % "wave.npz")
+    first, second = load_script(tmp_path / "scene.yaml", ROBOT).segments
+    assert first.motion is not None and first.motion is second.motion
+    assert first.motion.positions == pytest.approx(load_motion(tmp_path / "wave.npz", ROBOT).positions)
+    (tmp_path / "scene.yaml").write_text(text % "other.npz")
+    with pytest.raises(ConfigError, match=r"scene.yaml:1:7\d: cannot read .*other.npz"):
+        load_script(tmp_path / "scene.yaml", ROBOT)
+
+
+def test_directions_and_hands_that_hold_one_thing():
+    text = "segments: [{label: a, duration: 1, hands: {left: {hold: [0, 0, 0]}, right: mirror, %s}}]"
+    hands = parse(text % "left_direction: [0, 0, -2], together: true").segments[0].hands
+    assert hands is not None
+    targets = hands.at(0.5)
+    assert targets.together
+    assert targets.left_direction == pytest.approx([0.0, 0.0, -1.0])
+    assert targets.right_direction is None
+    with pytest.raises(ConfigError, match=r"yaml:1:36: left direction is .*not zero"):
+        parse(text % "left_direction: [0, 0, 0]")
+    with pytest.raises(ConfigError, match=r"maybe.*bool"):
+        parse(text % "together: maybe")
+    with pytest.raises(ConfigError, match=r"hold one object both need a target"):
+        parse("segments: [{label: a, duration: 1, hands: {left: {hold: [0, 0, 0]}, together: true}}]")
+
+
+def test_paths_by_kind(tmp_path):
+    (tmp_path / "wipe.csv").write_text("t,x,y,z\n0,0.3,0.2,0.1\n1,0.4,0.2,0.1\n")
+    (tmp_path / "scene.yaml").write_text(
+        "segments: [{label: a, duration: 1, hands: {left: {line: {points: [[0, 0, 0], [0, 0, 1]], repeat: true}},"
+        " right: {file: wipe.csv}}}]"
+    )
+    hands = load_script(tmp_path / "scene.yaml").segments[0].hands
+    assert hands is not None
+    assert hands.left == Line(((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), repeat=True)
+    assert hands.right is not None
+    assert hands.right.at(0.5) == pytest.approx([0.35, 0.2, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ("duration: 2", "duration: soon", "4:5", "number"),
+        ("duration: 2", "duration: -2", "4:5", "greater than 0"),
+        ("    duration: 2\n", "", "3:5", "duration is missing"),
+        ("duration: 2", "durration: 2", "4:5", "unknown Segment field 'durration'. Did you mean 'duration'?"),
+        ("gait: walking", "gait: wolking", "5:5", "unknown gait 'wolking'. Did you mean 'walking'?"),
+        ("v_x: 0.3", "v_x: 9", "6:16", "command v_x = 9 m/s is out of range for the walking gait"),
+        ("v_x: 0.3", "vx: 0.3", "6:16", "unknown command 'vx'. Did you mean 'v_x'?"),
+        ("ramp: 0.5", "ramp: 5", "7:5", "segment 'go' ramps for 5.0 s"),
+        ("frame: heading", "frame: body", "9:7", "'body'. Valid: pelvis"),
+        ("circle:", "circel:", "10:14", "unknown path 'circel'. Did you mean 'circle'?"),
+        ("radius: 0.05, ", "", "10:14", "radius is missing"),
+        ("radius: 0.05", "radius: -1", "10:48", "greater than 0"),
+        ("[0.3, 0.2, 0.1], radius", "[0.3, 0.2], radius", "10:23", "missing"),
+        ("axis: z", "axis: up", "10:62", "'up'. Valid: x, y, z"),
+        ("{circle:", "{hold: [0, 0, 0], circle:", "10:7", "one path"),
+        ("right: mirror", "right: {file: gone.csv}", "11:7", "cannot read gone.csv"),
+        ("right: mirror", "right: {file: [a]}", "11:7", "path"),
+        ("left: {circle", "# left: {circle", "11:7", "one path"),
+        ("0.5, gait: walking}", "0.5}", "12:5", "segment 'stop' (standing) starts from v_x = 0.3"),
+        ("segments:", "segment:", "2:1", "unknown Script field 'segment'. Did you mean 'segments'?"),
+        ("commands: {v_x: 0.3, w: -0.2}", "commands: fast", "6:5", "mapping"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_line(old, new, place, message):
+    assert GOOD.count(old) >= 1
+    with pytest.raises(ConfigError) as caught:
+        parse(GOOD.replace(old, new, 1))
+    assert str(caught.value).startswith(f"scene.yaml:{place}: ")
+    assert message in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_script(tmp_path / "gone.yaml")
+    with pytest.raises(UnknownNameError, match="unknown script 'loco'"):
+        load_script("loco")
+
+
+def test_the_library():
+    scenes = {"wave", "reach_grid", "wipe_table", "pick_from_floor", "hand_over"}
+    assert scenes | {"arms_random_walk", "loco_manipulation", "stand", "walk", "squat"} == set(SCRIPT_NAMES)
+    assert all(load_script(name).about for name in SCRIPT_NAMES)
+
+
+def test_the_documented_example_is_a_script_and_its_mistake_is_told_so():
+    page = (pathlib.Path(__file__).parents[2] / "docs" / "how-to" / "add-a-command-script.md").read_text()
+    text = page.split('```yaml title="inspect.yaml"\n')[1].split("```")[0]
+    assert [segment.label for segment in parse(text).segments][:3] == ["stand", "approach", "stop"]
+    with pytest.raises(ConfigError) as caught:
+        parse(text.replace("v_x: 0.4", "v_x: 4"))
+    assert str(caught.value).removeprefix("scene.yaml") in page
+
+
+@pytest.mark.parametrize("name", SCRIPT_NAMES)
+def test_shipped_scripts_are_valid_and_smooth_at_every_tick(name):
+    script = load_script(name)
+    dt = 0.005
+    previous, hands_before = None, None
+    for t in np.arange(0.0, script.duration, dt):
+        command = script.command_at(t).validate()
+        hands = script.hands_at(t)
+        if previous is not None:
+            # Fastest ramp: 0.5 rad or m/s in 1 s, 1.875 times its mean speed.
+            assert np.abs(command.array() - previous).max() <= 1.875 * 0.5 * dt + 1e-12
+        if hands is not None and hands_before is not None:
+            way = np.linalg.norm(hands.array() - hands_before, axis=1)
+            assert np.nanmax(way) < 1.0 * dt, "hands go at most 1 m/s"
+        previous, hands_before = command.array(), None if hands is None else hands.array()
+
+
+def test_loco_manipulation_does_what_the_comparison_needs():
+    script = load_script("loco_manipulation")
+    assert script.duration == 20.0
+    commands = {s.label: script.command_at(sum(x.duration for x in script.segments[: i + 1]) - 1e-6)
+                for i, s in enumerate(script.segments)}  # fmt: skip
+    assert commands["walk"].v_x == 0.5
+    assert commands["turn"].omega == 0.4
+    assert commands["turn"].v_x == 0.0
+    assert (commands["squat"].h, commands["squat"].p, commands["squat"].w) == (-0.2, 0.3, 0.5)
+    assert commands["stand up"].h == pytest.approx(0.0, abs=1e-12)
+    for label in ("reach", "walk", "turn", "stop", "squat"):
+        segment = next(s for s in script.segments if s.label == label)
+        assert segment.hands is not None
+        assert segment.hands.frame == "pelvis"
+    for t in np.arange(0.0, 20.0, 0.01):
+        command = script.command_at(t)
+        if command.gait is Gait.STANDING:
+            assert all(getattr(command, name) == 0.0 for name in VELOCITY_NAMES)

@@ -11,7 +11,7 @@ from hugwbc.robot import load_robot, robot_names
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.detour import arm_mirror, posture_table
-from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, Clearance, hip_names, upper_body
+from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, Clearance, still_names, upper_body
 from tests.conftest import make_state
 
 
@@ -81,7 +81,8 @@ def test_what_has_room_touches_nothing_in_the_simulator(name):
     robot, model = load_robot(name), _mujoco(name)
     ik, data, rng = ArmIK(robot=robot), mujoco.MjData(model), np.random.default_rng(0)
     arms = {model.joint(joint).bodyid[0] for joint in robot.arm_names}
-    low, high = np.array([[-1.2, -0.3, -1.2, -0.5], [0.5, 0.3, 0.5, 1.8]])
+    wrist = len(arms) // 2 - 4
+    low, high = np.array([[-1.2, -0.3, -1.2, -0.5, *[-0.5] * wrist], [0.5, 0.3, 0.5, 1.8, *[0.5] * wrist]])
     touching, narrow = [], []
     for _ in range(300):
         data.qpos[:3], data.qpos[7:] = (0.0, 0.0, 3.0), robot.nominal
@@ -98,7 +99,7 @@ def test_what_has_room_touches_nothing_in_the_simulator(name):
 
 
 def test_what_moves_is_arms_waist_and_hips_and_on_a_column_height_and_pitch(robot):
-    moving = {*robot.arm_names, *hip_names(robot), robot.joint_names[robot.waist]}
+    moving = {*robot.arm_names, *still_names(robot), robot.joint_names[robot.waist]}
     assert set(upper_body(robot).joint_names()) == moving
     assert set(upper_body(robot, on_column=True).joint_names()) == {*moving, HEIGHT_JOINT, PITCH_JOINT}
 

@@ -8,7 +8,7 @@ from hugwbc import load_robot, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
 from hugwbc.mirror import load_mirror
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts.script import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
 from hugwbc.upper_ik.solver import LONGEST_TICK
@@ -33,6 +33,19 @@ def shoulder_to_targets(points):
 @pytest.fixture
 def ik():
     return ArmIK(load_robot())
+
+
+@pytest.mark.parametrize("name", ["h1", "g1"])
+def test_hands_stay_where_they_are_while_the_trunk_turns_to_and_fro(name):
+    """By 0.2 rad at 12 rad/s, as a trunk may in a walk: a braking hand alone lags by v^2 / (2 * 6 m/s^2), some 5 cm."""
+    robot = load_robot(name)
+    ik, q, errors = ArmIK(robot), robot.nominal.copy(), []
+    for t in np.arange(0.0, 1.6, 0.004):
+        q[robot.waist] = 0.2 * math.sin(12.0 * t)
+        errors.append(
+            ik.solve(HandTargets((0.28, 0.18, 0.1), (0.28, -0.18, 0.1)), make_state(q, dq=0.0 * q), 0.004).residual
+        )
+    assert np.max(errors[250:]) < 0.003
 
 
 def test_hands_agree_with_pinocchio_on_the_whole_robot(robot):

@@ -10,7 +10,7 @@ from hugwbc.arm_servo import ArmServo
 from hugwbc.commands import Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.robot import load_robot
-from hugwbc.scripts.script_file import load_script
+from hugwbc.scripts.script import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, TargetWatch, UpperBodySource
 from hugwbc.upper_ik.takeover import ACCELERATION
@@ -35,7 +35,7 @@ def message(number, time):
 
 @pytest.fixture
 def watch():
-    return TargetWatch()
+    return TargetWatch(load_robot())
 
 
 @pytest.fixture

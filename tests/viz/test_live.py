@@ -22,12 +22,10 @@ from hugwbc.runtime import ControlLoop, UpperBodySource
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import Scene, Table, Tray
-from hugwbc.viz.drive import drive
-from hugwbc.viz.drive_link import DriveLink
+from hugwbc.viz.drive_link import DriveLink, page_address
 from hugwbc.viz.live import CAMERA, HANDS_AT_FIRST, LOOK_AT, LivePage
-from hugwbc.viz.live_meshes import colour_meshes
-from hugwbc.viz.page_guard import page_address
-from hugwbc.viz.shapes import shapes_of
+from hugwbc.viz.shapes import colour_meshes, shapes_of
+from hugwbc.viz.show import drive
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -65,8 +63,8 @@ def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
     page._choose_gait(Gait.HOPPING_LEFT)
     forward.value = 1.0
     page.show(simulation)
-    assert forward.value == page.source.wanted.v_x == 0.6, "nobody hops faster"
-    assert height.value == page.source.wanted.h == -0.1
+    assert forward.value == page.source.requested.v_x == 0.6, "nobody hops faster"
+    assert height.value == page.source.requested.h == -0.1
     assert "is outside -0.6 to 0.6" in page.source.notice
     page._choose_gait(Gait.STANDING)
     page.show(simulation)
@@ -80,11 +78,11 @@ def test_a_velocity_makes_a_standing_robot_walk_and_the_page_says_so():
     forward = page._sliders["v_x"]
     forward.value = 0.4
     page.show(simulation)
-    assert page.source.wanted == Command(v_x=0.4, gait=Gait.WALKING) and forward.value == 0.4
+    assert page.source.requested == Command(v_x=0.4, gait=Gait.WALKING) and forward.value == 0.4
     assert "starts walking" in " ".join(page.link._status["notes"])
     assert page.link._status["gait"] == "standing" and page.link._status["next"] == "walking"
     page.stop()
-    assert page.source.wanted == Command() and forward.value == 0.0
+    assert page.source.requested == Command() and forward.value == 0.0
     page.close()
 
 
@@ -155,7 +153,7 @@ def test_nobody_drives_while_no_page_is_there(absent):
     # A person opens the page: nothing of that is waiting.
     page.link._hear(2, "{}")
     page.show(simulation)
-    assert page.source.command_at(5.0) == Command() and page.source.wanted == Command()
+    assert page.source.command_at(5.0) == Command() and page.source.requested == Command()
     page.close()
 
 
@@ -196,11 +194,11 @@ def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
     assert page.source.command_at(t + 1.0).v_x == pytest.approx(0.5)
     now[0] += 2.1
     page.show(simulation)
-    assert page.source.wanted == Command() and page._sliders["v_x"].value == 0.0
+    assert page.source.requested == Command() and page._sliders["v_x"].value == 0.0
     assert "the page is gone" in page.source.notice
     page.link._hear(1, "{}")
     page.show(simulation)
-    assert page.source.wanted == Command()
+    assert page.source.requested == Command()
     page.close()
 
 
@@ -394,7 +392,7 @@ def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, 
     slider.focus()
     for _ in range(40):
         slider.press("ArrowRight")
-    assert driven.until(lambda: driven.page.source.wanted.v_x > 0.3)
+    assert driven.until(lambda: driven.page.source.requested.v_x > 0.3)
     assert driven.until(lambda: simulation.data.qpos[0] > 0.3), "it walks"
     page.wait_for_function("document.body.innerText.includes('walking at')")
     # Stop, and stand.
@@ -417,7 +415,7 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     assert driven.until(lambda: simulation.state().yaw > 0.3), "it turns"
     page.keyboard.up("a")
     page.keyboard.up("w")
-    assert driven.until(lambda: source.wanted == Command()), "nothing is held: it stands"
+    assert driven.until(lambda: source.requested == Command()), "nothing is held: it stands"
     assert not simulation.fallen
     # Reset stands it up at the origin.
     page.keyboard.press("r")

@@ -47,8 +47,8 @@ def test_a_robot_comes_to_rest_before_another_moving_gait():
 def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
     source = LiveSource(load_robot(), Command(w=0.3))
     source.ask("w", float("nan"))
-    assert source.wanted == Command()
-    source.wanted = dataclasses.replace(source.wanted, h=-0.2)
+    assert source.requested == Command()
+    source.requested = dataclasses.replace(source.requested, h=-0.2)
     play(source, 3.0)
     assert source.command_at(0.0) == Command()
 
@@ -70,10 +70,10 @@ def test_what_is_asked_for_at_one_time_is_all_kept():
     sys.setswitchinterval(1e-6)
     try:
         for _ in range(rounds):
-            source.wanted = Command()
+            source.requested = Command()
             barrier.wait()
             barrier.wait()
-            lost += source.wanted != Command(**asked)
+            lost += source.requested != Command(**asked)
     finally:
         sys.setswitchinterval(switch)
     for thread in threads:
@@ -84,15 +84,15 @@ def test_what_is_asked_for_at_one_time_is_all_kept():
 def test_a_velocity_makes_a_standing_robot_walk_and_a_stop_makes_it_stand_again():
     source = LiveSource(load_robot())
     source.ask("h", -0.1)
-    assert source.wanted.gait is Gait.STANDING and source.notice == ""
+    assert source.requested.gait is Gait.STANDING and source.notice == ""
     source.ask("omega", 0.3)
-    assert source.wanted == Command(omega=0.3, h=-0.1, gait=Gait.WALKING) and "starts walking" in source.notice
+    assert source.requested == Command(omega=0.3, h=-0.1, gait=Gait.WALKING) and "starts walking" in source.notice
     source.stop()
-    assert source.wanted == Command(h=-0.1)
+    assert source.requested == Command(h=-0.1)
     source.ask_gait(Gait.WALKING)
     source.ask("v_x", 0.3)
     source.stop()
-    assert source.wanted == Command(h=-0.1, gait=Gait.WALKING), "the gait was chosen"
+    assert source.requested == Command(h=-0.1, gait=Gait.WALKING), "the gait was chosen"
 
 
 def test_a_halt_and_a_pause_ask_for_a_stand_at_once():
@@ -121,7 +121,7 @@ def test_another_programs_commands_count_while_they_come():
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
             client.sendto(json.dumps({"command": {"v_x": 0.4}, "hands": hands}).encode(), ("127.0.0.1", stream.port))
         (command,) = play(source, DT, start=1.0)
-        assert source.following and command == source.wanted == Command(v_x=0.4, gait=Gait.WALKING)
+        assert source.following and command == source.requested == Command(v_x=0.4, gait=Gait.WALKING)
         assert source.hands_at(1.0) is not None
         source.ask("v_x", 0.1)
         source.ask_gait(Gait.JUMPING)

@@ -12,9 +12,8 @@ from websockets.sync import client
 
 from hugwbc.errors import ConfigError
 from hugwbc.sim import Simulation
-from hugwbc.viz.drive_link import DriveLink
+from hugwbc.viz.drive_link import DriveLink, admitted, check_host, refusal
 from hugwbc.viz.live import LivePage
-from hugwbc.viz.page_guard import admitted, check_host, refusal
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "example.org", "::"])

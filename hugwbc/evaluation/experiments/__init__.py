@@ -1,4 +1,4 @@
-"""The paper's experiments and further ones, each an `Experiment` in a file of its own, listed here by name."""
+"""The paper's experiments and further ones, listed here by name."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,56 +7,49 @@ from hugwbc import extensions
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import (
-    arrive,
-    behaviours,
-    boxes,
-    carry,
     contacts,
     disturbance,
     engines,
     estimation,
     faults,
-    foot_displacement,
     hands,
-    intervention,
-    press,
-    pull,
-    push,
     ramp,
     random_commands,
     response,
     single_command,
     stops,
     suite_tasks,
-    sway,
 )
+from hugwbc.evaluation.experiments.behaviours import ARRIVE, BEHAVIOURS, BOXES
+from hugwbc.evaluation.experiments.forces import CARRY, PRESS, PULL, PUSH, SWAY
+from hugwbc.evaluation.experiments.intervention import FOOT_DISPLACEMENT, INTERVENTION
 
 # In the order in which the command line lists them and the report shows them.
 EXPERIMENTS: Mapping[str, Experiment[Any]] = {
-    module.EXPERIMENT.name: module.EXPERIMENT
-    for module in (
-        single_command,
-        intervention,
-        foot_displacement,
-        disturbance,
-        ramp,
-        contacts,
-        random_commands,
-        response,
-        stops,
-        arrive,
-        hands,
-        carry,
-        pull,
-        press,
-        push,
-        sway,
-        estimation,
-        faults,
-        engines,
-        suite_tasks,
-        behaviours,
-        boxes,
+    experiment.name: experiment
+    for experiment in (
+        single_command.EXPERIMENT,
+        INTERVENTION,
+        FOOT_DISPLACEMENT,
+        disturbance.EXPERIMENT,
+        ramp.EXPERIMENT,
+        contacts.EXPERIMENT,
+        random_commands.EXPERIMENT,
+        response.EXPERIMENT,
+        stops.EXPERIMENT,
+        ARRIVE,
+        hands.EXPERIMENT,
+        CARRY,
+        PULL,
+        PRESS,
+        PUSH,
+        SWAY,
+        estimation.EXPERIMENT,
+        faults.EXPERIMENT,
+        engines.EXPERIMENT,
+        suite_tasks.EXPERIMENT,
+        BEHAVIOURS,
+        BOXES,
     )
 }
 

@@ -1,19 +1,43 @@
-"""A behaviour of the user's own, repeated: how often it succeeds, how long it takes, why it fails."""
+"""Behaviours, again and again: the user's own, `walk_to` any goal, and boxes by mass and height.
 
+How often does one succeed, how long does it take, and why does it fail?
+"""
+
+import functools
+import math
+from collections.abc import Iterator
+
+import numpy as np
 import polars as pl
 
-from hugwbc import extensions
-from hugwbc.behaviours import Behaviour, BehaviourSource, Status, load_behaviour
+from hugwbc import extensions, rotations
+from hugwbc.behaviours import (
+    Behaviour,
+    BehaviourSource,
+    BoxGrip,
+    Course,
+    Status,
+    View,
+    doing,
+    load_behaviour,
+    seen,
+    walk_to,
+)
+from hugwbc.behaviours.boxes import DISTANCE as NEAR
+from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending
+from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending, simulate, simulation_of
 from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
-from hugwbc.runtime.rollout import rollout
+from hugwbc.rotations import wrap_angle
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Engine, Scene, load_scene
+from hugwbc.sim.scenes import Box, Step
+from hugwbc.sim.scenes.varied import Uniform
+from hugwbc.state import GRAVITY
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -50,18 +74,10 @@ def play(
 
     - `success`: whether the behaviour ended with success; `seconds`: when, None if not [s]; `ending`: what it said.
     """
-    conditions, source = settings.conditions, BehaviourSource(behaviour)
-    simulation = conditions.simulation(settings.duration, (settings.seed, plan.draw), scene)
-    trace = rollout(
-        controller,
-        source,
-        simulation,
-        UpperBodySource(robot=simulation.known_robot),
-        duration=settings.duration,
-        estimator=conditions.estimator(),
-        until=lambda: source.done,
-        strict=False,
-    )
+    source, simulation = BehaviourSource(behaviour), simulation_of(settings, plan, scene=scene)
+    arms = UpperBodySource(robot=simulation.known_robot)
+    where = {"source": source, "simulation": simulation, "upper_body": arms}
+    trace = simulate(controller, settings, plan, **where, until=lambda: source.done).trace
     success = source.status is Status.SUCCESS and not trace.fell
     seconds = simulation.time if success else None
     how = "a fall" if trace.fell else source.ending
@@ -78,20 +94,175 @@ def figures(settings: BehavioursSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return how often it was done, its time, and the other endings."""
     table, done = settings.behaviour, rows.filter(pl.col("success"))
     success = wilson_percentage(rows["success"].to_list())
-    endings = rows.filter(~pl.col("success")).group_by("ending", maintain_order=True).len()
     return [
         Figure(table, "done", "% of episodes", success, higher_is_better=True),
         Figure(table, "time", "s", bootstrap_mean(done["seconds"])),
-        *(Figure(table, words, "% of episodes", wilson_of(n, len(rows))) for words, n in endings.iter_rows()),
+        *other_endings(table, "", rows),
         falls_figure(table, rows["fell"]),
     ]
 
 
-EXPERIMENT = Experiment(
+def other_endings(table: str, place: str, rows: pl.DataFrame) -> Iterator[Figure]:
+    """Yield the share of each ending without success, called by its words behind those of a place."""
+    endings = rows.filter(~pl.col("success")).group_by("ending", maintain_order=True).len()
+    for words, count in endings.iter_rows():
+        yield Figure(table, f"{place}{words}", "% of episodes", wilson_of(count, len(rows)))
+
+
+BEHAVIOURS = Experiment(
     "behaviours",
     "a behaviour of your own, again and again: how often it is done, and why not",
     BehavioursSettings,
     numbered,
     episode,
     figures,
+)
+
+
+# Does `walk_to` arrive? Goals at any distance and heading, with the defaults of the behaviour. A box far away makes the
+# place a scene, in which the robot's pose is told as by motion capture, without drift.
+
+GOALS = (0.3, 3.0)  # [m], distances
+AWAY = Scene((Box(name="far", position=(9.0, 9.0), size=(0.2, 0.2, 0.2), mass=1.0),))
+
+
+@settings(kw_only=True)
+class ArriveSettings(CountedSettings):
+    """Settings of arrive."""
+
+    episodes: Count = 20  # number of goals
+    duration: Positive = 60.0  # longest time of an episode [s]
+
+
+def arrive_plan(settings: ArriveSettings) -> list[Plan]:
+    """Return an episode for each goal: distances and bearings are uniform, and so is the heading at the goal."""
+    plans = []
+    for draw in range(settings.episodes):
+        rng = np.random.default_rng((settings.seed, draw))
+        distance, bearing = rng.uniform(*GOALS), rng.uniform(-math.pi, math.pi)
+        goal = {"x": distance * math.cos(bearing), "y": distance * math.sin(bearing)}
+        plans.append(Plan(draw, tags={**goal, "yaw": float(rng.uniform(-math.pi, math.pi))}))
+    return plans
+
+
+def arrive_episode(controller: Controller, settings: ArriveSettings, plan: Plan) -> Row:
+    """Return whether and when the behaviour ended with success, and how far the robot truly stood from the goal.
+
+    - `distance`: of the pelvis from the goal [m]; `angle`: of the heading from that of the goal [deg]. None for walks
+      that did not arrive.
+    """
+    x, y, yaw = (float(plan.tags[name]) for name in ("x", "y", "yaw"))
+    row, simulation = play(controller, settings, plan, lambda view: walk_to(view, (x, y), yaw), AWAY)
+    if not row["success"]:
+        return row | {"distance": None, "angle": None}
+    state = simulation.state()
+    assert state.position is not None
+    away = math.hypot(state.position[0] - x, state.position[1] - y)
+    return row | {"distance": away, "angle": abs(math.degrees(float(wrap_angle(state.yaw - yaw))))}
+
+
+def arrive_figures(settings: ArriveSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the share of goals that were reached, time and true error of these, and the falls."""
+    table, done = "Goals of 0.3 to 3 m, any heading", rows.filter(pl.col("success"))
+    found = [
+        Figure(table, "arrived", "% of goals", wilson_percentage(rows["success"].to_list()), higher_is_better=True),
+        Figure(table, "time", "s", bootstrap_mean(done["seconds"])),
+        Figure(table, "true distance", "m", bootstrap_mean(done["distance"])),
+        Figure(table, "true angle", "deg", bootstrap_mean(done["angle"])),
+    ]
+    return [*found, falls_figure(table, rows["fell"])]
+
+
+ARRIVE = Experiment(
+    "arrive",
+    "walk_to goals of 0.3 to 3 m and any heading: how often it arrives, how fast, how exactly",
+    ArriveSettings,
+    arrive_plan,
+    arrive_episode,
+    arrive_figures,
+)
+
+
+# Lift a box, carry it back and forth, set it down where it stood, and let go.
+
+SIZE = (0.2, 0.28, 0.28)  # [m]
+FRICTION = Uniform(0.6, 1.0)
+HEAVIEST = 2.0 * FRICTION.low * BoxGrip(SIZE[1]).force / (2.0 * GRAVITY)  # [kg], with half of the friction to spare
+_AT = (0.0, 0.08)  # [m], where the hands press: above the middle, so that the box hangs
+_BACK = 0.4  # [m]
+_SUNK = 0.02  # [m], by which a box may be off the height at which it stands
+_LOW = 0.7  # [m], below which the robot bends over the box, and its knees need room
+_SLIPS = 0.5  # [m], below which a box slips out of hands that only press on it
+_BENT, _FAR = Command(h=-0.3, p=0.4), 0.50  # posture, and distance from the pelvis [m]
+
+
+@settings(kw_only=True)
+class BoxesSettings(CountedSettings):
+    """Settings of boxes."""
+
+    episodes: Count = 20  # number of episodes of each mass and height
+    masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # of the boxes [kg]
+    heights: tuple[Positive, ...] = (0.3, 0.6, 0.9)  # of what they stand on [m]
+    duration: Positive = 70.0  # longest time of an episode [s]
+    varied = frozenset({"engine", "terrain_roughness", "slope", "intervention", "motions"})
+
+
+def boxes_plan(settings: BoxesSettings) -> list[Plan]:
+    """Return the episodes of each mass and height."""
+    cells = [(mass, height) for mass in settings.masses for height in settings.heights]
+    return [
+        Plan(draw, tags={"mass": mass, "height": height}) for mass, height in cells for draw in range(settings.episodes)
+    ]
+
+
+def scene(mass: float, height: float) -> Scene:
+    """Return a box of a mass [kg] at the front edge of a block of a height [m]."""
+    stand = Step(name="stand", position=(0.95, 0.0), size=(0.3, 0.5, height))
+    place = (-0.05, Uniform(-0.05, 0.05))
+    box = Box(name="box", on="stand", position=place, yaw=Uniform(-0.15, 0.15), size=SIZE, mass=mass, friction=FRICTION)
+    return Scene((stand, box))
+
+
+def shift(view: View, mass: float, height: float) -> Course:
+    """Take the box, by friction where the arms can press enough, step back and forth with it, and set it down."""
+    stood, by_friction = seen(view, "box"), mass <= HEAVIEST and height >= _SLIPS
+    box = (BoxGrip if by_friction else BoxGrip.hung)(SIZE[1], at=_AT)
+    distance, posture = (_FAR, _BENT) if height < _LOW else (NEAR, None)
+    view = yield from box.take(view, "box", distance=distance, posture=posture, height=0.06, speed=0.05)
+    here, heading = view.position, view.state.yaw
+    for way in (_BACK, 0.0):
+        x, y, _ = here - way * rotations.rotation_z(heading)[:, 0]
+        view = yield from doing("carry the box", walk_to(view, (float(x), float(y)), heading, speed=0.25))
+    view = yield from doing("put the box down", box.put(view, "box", stood.position, stood.yaw, posture))
+    return (yield from doing("let go", box.let_go(view)))
+
+
+def boxes_episode(controller: Controller, settings: BoxesSettings, plan: Plan) -> Row:
+    """Return how it ended; it is done if the box stands on the block again."""
+    mass, height = float(plan.tags["mass"]), float(plan.tags["height"])
+    behaviour = functools.partial(shift, mass=mass, height=height)
+    row, simulation = play(controller, settings, plan, behaviour, scene(mass, height))
+    stands = abs(float(simulation.objects["box"].position[2]) - height - SIZE[2] / 2) < _SUNK
+    ending = row["ending"] if stands or not row["success"] else "the box does not stand on the block"
+    return row | {"success": row["success"] and stands, "ending": ending}
+
+
+def boxes_figures(settings: BoxesSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return how often each mass was done from each height, and the other endings."""
+    found = []
+    for (mass, height), part in rows.group_by("mass", "height", maintain_order=True):
+        table, place = f"{mass:g} kg", f"from {height:g} m"
+        success = wilson_percentage(part["success"].to_list())
+        found.append(Figure(table, f"done {place}", "% of episodes", success, higher_is_better=True))
+        found += other_endings(table, f"{place}: ", part)
+    return found
+
+
+BOXES = Experiment(
+    "boxes",
+    "boxes of several masses from several heights: how often each is lifted, carried and set down again",
+    BoxesSettings,
+    boxes_plan,
+    boxes_episode,
+    boxes_figures,
 )

@@ -97,59 +97,41 @@ def episode(controller: Controller, settings: EstimationSettings, plan: Plan) ->
     """
     estimator = settings.conditions.estimator()
     assert estimator is not None  # the settings refuse exact sensors
-    watch = EstimateWatch(estimator)
-    run = simulate(controller, settings, plan, estimator=estimator, on_step=watch)
-    record = watch.record().after(settings.settle)
+    errors = EstimateErrors(estimator)
+    trace = simulate(controller, settings, plan, estimator=estimator, on_step=errors).trace
+    record = errors.record(settings.settle)
     return {
-        **{f"commanded_{name}": getattr(run.command, name) for name in RANDOM},
-        **(_errors(record) if record.time.size else dict.fromkeys(_ERROR_FIELDS)),
-        "way": _way(record),
-        **ending(run.trace),
+        **{f"commanded_{name}": getattr(plan.command, name) for name in RANDOM},
+        **(_errors(record) if record else dict.fromkeys(("nees", *COLUMNS))),
+        "way": _way(record) if record else 0.0,
+        **ending(trace),
     }
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class EstimateRecord:
-    """Errors of an estimator in one run: S samples, one for each reading, at the time at which it was taken.
+Record = dict[str, np.ndarray]
+"""Errors of an estimator: S samples, one for each reading, at the time at which it was taken.
 
-    Attributes:
-        time: of the readings [s], shape (S,).
-        tilt: error of roll and pitch, about the axes of the true heading frame [rad], shape (S, 2).
-        velocity: error of the pelvis's velocity in the heading frame [m/s], shape (S, 3). The heading itself is not
-            observable, so its drift does not count.
-        nees: error of tilt and velocity, squared and weighted by the inverse of the estimator's own covariance; it is
-            `DEGREES` on average for an estimator that knows how exact it is. Shape (S,), NaN between its samples.
-        position: error of the pelvis's position in the world [m], shape (S, 3).
-        yaw: error of the heading [rad], shape (S,).
-        inferred: whether the estimator says that the left and the right foot stand, shape (S, 2), bool.
-        touching: whether they do, shape (S, 2), bool.
-        true_position: of the pelvis in the world [m], shape (S, 3).
-    """
-
-    time: np.ndarray
-    tilt: np.ndarray
-    velocity: np.ndarray
-    nees: np.ndarray
-    position: np.ndarray
-    yaw: np.ndarray
-    inferred: np.ndarray
-    touching: np.ndarray
-    true_position: np.ndarray
-
-    def after(self, time: float) -> "EstimateRecord":
-        """Return the part from a time [s] on."""
-        kept = self.time >= time - _ROUNDING
-        return EstimateRecord(**{f.name: getattr(self, f.name)[kept] for f in dataclasses.fields(self)})
+- `time`: of the readings [s], shape (S,).
+- `tilt`: error of roll and pitch, about the axes of the true heading frame [rad], shape (S, 2).
+- `velocity`: error of the pelvis's velocity in the heading frame [m/s], shape (S, 3). The heading itself is not
+  observable, so its drift does not count.
+- `nees`: error of tilt and velocity, squared and weighted by the inverse of the estimator's own covariance; it is
+  `DEGREES` on average for an estimator that knows how exact it is. Shape (S,), NaN between its samples.
+- `position`: error of the pelvis's position in the world [m], shape (S, 3); `yaw`: of the heading [rad], shape (S,).
+- `inferred`, `touching`: whether the estimator says that the left and the right foot stand, and whether they do, shape
+  (S, 2), bool.
+- `true_position`: of the pelvis in the world [m], shape (S, 3).
+"""
 
 
-class EstimateWatch:
-    """A watch over an estimator in a control loop, called after every physics step (`rollout`'s `on_step`)."""
+class EstimateErrors:
+    """The errors of an estimator in a control loop, taken after every physics step (`rollout`'s `on_step`)."""
 
     def __init__(self, estimator: StateEstimator) -> None:
         """Begin without samples."""
         self._estimator = estimator
         self._truths: collections.deque[RobotState] = collections.deque()  # those that no reading has shown yet
-        self._rows: list[tuple[object, ...]] = []
+        self._rows: list[dict[str, Any]] = []
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
         """Take the true state of the present and the estimate, which is of the time of an earlier reading."""
@@ -171,17 +153,24 @@ class EstimateWatch:
         if len(self._rows) % _EVERY == 0:
             covariance = heading @ self._estimator.covariance() @ heading.T
             nees = float(reduced @ np.linalg.solve(covariance, reduced))
-        row = (estimate.time, reduced[:2], reduced[2:], nees, estimate.position - true.position, angle[2])
-        contacts = (self._estimator.contact.copy(), true.foot_force[:, 2] > CONTACT_FORCE)
-        self._rows.append((*row, *contacts, true.position))
+        self._rows.append(
+            {
+                "time": estimate.time,
+                "tilt": reduced[:2],
+                "velocity": reduced[2:],
+                "nees": nees,
+                "position": estimate.position - true.position,
+                "yaw": angle[2],
+                "inferred": self._estimator.contact.copy(),
+                "touching": true.foot_force[:, 2] > CONTACT_FORCE,
+                "true_position": true.position,
+            }
+        )
 
-    def record(self) -> EstimateRecord:
-        """Return all samples so far."""
-        shapes = ((), (2,), (3,), (), (3,), (), (2,), (2,), (3,))
-        columns = zip(*self._rows, strict=True) if self._rows else ([],) * len(shapes)
-        arrays = [np.array(column).reshape(-1, *shape) for column, shape in zip(columns, shapes, strict=True)]
-        arrays[6], arrays[7] = arrays[6].astype(bool), arrays[7].astype(bool)
-        return EstimateRecord(*arrays)
+    def record(self, begin: float) -> Record:
+        """Return the samples from a time [s] on; empty without any."""
+        rows = [row for row in self._rows if row["time"] >= begin - _ROUNDING]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]} if rows else {}
 
 
 def _heading_errors(level: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -239,19 +228,16 @@ def without_bounces(true: np.ndarray, time: np.ndarray) -> np.ndarray:
     return filled
 
 
-_ERROR_FIELDS = ("nees", *COLUMNS)
-
-
-def _errors(record: EstimateRecord) -> dict[str, Any]:
-    rms = np.sqrt(np.mean(np.hstack([record.velocity, record.tilt]) ** 2, axis=0)).tolist()
-    true, inferred, time = record.touching, record.inferred, record.time
+def _errors(record: Record) -> dict[str, Any]:
+    rms = np.sqrt(np.mean(np.hstack([record["velocity"], record["tilt"]]) ** 2, axis=0)).tolist()
+    true, inferred, time = record["touching"], record["inferred"], record["time"]
     both = [(inferred[:, foot], true[:, foot]) for foot in range(2)]
     downs, lifts = ([d for i, t in both for d in delays(i, t, time, down=down)] for down in (True, False))
-    sampled = record.nees[np.isfinite(record.nees)]
+    sampled = record["nees"][np.isfinite(record["nees"])]
     way = _way(record)
     scale = DRIFT_WAY / way if way >= _SHORTEST_WAY else None
-    moved = record.position[-1] - record.position[0]
-    turned = float(np.unwrap(record.yaw)[-1] - record.yaw[0])
+    moved = record["position"][-1] - record["position"][0]
+    turned = float(np.unwrap(record["yaw"])[-1] - record["yaw"][0])
     return {
         **dict(zip(("v_x", "v_y", "v_z", "roll", "pitch"), rms, strict=True)),
         "nees": float(sampled.mean()) / DEGREES if sampled.size else None,
@@ -273,12 +259,12 @@ def _mean_of(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def _way(record: EstimateRecord) -> float:
+def _way(record: Record) -> float:
     """Return the length of the true path [m]."""
-    if record.time.size < 2:
+    if record["time"].size < 2:
         return 0.0
-    stride = max(1, round(_WAY_STEP / float(record.time[1] - record.time[0])))
-    return float(np.linalg.norm(np.diff(record.true_position[::stride, :2], axis=0), axis=1).sum())
+    stride = max(1, round(_WAY_STEP / float(record["time"][1] - record["time"][0])))
+    return float(np.linalg.norm(np.diff(record["true_position"][::stride, :2], axis=0), axis=1).sum())
 
 
 def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:

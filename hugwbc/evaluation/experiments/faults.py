@@ -16,13 +16,12 @@ import polars as pl
 from hugwbc.commands import default_command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate, simulation_of
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean, single, wilson_of
 from hugwbc.evaluation.plans import Plan
 from hugwbc.robot import load_robot
-from hugwbc.runtime.rollout import rollout
 from hugwbc.settings import Count, NotNegative, Positive, settings
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -131,19 +130,10 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     - `highest_speed`: highest speed of the pelvis from the fault to the end [m/s].
     """
     assert plan.conditions is not None
-    simulation = plan.conditions.simulation(settings.duration, (settings.seed, plan.draw))
+    simulation = simulation_of(settings, plan)
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
-    watch = GroundWatch(simulation, float(plan.tags["start"]))
-    trace = rollout(
-        controller,
-        plan.source,
-        simulation,
-        duration=settings.duration,
-        estimator=plan.conditions.estimator(),
-        on_step=watch,
-        past_falls=True,
-        strict=False,
-    )
+    watch = GroundSpeeds(simulation, float(plan.tags["start"]))
+    trace = simulate(controller, settings, plan, simulation=simulation, on_step=watch, past_falls=True).trace
     start, lowered = float(plan.tags["start"]), trace.safety.lowered > 0
     return {
         **ending(trace),
@@ -158,8 +148,8 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     }
 
 
-class GroundWatch:
-    """A watch over the pelvis's speed, called after every physics step (`rollout`'s `on_step`).
+class GroundSpeeds:
+    """Speeds of the pelvis and where links touch the ground; called after every physics step (`rollout`'s `on_step`).
 
     Attributes:
         touch_speed, first_touch_speed, highest_speed: see `episode`.

@@ -9,14 +9,13 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, scaled, single
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
-from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.hand_paths import Line
 from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
@@ -24,9 +23,11 @@ from hugwbc.settings import Count, NotNegative, settings
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, UpperBodySource
+from hugwbc.upper_ik.workspace import arm_length
 
-# Targets of the left hand in the pelvis frame [m]; the right hand's are drawn from the mirror image.
-LOW, HIGH = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55])
+# Targets of the left hand in the pelvis frame [m] for an arm of this length [m]; for others in proportion. The right
+# hand's are drawn from the mirror image.
+LOW, HIGH, ARM = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55]), 0.6132
 LEG_TIME, DWELL = 1.2, 0.8  # [s] from target to target, and at each
 REACHED = 0.005  # [m]
 SATURATED = 0.99  # of a joint's torque limit
@@ -72,22 +73,22 @@ class _Recording(UpperBodySource):
     ) -> tuple[UpperBody, Command]:
         """Update, and record the solution and the command."""
         body, command = super().update(state, hands, command, dt, commanded)
-        nothing = np.full(8, np.nan)
+        nothing = np.full_like(self.ik.q, np.nan)
         self.wanted.append(nothing if self.solution is None else self.solution.q)
         self.commanded.append(body.q if body.indicator else nothing)
         return body, command
 
     def sampled(self, rows: list[np.ndarray], period: float) -> np.ndarray:
-        """Return the rows at the times of a trace, shape (samples, 8)."""
+        """Return the rows at the times of a trace, shape (samples, k)."""
         return np.array(rows[:: max(1, round(RECORD_PERIOD / period))])
 
 
 def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.ndarray:
     """Draw pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
     state = RobotState(robot.nominal, np.zeros_like(robot.nominal), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    ik, pairs = ArmIK(robot), []
+    ik, pairs, size = ArmIK(robot), [], round(arm_length(robot) / ARM, 3)
     while len(pairs) < count:
-        pair = rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
+        pair = size * rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
         ik.reset(robot.nominal[robot.arms])
         targets = HandTargets(pair[0], pair[1])
         # 100 steps of 20 ms let the inverse kinematics converge from the nominal posture.
@@ -124,15 +125,8 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     """
     seed, robot = (settings.seed, plan.draw), load_robot(settings.conditions.chosen.robot)
     source = _Recording(settings.conditions.told_arena.known_robot)
-    trace = rollout(
-        controller,
-        hands_script(settings, np.random.default_rng(seed), plan.draw),
-        settings.conditions.simulation(settings.duration, seed),
-        source,
-        duration=settings.duration,
-        estimator=settings.conditions.estimator(),
-        strict=False,
-    )
+    script = hands_script(settings, np.random.default_rng(seed), plan.draw)
+    trace = simulate(controller, settings, plan, source=script, upper_body=source).trace
     kept, arms = trace.time >= settings.settle, robot.arms
     wanted, commanded = (
         source.sampled(rows, controller.period)[: kept.size] for rows in (source.wanted, source.commanded)

@@ -45,15 +45,15 @@ def plan(settings: StopsSettings) -> list[Plan]:
     gait, ways = settings.gaits[0], {}
     for way, command in WAYS.items():
         for speed in settings.speeds:
-            wanted = dataclasses.replace(command(speed), gait=gait)
-            if not wanted.clamp()[1]:
-                ways[f"{way} at {speed:g} m/s"] = wanted
+            moving = dataclasses.replace(command(speed), gait=gait)
+            if not moving.clamp()[1]:
+                ways[f"{way} at {speed:g} m/s"] = moving
     plans = []
-    for cell, (name, wanted) in enumerate(ways.items()):
+    for cell, (name, moving) in enumerate(ways.items()):
         for number in range(settings.episodes):
             draw = cell * settings.episodes + number
             at = settings.settle + STRIDE * float(np.random.default_rng((settings.seed, draw)).uniform())
-            commands = Schedule((Knot(0.0, wanted), Knot(at, Command())))
+            commands = Schedule((Knot(0.0, moving), Knot(at, Command())))
             plans.append(Plan(draw, commands, {"way": name, "at": at}))
     return plans
 

@@ -132,7 +132,7 @@ class ArmServoGains:
     """Of shoulder yaw and elbow [N*m*s/rad]."""
 
     def of(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-        """Return stiffness and damping of the arm joints of a robot, shape (arm joints,) each."""
-        distal = np.isin(robot.arms, (robot.pair("shoulder_yaw"), robot.pair("elbow")))
-        stiffness = np.full(distal.shape, self.stiffness)
-        return stiffness, np.where(distal, self.distal_damping, self.shoulder_damping)
+        """Return stiffness and damping of the arm joints of a robot, at most the servo's own, (arm joints,) each."""
+        whole = np.isin(robot.arms, (robot.pair("shoulder_pitch"), robot.pair("shoulder_roll")))
+        damping = np.where(whole, self.shoulder_damping, self.distal_damping)
+        return np.minimum(self.stiffness, robot.arm_kp), np.minimum(damping, robot.arm_kd)

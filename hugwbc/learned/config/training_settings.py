@@ -12,8 +12,17 @@ from hugwbc.errors import ConfigError
 from hugwbc.learned.config.environment import EnvConfig
 from hugwbc.learned.config.robot_settings import Range
 from hugwbc.learned.config.schedules import Schedule, scheduled
-from hugwbc.seeds import SELECTION_SEED, TRAINING_SEED
-from hugwbc.settings import Count, NotNegative, Positive, PositiveShare, Seed, Share, settings
+from hugwbc.settings import (
+    SELECTION_SEED,
+    TRAINING_SEED,
+    Count,
+    NotNegative,
+    Positive,
+    PositiveShare,
+    Seed,
+    Share,
+    settings,
+)
 
 Device = Literal["auto", "cpu", "cuda", "warp"]
 CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all commands whose execution is measured

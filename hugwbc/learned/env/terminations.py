@@ -2,7 +2,7 @@
 
 import torch
 
-from hugwbc.gait import Gait
+from hugwbc.gait import held
 from hugwbc.learned.env.readings import Readings, feet_on_ground
 from hugwbc.robot import Robot
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
@@ -27,8 +27,7 @@ def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
         readings: state of the robots.
         gait: values of `Gait`, shape (n,).
     """
-    left, right = feet_on_ground(readings.foot_force).unbind(1)
-    return ((gait == Gait.HOPPING_LEFT) & right) | ((gait == Gait.HOPPING_RIGHT) & left)
+    return (held(gait) & feet_on_ground(readings.foot_force)).any(1)
 
 
 class FeetRule:

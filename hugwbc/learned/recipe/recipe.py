@@ -10,8 +10,7 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import read_file
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
 from hugwbc.robot import DEFAULT_ROBOT, models_dir
-from hugwbc.seeds import TRAINING_SEED
-from hugwbc.settings import settings
+from hugwbc.settings import TRAINING_SEED, settings
 from hugwbc.settings_file import LARGEST_FILE, named_path, parse
 
 POLICY, SNAPSHOT, STARTS = "policy.safetensors", "snapshot.safetensors", "starts.safetensors"

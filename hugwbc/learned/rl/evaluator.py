@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.gait import Gait, hopping
+from hugwbc.gait import Gait, held, hopping
 from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
 from hugwbc.learned.env.terminations import held_foot_down
 from hugwbc.learned.policy.networks import ActorNetwork
-from hugwbc.seeds import SELECTION_SEED
+from hugwbc.settings import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
 ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
@@ -38,9 +38,8 @@ class _Steps:
     def __init__(self, command: torch.Tensor, gait: torch.Tensor, dt: float) -> None:
         """Take the commands, shape (n, 8), and values of `Gait`, shape (n,), of an evaluation."""
         self._command, self._gait, self._dt = command, gait, dt
-        held = torch.stack((gait == int(Gait.HOPPING_RIGHT), gait == int(Gait.HOPPING_LEFT)), dim=1)
-        self._swings = ~held & (gait != int(Gait.STANDING))[:, None]
-        shape = held.shape
+        self._swings = ~held(gait) & (gait != int(Gait.STANDING))[:, None]
+        shape = self._swings.shape
         self._airborne, self._apex, self._descent = (torch.zeros(shape) for _ in range(3))
         self._first, self._last = torch.full(shape, math.nan), torch.full(shape, math.nan)
         self._landings, self._height_error, self._impact = (torch.zeros(shape) for _ in range(3))

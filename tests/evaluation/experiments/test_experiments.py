@@ -19,7 +19,7 @@ SHORT = {
     "single-command": {"gait": "standing", "episodes": 3},
     "intervention": {"gait": "standing", "episodes": 9},
     "foot-displacement": {"episodes": 9},
-    "disturbance": {"rollouts": 1, "first": 50.0, "limit": 50.0, "resolution": 0.9, "settle": 0.1, "duration": 2.0},
+    "disturbance": {"rollouts": 1, "first": 5e3, "limit": 5e3, "resolution": 0.9, "settle": 0.1, "duration": 2.0},
     "ramp": {"gait": "standing", "episodes": 1, "settle": 3.0, "duration": 3.3},
     "contacts": {"gait": "standing"},
     "random-commands": {"episodes": 3},

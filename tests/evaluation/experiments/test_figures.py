@@ -16,14 +16,13 @@ from hugwbc.evaluation.experiments import (
     engines,
     estimation,
     faults,
+    forces,
     intervention,
-    push,
     ramp,
     random_commands,
     single_command,
     suite_tasks,
 )
-from hugwbc.evaluation.experiments.hand_forces import HandForceSettings
 from hugwbc.evaluation.intervals import bootstrap_rms
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
@@ -154,11 +153,11 @@ def test_the_clock_is_shifted_to_where_it_agrees():
 
 
 def test_pushes_get_stronger_until_the_robot_falls():
-    settings, rows = HandForceSettings(episodes=1), []
-    while plans := push.following(settings, rows):
-        rows += [dict(plan.tags) | END | {"fell": plan.tags["change"] > 0.5, "moved": 0.0} for plan in plans]
-    assert len(rows) == 8 * 3 and push.survived(settings, frame_of(rows))[45] == [pytest.approx(0.4)]
-    assert by_quantity(push.figures(settings, frame_of(rows)))["median of all"].value == pytest.approx(0.4)
+    settings, rows = forces.ForcesSettings(episodes=1), []
+    while plans := forces.next_pushes(settings, rows):
+        rows += [dict(plan.tags) | END | {"fell": plan.tags["change"] > 0.5} for plan in plans]
+    assert len(rows) == 8 * 3 and forces.survived(settings, frame_of(rows))[45] == [pytest.approx(0.4)]
+    assert by_quantity(forces.push_figures(settings, frame_of(rows)))["median of all"].value == pytest.approx(0.4)
 
 
 def test_the_acceleration_of_a_hand_that_is_shaken():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hugwbc.evaluation.survival import SurvivalSearch
+from hugwbc.evaluation.experiments.disturbance import SurvivalSearch
 
 
 def run(search: SurvivalSearch, survives) -> list[tuple[float, int]]:

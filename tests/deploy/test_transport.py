@@ -5,8 +5,8 @@ import json
 import pytest
 from local_endpoint import local_pair
 
-from hugwbc.deploy import motion_switcher
-from hugwbc.deploy.motion_switcher import SimulatedSwitcher, release_modes
+from hugwbc.deploy import transport
+from hugwbc.deploy.transport import SimulatedSwitcher, release_modes
 from hugwbc.errors import DeploymentError
 
 
@@ -42,7 +42,7 @@ def test_a_mode_that_needs_a_second_release_is_named_once() -> None:
 
 
 def test_a_mode_that_stays_is_an_error(monkeypatch) -> None:
-    monkeypatch.setattr(motion_switcher, "_PAUSE", 0.0)
+    monkeypatch.setattr(transport, "_PAUSE", 0.0)
     robot, client = local_pair()
     robot.serve(lambda number, parameter: (0, json.dumps({"name": "ai"})))
     with pytest.raises(DeploymentError, match="motion mode 'ai' stays active"):

@@ -1,0 +1,431 @@
+"""Forces from outside: a pull at the hands, a wall to press, masses to carry, hands that sway, and pushes on the trunk.
+
+A robot stands or walks with its hands held at their targets. With the sensors of a robot, the estimate of the forces on
+the hands is compared with the truth as well.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Annotated
+
+import numpy as np
+import polars as pl
+from pydantic import Field
+
+from hugwbc.commands import Command, default_command
+from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation import metrics
+from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate, simulation_of
+from hugwbc.evaluation.experiment import Experiment, numbered
+from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.intervals import (
+    Estimate,
+    bootstrap_mean,
+    bootstrap_rms,
+    known,
+    scaled,
+    single,
+    wilson_percentage,
+)
+from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
+from hugwbc.robot import SIDES, load_robot
+from hugwbc.runtime.trace import Trace
+from hugwbc.settings import Count, NotNegative, settings
+from hugwbc.sim import Engine, Force
+from hugwbc.sim.forces import HandPull
+from hugwbc.sim.scenes.furniture import Wall
+from hugwbc.sim.scenes.scene import Scene
+from hugwbc.state import GRAVITY, RobotState
+from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
+
+DIRECTIONS = tuple(range(0, 360, 45))  # [deg], counted from the robot's front to its left
+TAKEN = 0.5  # [s], when the arms are taken over
+STARTED = 1.0  # [s], when a walk starts
+BEGIN = 3.0  # [s], when a force begins
+RISE = 1.0  # [s], in which a steady force rises
+HANDS = ((0.35, 0.2, 0.15), (0.35, -0.2, 0.15))  # targets in the pelvis frame [m]
+
+Newtons = Annotated[float, Field(gt=0, le=500)]
+
+
+@settings(kw_only=True)
+class ForcesSettings(CountedSettings):
+    """Settings of the experiments with forces.
+
+    The duration is not used; every experiment has its own.
+    """
+
+    gait: str = "standing"  # standing or walking
+    episodes: Count = 2  # number of episodes; of pull and push for each direction
+    v_x: float = 0.4  # forward velocity of a walk [m/s]
+    settle: NotNegative = BEGIN  # start of an episode that is left out of the errors [s]
+    varied = frozenset({"intervention", "motions", "hand_payload"})
+    possible = ("standing", "walking")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        Command(v_x=self.v_x, gait=Gait.WALKING).validate()
+
+
+@dataclasses.dataclass(frozen=True)
+class Source:
+    """Stands, and walks from `STARTED` on; the hands are taken at `TAKEN`."""
+
+    v_x: float | None  # velocity of the walk [m/s]; None stands
+    hands: HandTargets = dataclasses.field(default_factory=lambda: HandTargets.of(*HANDS))  # targets of the hands
+
+    @classmethod
+    def of(cls, settings: ForcesSettings) -> "Source":
+        """Return the source of an experiment that stands or walks by its gait."""
+        return cls(settings.v_x if settings.gait == "walking" else None)
+
+    def command_at(self, t: float) -> Command:
+        """Return the command: a stand, or a walk that gets faster within a second."""
+        if self.v_x is None or t < STARTED:
+            return default_command(Gait.STANDING)
+        return dataclasses.replace(default_command(Gait.WALKING), v_x=min(t - STARTED, 1.0) * self.v_x)
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the targets of the hands."""
+        return None if t < TAKEN else self.hands
+
+
+class EstimateErrors:
+    """Errors of the estimated forces on the hands after each physics step, from when a force has risen."""
+
+    def __init__(self, force: Callable[[RobotState], np.ndarray | None]) -> None:
+        """Begin, given the true force on each hand in a state [N], shape (2, 3)."""
+        self._force = force
+        self._squares: list[float] = []
+
+    def __call__(self, truth: RobotState, estimate: RobotState) -> None:
+        """Take the state after a physics step."""
+        if truth.time <= BEGIN + RISE or estimate.hand_force is None:
+            return
+        force = self._force(truth)
+        if force is not None:
+            self._squares.append(float(np.mean(np.sum((estimate.hand_force - force) ** 2, axis=1))))
+
+    def row(self) -> Row:
+        """Return the root mean square error of a hand's force [N]."""
+        return {"estimate_error": math.sqrt(float(np.mean(self._squares))) if self._squares else None}
+
+
+def estimate_figure(table: str, rows: pl.DataFrame) -> Figure:
+    """Return the error of the estimated forces."""
+    return Figure(table, "error of the estimated force on a hand, RMS", "N", bootstrap_rms(rows["estimate_error"]))
+
+
+def play(
+    controller: Controller,
+    settings: ForcesSettings,
+    plan: Plan,
+    source: Source,
+    simulation: Engine,
+    duration: float,
+    on_step: Callable[[RobotState, RobotState], None] | None = None,
+) -> Trace:
+    """Run one episode of a duration [s]."""
+    arms = UpperBodySource(robot=simulation.robot)
+    where = {"source": source, "simulation": simulation, "upper_body": arms}
+    return simulate(controller, settings, plan, **where, duration=duration, on_step=on_step).trace
+
+
+def heading(direction: float) -> np.ndarray:
+    """Return the unit vector of a direction [deg], shape (3,)."""
+    return np.array([math.cos(math.radians(direction)), math.sin(math.radians(direction)), 0.0])
+
+
+# A steady force on both hands together, from each of eight directions.
+
+PULLED = 5.0  # [s] of the full pull
+
+
+@settings(kw_only=True)
+class PullSettings(ForcesSettings):
+    """Settings of pull."""
+
+    force: Newtons = 40.0  # steady force on both hands together [N]
+
+
+def pull_plan(settings: PullSettings) -> list[Plan]:
+    """Return the episodes of each direction."""
+    return [Plan(draw, tags={"direction": d}) for d in DIRECTIONS for draw in range(settings.episodes)]
+
+
+def pull_episode(controller: Controller, settings: PullSettings, plan: Plan) -> Row:
+    """Return whether the robot fell, and the error of the estimated force [N]."""
+    duration = BEGIN + RISE + PULLED
+    simulation = simulation_of(settings, plan, duration)
+    pull = HandPull(simulation, settings.force * heading(float(plan.tags["direction"])), BEGIN, RISE)
+    errors = EstimateErrors(lambda truth: np.asarray(pull.force))
+
+    def on_step(truth: RobotState, estimate: RobotState) -> None:
+        pull.update(truth)
+        errors(truth, estimate)
+
+    trace = play(controller, settings, plan, Source.of(settings), simulation, duration, on_step)
+    return {**errors.row(), **ending(trace)}
+
+
+def pull_figures(settings: PullSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return how often the robot stays up by direction, the error of the estimated force, and the falls."""
+    table = f"Pulled with {settings.force:g} N at the hands, {settings.gait}"
+    found = []
+    for direction in DIRECTIONS:
+        up = wilson_percentage((~rows.filter(pl.col("direction") == direction)["fell"]).to_list())
+        found.append(Figure(table, f"stays up, {direction}°", "% of episodes", up, higher_is_better=True))
+    return [*found, estimate_figure(table, rows), falls_figure(table, rows["fell"])]
+
+
+PULL = Experiment(
+    "pull",
+    "a steady pull at the hands from eight directions: does the robot stay up",
+    PullSettings,
+    pull_plan,
+    pull_episode,
+    pull_figures,
+)
+
+
+# The left hand of a standing robot presses a wall with a requested force.
+
+WALL = 0.42  # [m], distance of the wall's surface ahead of the start
+HEIGHT = 1.1  # [m], at which the hand presses
+PRESSED, STEADY = 4.0, 1.0  # [s]: press, and how long the hand has to become steady
+
+
+@settings(kw_only=True)
+class PressSettings(ForcesSettings):
+    """Settings of press."""
+
+    force: Newtons = 40.0  # requested force [N]
+    possible = ("standing",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.conditions.engine != "mujoco":
+            raise ConfigError("a wall to press needs the engine mujoco; leave out the engine")
+
+
+@dataclasses.dataclass(frozen=True)
+class PressSource(Source):
+    """Holds the left hand before the wall, and presses from `BEGIN` on."""
+
+    force: float = 0.0  # requested force [N]
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the target of the left hand, with the force while it presses."""
+        if t < TAKEN:
+            return None
+        pressing = t >= BEGIN
+        target = (WALL - (0.02 if pressing else 0.05), HANDS[0][1], HEIGHT)
+        return HandTargets.of(target, None, "world", left_force=(self.force, 0.0, 0.0) if pressing else None)
+
+
+def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -> Row:
+    """Return the mean distance of the force along the requested one to it from `STEADY` on [N]; None in a fall."""
+    rising = settings.force / 100.0
+    duration = BEGIN + rising + PRESSED
+    wall = Wall(name="wall", position=(WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
+    misses: list[float] = []
+    errors = EstimateErrors(lambda truth: truth.hand_force)
+
+    def on_step(truth: RobotState, estimate: RobotState) -> None:
+        errors(truth, estimate)
+        if truth.hand_force is not None and truth.time > BEGIN + rising + STEADY:
+            misses.append(abs(-float(truth.hand_force[0, 0]) - settings.force))
+
+    source, simulation = (
+        PressSource(None, force=settings.force),
+        simulation_of(settings, plan, duration, Scene((wall,))),
+    )
+    trace = play(controller, settings, plan, source, simulation, duration, on_step)
+    error = float(np.mean(misses)) if misses and not trace.fell else None
+    return {"error": error, **errors.row(), **ending(trace)}
+
+
+def press_figures(settings: PressSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the error of the force, that of its estimate, and the falls."""
+    table = f"Press a wall with {settings.force:g} N"
+    error = Figure(table, "error of the force", "N", bootstrap_mean(rows["error"]))
+    return [error, estimate_figure(table, rows), falls_figure(table, rows["fell"])]
+
+
+PRESS = Experiment(
+    "press",
+    "press a wall with a requested force: how far the contact force is off",
+    PressSettings,
+    numbered,
+    press_episode,
+    press_figures,
+)
+
+
+# A mass in each hand that nobody is told, standing or walking.
+
+CARRIED = BEGIN + 3.0  # [s], length of an episode
+
+
+@settings(kw_only=True)
+class CarrySettings(ForcesSettings):
+    """Settings of carry."""
+
+    load: Annotated[float, Field(ge=0, le=20)] = 3.0  # mass in each hand [kg]
+
+
+def carry_plan(settings: CarrySettings) -> list[Plan]:
+    """Return the episodes, which differ in the errors of the sensors."""
+    loaded = dataclasses.replace(settings.conditions, hand_payload=settings.load)
+    return [Plan(draw, conditions=loaded) for draw in range(settings.episodes)]
+
+
+def carry_episode(controller: Controller, settings: CarrySettings, plan: Plan) -> Row:
+    """Return how far both hands are below their targets on average [m], and the error of the estimated load [N]."""
+    weight = np.tile((0.0, 0.0, -GRAVITY * settings.load), (2, 1))
+    errors, simulation = EstimateErrors(lambda truth: weight), simulation_of(settings, plan, CARRIED)
+    trace = play(controller, settings, plan, Source.of(settings), simulation, CARRIED, errors)
+    return {"sag": sag(trace), **errors.row(), **ending(trace)}
+
+
+def sag(trace: Trace) -> float | None:
+    """Return how far the hands are below their targets from `BEGIN` on [m], by the recorded bodies."""
+    kept = trace.time >= BEGIN
+    if trace.fell or not kept.any():
+        return None
+    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], kept)
+    return known(float(np.nanmean(trace.hand_target_world[kept, :, 2] - hands[..., 2])))
+
+
+def carry_figures(settings: CarrySettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the sag, the error of the estimated load, and the falls."""
+    table = f"Carry {settings.load:g} kg in each hand, {settings.gait}"
+    sagging = Figure(table, "sag of the hands", "cm", scaled(bootstrap_mean(rows["sag"]), 100.0))
+    return [sagging, estimate_figure(table, rows), falls_figure(table, rows["fell"])]
+
+
+CARRY = Experiment(
+    "carry",
+    "a mass in each hand that nobody is told: how far the hands sag",
+    CarrySettings,
+    carry_plan,
+    carry_episode,
+    carry_figures,
+)
+
+
+# A sudden push on the trunk of a walk: the largest change of velocity that is survived.
+
+PUSH_TIME = 0.1  # [s]
+PUSH_STEP, PUSH_MOST = 0.2, 1.6  # [m/s], between two pushes and the largest one
+RECOVERY = 3.0  # [s] after a push in which the robot must not fall
+
+
+def next_pushes(settings: ForcesSettings, rows: Sequence[Row]) -> list[Plan]:
+    """Return the next larger push of every direction and episode that survived all pushes so far."""
+    plans = []
+    for direction in DIRECTIONS:
+        for draw in range(settings.episodes):
+            steps = [row["fell"] for row in rows if (row["direction"], row["number"]) == (direction, draw)]
+            if not any(steps) and len(steps) < round(PUSH_MOST / PUSH_STEP):
+                plans.append(_push(settings, direction, draw, (len(steps) + 1) * PUSH_STEP))
+    return plans
+
+
+def _push(settings: ForcesSettings, direction: int, draw: int, change: float) -> Plan:
+    mass = load_robot(settings.conditions.chosen.robot).mass
+    vector = tuple((mass * change / PUSH_TIME * heading(direction)).tolist())
+    # Pushes of one direction meet the gait at different times.
+    push = Force(vector, BEGIN + 0.13 * (draw % 8), PUSH_TIME, frame="heading")
+    return Plan(draw, tags={"direction": direction, "number": draw, "change": change}, forces=(push,))
+
+
+def push_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -> Row:
+    """Return whether the robot fell."""
+    duration = BEGIN + RECOVERY
+    simulation = simulation_of(settings, plan, duration)
+    return ending(play(controller, settings, plan, Source(settings.v_x), simulation, duration))
+
+
+def survived(settings: ForcesSettings, rows: pl.DataFrame) -> dict[int, list[float]]:
+    """Return the largest change of velocity that each episode survived by direction [m/s]."""
+    upright = rows.filter(~pl.col("fell"))
+    largest = {
+        (direction, number): change
+        for direction, number, change in upright.group_by("direction", "number").agg(pl.col("change").max()).iter_rows()
+    }
+    return {d: [largest.get((d, number), 0.0) for number in range(settings.episodes)] for d in DIRECTIONS}
+
+
+def push_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the median of the episodes' largest survived changes of velocity, by direction and of all."""
+    table, changes = f"Survived push in a walk at {settings.v_x:g} m/s", survived(settings, rows)
+    medians = {f"{direction}°": found for direction, found in changes.items()}
+    medians["median of all"] = [change for found in changes.values() for change in found]
+    return [
+        *(
+            Figure(table, name, "m/s", Estimate(float(np.median(found)), None, None, len(found)), higher_is_better=True)
+            for name, found in medians.items()
+        ),
+        falls_figure(table, rows["fell"]),
+    ]
+
+
+PUSH = Experiment(
+    "push",
+    "sudden pushes on the trunk of a walk from eight directions: the largest that is survived",
+    ForcesSettings,
+    lambda settings: next_pushes(settings, ()),
+    push_episode,
+    push_figures,
+    following=next_pushes,
+    note="Pushes get stronger by 0.2 m/s until the robot falls; falls are those of all pushes.",
+)
+
+
+# How much the hands accelerate in a walk, held in the "steady" frame and with the arm joints held stiff.
+
+SWAYED_FROM = 9.0  # [s], when the acceleration of the hands counts: they have learned the stride by then
+SWAYED = 6.0  # [s], for which it counts
+
+
+def sway_plan(settings: ForcesSettings) -> list[Plan]:
+    """Return a walk with steady hands and one with stiff arms for each draw."""
+    return [Plan(draw, tags={"arms": arms}) for draw in range(settings.episodes) for arms in ("steady", "stiff")]
+
+
+def sway_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -> Row:
+    """Return the root mean square of the hands' acceleration [m/s^2]; None in a fall."""
+    duration, robot = SWAYED_FROM + SWAYED, load_robot(settings.conditions.chosen.robot)
+    stiff = HandTargets(None, None, joints=robot.nominal[robot.arms])
+    source = Source(settings.v_x, HandTargets.of(*HANDS, "steady") if plan.tags["arms"] == "steady" else stiff)
+    trace = play(controller, settings, plan, source, simulation_of(settings, plan, duration), duration)
+    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], trace.time >= SWAYED_FROM)
+    return {"acceleration": None if trace.fell else known(metrics.hand_acceleration(hands)), **ending(trace)}
+
+
+def sway_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the accelerations of the hands with both arms, their ratio, and the falls."""
+    table = f"Sway of the hands at {settings.v_x:g} m/s"
+    steady, stiff = (bootstrap_rms(rows.filter(pl.col("arms") == arms)["acceleration"]) for arms in ("steady", "stiff"))
+    ratio = None if steady.value is None or stiff.value is None else steady.value / stiff.value
+    return [
+        Figure(table, "acceleration of the hands, steady frame, RMS", "m/s²", steady),
+        Figure(table, "acceleration with stiff arm joints, RMS", "m/s²", stiff),
+        Figure(table, "ratio", "", dataclasses.replace(single(ratio), samples=settings.episodes)),
+        falls_figure(table, rows["fell"]),
+    ]
+
+
+SWAY = Experiment(
+    "sway",
+    "how much the hands accelerate in a walk, held steady and with stiff arms",
+    ForcesSettings,
+    sway_plan,
+    sway_episode,
+    sway_figures,
+)
