@@ -19,6 +19,8 @@ Joints = Sequence[Mapping[str, Any]]
 _ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
+# Stiffness of led arms by torque limit [1/rad], its bounds [N m/rad], and damping by stiffness [s].
+_SERVO, _SERVO_KP, _SERVO_TIME = 3.5, (40.0, 140.0), 0.0375
 _SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
 _SQUATTER = 0.98
 _ANKLE_ROOM, _LEVEL_ROOM = 0.02, 0.07  # [rad], that the ankle keeps of its range in a squat, and of a level sole
@@ -162,6 +164,9 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
         wanted = {part: given.get(part, joint["nominal"]) for part, joint in parts.items()}
         return [min(max(wanted[part], joint["range"][0]), joint["range"][1]) for part, joint in parts.items()]
 
+    efforts = [by_name[name]["effort"] for name in roles["arm"].values()]
+    kp = [min(max(_SERVO * effort, _SERVO_KP[0]), _SERVO_KP[1]) for effort in efforts]
+    table.setdefault("arm_servo", {"kp": kp, "kd": [_SERVO_TIME * one for one in kp]})
     table.setdefault("leg_postures", {"tucked": posture("leg", _TUCKED)})
     table.setdefault("arm_postures", {kind: posture("arm", given) for kind, given in _ARMS.items()})
 
