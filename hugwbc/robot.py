@@ -295,7 +295,7 @@ def _robot_table(name: str) -> dict[str, Any]:
             link.update(difference.get("links", {}).get(link["name"], {}))
         check_roles(table)
         complete(table, description)
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise _missing(file, error) from error
     return {"name": label, **table}
 
@@ -309,11 +309,18 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[\d.]
 
 @functools.cache
 def _read_table(path: pathlib.Path) -> dict[str, Any]:
-    return yaml.load(path.read_text(), Loader=_Loader)  # noqa: S506  a safe loader
+    try:
+        table = yaml.load(path.read_text(), Loader=_Loader)  # noqa: S506  a safe loader
+    except yaml.YAMLError as error:
+        raise ModelError(f"{path} is no YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(table, dict):
+        raise ModelError(f"{path} is no table of a robot; docs/how-to/add-a-robot.md shows one")
+    return table
 
 
 def _missing(file: pathlib.Path, error: Exception) -> ModelError:
-    return ModelError(f"{file} lacks the field {error}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields")
+    what = f"lacks the field {error}" if isinstance(error, KeyError) else f"has a field of another form ({error})"
+    return ModelError(f"{file} {what}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields")
 
 
 def _assign_drives(table: dict[str, Any]) -> None:

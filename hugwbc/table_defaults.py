@@ -72,7 +72,9 @@ def placement(
     """
     if link == seen_from:
         return np.array(point), np.eye(3)
-    joint = next(joint for joint in joints if joint["child"] == link)
+    joint = next((joint for joint in joints if joint["child"] == link), None)
+    if joint is None:
+        raise ModelError(f"{link} does not hang below {seen_from}, which a role says; `roles` names links and joints")
     place, axes = placement(joints, joint["parent"], seen_from, q=q)
     place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
     if q and q[joint["name"]]:
