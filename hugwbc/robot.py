@@ -343,18 +343,19 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
         ModelError: if the table or one of its fields is missing.
         UnknownNameError: if there is no such robot.
     """
-    if name in robot_names():
-        return _load_robot(name)
-    file = table_file(name)
-    robot = _load_robot(str(file))
-    if models_dir() not in file.parents:
-        runpy.run_path(str(models_dir() / "build.py"))["write"](str(file))
-    return robot
+    return _load_robot(name if name in robot_names() else str(table_file(name)))
 
 
 @functools.cache
 def _load_robot(name: str) -> Robot:
     table, file = robot_table(name), table_file(name)
+    robot = _robot_of(name, table, file)
+    if models_dir() not in file.parents:
+        runpy.run_path(str(models_dir() / "build.py"))["write"](name)
+    return robot
+
+
+def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
     try:
         joints, roles = table["joints"], table["roles"]
         names = [joint["name"] for joint in joints]
