@@ -3,7 +3,7 @@
 import math
 import pathlib
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -121,25 +121,21 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
 def check_roles(table: Mapping[str, Any]) -> None:
     """Refuse roles that are missing, or that no link or joint of a table plays."""
     roles, found = table["roles"], []
-    names = {kind: {row["name"] for row in table[kind]} for kind in ("links", "joints")}
-    for part in ("base", "trunk", "foot", "hand"):
-        sides = (str,) if part in ("base", "trunk") else (str, other_side)
-        found += _unplayed(part, roles.get(part), names["links"], "link", sides)
+    played = [(part, roles.get(part), "link", part in ("foot", "hand")) for part in ("base", "trunk", "foot", "hand")]
     for limb, parts in _PARTS.items():
-        sides, given = (str,) if limb == "waist" else (str, other_side), roles.get(limb) or {}
-        for part in dict.fromkeys((*parts, *given)):
-            found += _unplayed(f"{limb}: {part}", given.get(part), names["joints"], "joint", sides)
+        given = roles.get(limb) or {}
+        played += [
+            (f"{limb}: {part}", given.get(part), "joint", limb != "waist") for part in dict.fromkeys((*parts, *given))
+        ]
+    for role, name, kind, paired in played:
+        names = sorted(row["name"] for row in table[f"{kind}s"])
+        if name is None:
+            found.append(f"roles lacks `{role}`; give the name of the {kind} on the left side")
+        else:
+            absent = {name, other_side(name) if paired else name} - {*names}
+            found += [str(UnknownNameError(f"{kind} in the role `{role}`,", one, names)) for one in sorted(absent)]
     if found:
         raise ModelError("; ".join(found))
-
-
-def _unplayed(
-    role: str, name: str | None, names: Collection[str], kind: str, sides: Iterable[Callable[[str], str]]
-) -> list[str]:
-    if name is None:
-        return [f"roles lacks `{role}`; give the name of the {kind} on the left side"]
-    absent = [side(name) for side in sides if side(name) not in names]
-    return [str(UnknownNameError(f"{kind} in the role `{role}`,", one, sorted(names))) for one in absent]
 
 
 def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
