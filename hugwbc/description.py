@@ -19,9 +19,7 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
 
     Fixed links count as parts of those that carry them. Meshes are not read.
     """
-    spec = _spec(file)
-    for part in (*spec.geoms, *spec.meshes, *spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
-        spec.delete(part)
+    spec = _spec(file, None)
     for body in spec.bodies[1:]:
         if not body.joints:
             body.add_site(name=body.name)
@@ -42,7 +40,7 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
         mass, com = float(model.body_mass[body]), model.body_ipos[body].tolist()
         links.append({"name": model.body(body).name, "mass": mass, "com": com, **inertia})
     for j in range(1, model.njnt):
-        body, dof, limit = model.jnt_bodyid[j], model.jnt_dofadr[j], speed[model.joint(j).name]
+        body, dof, limit = model.jnt_bodyid[j], model.jnt_dofadr[j], speed.get(model.joint(j).name)
         turns = (rotations.roll_of, rotations.pitch_of, rotations.yaw_of)
         joint = {
             "name": model.joint(j).name,
@@ -66,11 +64,18 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
     return {"joints": joints, "links": links, "frames": frames}
 
 
-def _spec(file: pathlib.Path) -> mujoco.MjSpec:
+def _spec(file: pathlib.Path, link: str | None) -> mujoco.MjSpec:
+    """Return what a file describes, without shapes but those of one link, and without what may need other shapes."""
     try:
-        return mujoco.MjSpec.from_file(str(file))
+        spec = mujoco.MjSpec.from_file(str(file))
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"{file} is no URDF or MJCF that MuJoCo reads: {' '.join(str(error).split())}") from error
+    shapes = [geom for geom in spec.geoms if geom.parent.name != link]
+    used = {geom.meshname for geom in spec.geoms if geom.parent.name == link}
+    meshes = [mesh for mesh in spec.meshes if mesh.name not in used]
+    for part in (*shapes, *meshes, *spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
+        spec.delete(part)
+    return spec
 
 
 def _compile(spec: mujoco.MjSpec, file: pathlib.Path) -> mujoco.MjModel:
@@ -82,18 +87,10 @@ def _compile(spec: mujoco.MjSpec, file: pathlib.Path) -> mujoco.MjModel:
 
 def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     """Return extent and height of the lowest part of a foot's shapes in a description, to a millimetre [m]."""
-    spec = _spec(file)
-    for geom in spec.geoms:
-        if geom.parent.name != foot:
-            spec.delete(geom)
-    used = {geom.meshname for geom in spec.geoms}
+    spec = _spec(file, foot)
     for mesh in spec.meshes:
-        if mesh.name not in used:
-            spec.delete(mesh)
-        elif found := next(file.parent.rglob(pathlib.Path(mesh.file).name), None):
+        if found := next(file.parent.rglob(pathlib.Path(mesh.file).name), None):
             mesh.file = str(found.resolve())
-    for part in (*spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
-        spec.delete(part)
     try:
         model = _compile(spec, file)
     except ModelError as error:

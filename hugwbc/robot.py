@@ -301,7 +301,7 @@ def _robot_table(name: str) -> dict[str, Any]:
             link.update(difference.get("links", {}).get(link["name"], {}))
         check_roles(table)
         complete(table, description)
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise _missing(file, error) from error
     return {"name": label, **table}
 
@@ -315,11 +315,18 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[\d.]
 
 @functools.cache
 def _read_table(path: pathlib.Path) -> dict[str, Any]:
-    return yaml.load(path.read_text(), Loader=_Loader)  # noqa: S506  a safe loader
+    try:
+        table = yaml.load(path.read_text(), Loader=_Loader)  # noqa: S506  a safe loader
+    except yaml.YAMLError as error:
+        raise ModelError(f"{path} is no YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(table, dict):
+        raise ModelError(f"{path} is no table of a robot; docs/how-to/add-a-robot.md shows one")
+    return table
 
 
 def _missing(file: pathlib.Path, error: Exception) -> ModelError:
-    return ModelError(f"{file} lacks the field {error}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields")
+    what = f"lacks the field {error}" if isinstance(error, KeyError) else f"has a field of another form ({error})"
+    return ModelError(f"{file} {what}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields")
 
 
 def _assign_drives(table: dict[str, Any]) -> None:
@@ -342,18 +349,19 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
         ModelError: if the table or one of its fields is missing.
         UnknownNameError: if there is no such robot.
     """
-    if name in robot_names():
-        return _load_robot(name)
-    file = table_file(name)
-    robot = _load_robot(str(file))
-    if models_dir() not in file.parents:
-        runpy.run_path(str(models_dir() / "build.py"))["write"](str(file))
-    return robot
+    return _load_robot(name if name in robot_names() else str(table_file(name)))
 
 
 @functools.cache
 def _load_robot(name: str) -> Robot:
     table, file = robot_table(name), table_file(name)
+    robot = _robot_of(name, table, file)
+    if models_dir() not in file.parents:
+        runpy.run_path(str(models_dir() / "build.py"))["write"](name)
+    return robot
+
+
+def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
     try:
         joints, roles = table["joints"], table["roles"]
         names = [joint["name"] for joint in joints]

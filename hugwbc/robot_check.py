@@ -71,7 +71,8 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         if joints is None:
             yield f"{roles[end]} ({end}) does not hang below {roles[top]} ({top}); give other links"
         elif parts != [name for name in joints if name in parts]:
-            yield f"roles `{limb}` are {', '.join(parts)}; give joints of the chain {', '.join(joints)}, in its order"
+            between = f"{', '.join(joints) or 'no joints'} between {roles[top]} and {roles[end]}"
+            yield f"roles `{limb}` are {', '.join(parts)}, and there are {between}; give some of these, in their order"
 
 
 def _bodies(table: Mapping[str, Any]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 import math
 import pathlib
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ Joints = Sequence[Mapping[str, Any]]
 _ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
+# Stiffness of led arms by torque limit [1/rad], its bounds [N m/rad], and damping by stiffness [s].
+_SERVO, _SERVO_KP, _SERVO_TIME = 3.5, (40.0, 140.0), 0.0375
 _SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
 _SQUATTER = 0.98
 _ANKLE_ROOM, _LEVEL_ROOM = 0.02, 0.07  # [rad], that the ankle keeps of its range in a squat, and of a level sole
@@ -70,7 +72,9 @@ def placement(
     """
     if link == seen_from:
         return np.array(point), np.eye(3)
-    joint = next(joint for joint in joints if joint["child"] == link)
+    joint = next((joint for joint in joints if joint["child"] == link), None)
+    if joint is None:
+        raise ModelError(f"{link} does not hang below {seen_from}, which a role says; `roles` names links and joints")
     place, axes = placement(joints, joint["parent"], seen_from, q=q)
     place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
     if q and q[joint["name"]]:
@@ -117,25 +121,21 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
 def check_roles(table: Mapping[str, Any]) -> None:
     """Refuse roles that are missing, or that no link or joint of a table plays."""
     roles, found = table["roles"], []
-    names = {kind: {row["name"] for row in table[kind]} for kind in ("links", "joints")}
-    for part in ("base", "trunk", "foot", "hand"):
-        sides = (str,) if part in ("base", "trunk") else (str, other_side)
-        found += _unplayed(part, roles.get(part), names["links"], "link", sides)
+    played = [(part, roles.get(part), "link", part in ("foot", "hand")) for part in ("base", "trunk", "foot", "hand")]
     for limb, parts in _PARTS.items():
-        sides, given = (str,) if limb == "waist" else (str, other_side), roles.get(limb) or {}
-        for part in dict.fromkeys((*parts, *given)):
-            found += _unplayed(f"{limb}: {part}", given.get(part), names["joints"], "joint", sides)
+        given = roles.get(limb) or {}
+        played += [
+            (f"{limb}: {part}", given.get(part), "joint", limb != "waist") for part in dict.fromkeys((*parts, *given))
+        ]
+    for role, name, kind, paired in played:
+        names = sorted(row["name"] for row in table[f"{kind}s"])
+        if name is None:
+            found.append(f"roles lacks `{role}`; give the name of the {kind} on the left side")
+        else:
+            absent = {name, other_side(name) if paired else name} - {*names}
+            found += [str(UnknownNameError(f"{kind} in the role `{role}`,", one, names)) for one in sorted(absent)]
     if found:
         raise ModelError("; ".join(found))
-
-
-def _unplayed(
-    role: str, name: str | None, names: Collection[str], kind: str, sides: Iterable[Callable[[str], str]]
-) -> list[str]:
-    if name is None:
-        return [f"roles lacks `{role}`; give the name of the {kind} on the left side"]
-    absent = [side(name) for side in sides if side(name) not in names]
-    return [str(UnknownNameError(f"{kind} in the role `{role}`,", one, sorted(names))) for one in absent]
 
 
 def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
@@ -162,6 +162,9 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
         wanted = {part: given.get(part, joint["nominal"]) for part, joint in parts.items()}
         return [min(max(wanted[part], joint["range"][0]), joint["range"][1]) for part, joint in parts.items()]
 
+    efforts = [by_name[name]["effort"] for name in roles["arm"].values()]
+    kp = [min(max(_SERVO * effort, _SERVO_KP[0]), _SERVO_KP[1]) for effort in efforts]
+    table.setdefault("arm_servo", {"kp": kp, "kd": [_SERVO_TIME * one for one in kp]})
     table.setdefault("leg_postures", {"tucked": posture("leg", _TUCKED)})
     table.setdefault("arm_postures", {kind: posture("arm", given) for kind, given in _ARMS.items()})
 

@@ -82,7 +82,7 @@ BROKEN = {
     ),
     "a role is another joint's": (
         lambda table: table["roles"]["leg"].update(knee="left_elbow_joint"),
-        ["roles `leg` are left_hip_pitch_joint,"],
+        ["roles `leg` are left_hip_pitch_joint, left_hip_roll_joint, left_hip_yaw_joint, left_elbow_joint,"],
     ),
     "the hand is the foot": (
         lambda table: table["roles"].update(hand="left_ankle_roll_link"),
@@ -123,3 +123,27 @@ def test_roles_that_nothing_plays_are_named_all_at_once(tmp_path, capsys) -> Non
     assert "FAIL  table: unknown link in the role `foot`, 'left_sole'." in text and "'right_sole'" in text
     assert "role `leg: knee`, 'left_kne_joint'. Did you mean 'left_knee_joint'?" in text
     assert "roles lacks `waist: yaw`; give the name of the joint" in text and "1 of 1 checks failed" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [1,\nb: }", "is no YAML: while parsing"),
+        ("- 1", "is no table of a robot; docs/how-to/add-a-robot.md shows one"),
+        ("joints: []\nlinks: []\ndrives: []", "lacks the field 'roles'"),
+        ("joints: 3\nlinks: []\ndrives: []\nroles: {}", "has a field of another form ('int' object is not iterable)"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path, text, message) -> None:
+    (tmp_path / "mine.yaml").write_text(text)
+    (found,) = problems(str(tmp_path / "mine.yaml"))
+    assert message in found
+
+
+def test_a_base_below_the_feet_is_refused(tmp_path) -> None:
+    table = copy.deepcopy(G1)
+    table["roles"]["base"] = "torso_link"
+    del table["nominal_height"]
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
+    (found,) = problems(str(tmp_path / "mine.yaml"))
+    assert "pelvis does not hang below torso_link, which a role says" in found

@@ -149,7 +149,7 @@ def _script(options: CompareOptions) -> Script | Behaviour:
 def _task(options: CompareOptions) -> Task:
     if options.script != CompareOptions.script or options.walk is not None or options.scene is not None:
         raise ConfigError("a task and a script, a walk or a scene are both given; give one or the other")
-    return load_task(str(options.task))
+    return load_task(str(options.task)).sized(options.arena.known_robot)
 
 
 def _specs(options: CompareOptions | TableOptions) -> list[ControllerSpec]:

@@ -176,7 +176,7 @@ def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
     name = header.get("task")  # which recordings from before tasks do not have
     if name is not None:
-        task = load_task(name)
+        task = load_task(name).sized(robot)
         return task.source(task.scene.draw(header["seed"]))
     return Sticks(robot) if header["script"] is None else load_script(header["script"], robot)
 

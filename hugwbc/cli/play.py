@@ -169,7 +169,8 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     """Do one episode of a task, and say how it went."""
     others = [name for name in ("scene", "duration") if getattr(options, name) is not None]
     _refuse_beside("--task", "the task has its own", [*(n for n in options.commanding if n != "task"), *others])
-    task, arena = load_task(str(options.task)), options.arena
+    arena = options.arena
+    task = load_task(str(options.task)).sized(arena.known_robot)
     chosen = ControllerSpec(options.controller, options.policy).told(arena)
     page = None if viewer == "none" else open_page(say)
     controller = chosen.build()
@@ -225,7 +226,7 @@ def _drive(options: PlayOptions) -> int:
 
     def perform(name: str, stop: Callable[[], bool]) -> str:
         """Do a task of the suite on the page; the person may stop it."""
-        task = load_task(name)
+        task = load_task(name).sized(arena.known_robot)
         its_own = arena.simulation(seed=options.seed, scene=task.scene)
         page.stage(its_own)
         clock = RealTime()

@@ -57,7 +57,7 @@ def run(words: Sequence[str]) -> int:
     schedule = Schedule.parse(options.schedule)
     if options.task is not None and options.scene is not None:
         raise ConfigError("--task has a scene of its own; leave --scene out")
-    task = None if options.task is None else load_task(options.task)
+    task = None if options.task is None else load_task(options.task).sized(options.arena.known_robot)
     scene = task.scene if task is not None else None if options.scene is None else load_scene(options.scene)
     simulation = options.arena.simulation(latency=0.0, seed=options.seed, scene=scene)
     judge = None if task is None else Judge(task, simulation)

@@ -103,7 +103,8 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     with needing("record", "--record"):
         from hugwbc.tasks.demonstration import FPS, demonstrate
         from hugwbc.tasks.lerobot_dataset import DatasetWriter
-    tasks, arena = [load_task(name) for name in options.task], options.arena
+    arena = options.arena
+    tasks = [load_task(name).sized(arena.known_robot) for name in options.task]
     total, done = options.episodes * len(tasks), 0
     spec = ControllerSpec(options.controller, options.policy).told(arena)
     told = [options.controller, options.policy]
@@ -152,7 +153,8 @@ def _replay(options: TasksOptions, folder: pathlib.Path) -> int:
     tasks, same = {task.name: task for task in map(load_task, options.task)}, 0
     for row in rows:
         name, seed, settings = row["suite_task"], row["seed"], json.loads(row["settings"])
-        task, arena = tasks.get(name) or load_task(name), Arena(**settings["arena"])
+        arena = Arena(**settings["arena"])
+        task = (tasks.get(name) or load_task(name)).sized(arena.known_robot)
         spec = ControllerSpec(*settings["told"]).told(arena)
         if spec.identity() != settings["controller"]:
             say(f"controller {spec.label} is not what it was in the recording")

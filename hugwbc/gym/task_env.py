@@ -67,12 +67,12 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         """
         if render_mode is not None:
             raise ConfigError(f"render_mode is {render_mode!r}; give None: watch an episode with `hugwbc play --task`")
-        self.task = task if isinstance(task, Task) else load_task(task)
+        self._arena = arena or Arena()
+        self.task = (task if isinstance(task, Task) else load_task(task)).sized(self._arena.known_robot)
         limit = self.task.limit if limit is None else limit
         if not PERIOD <= limit < math.inf:
             raise ConfigError(f"limit is {limit} s; give a finite time from {PERIOD} s")
         self.render_mode, self._limit = render_mode, limit
-        self._arena = arena or Arena()
         self._scene = _scene_of(self.task, scene)
         self._controller = ControllerSpec(controller, policy).told(self._arena).build()
         if actions not in ("scaled", "recorded"):

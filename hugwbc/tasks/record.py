@@ -10,7 +10,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Scene, Simulation
-from hugwbc.sim.scenes import Thing
+from hugwbc.sim.scenes import Door, Thing
 
 _LOOK = 5  # physics steps from one look at the contacts to the next
 _ROUNDING = 1e-9  # [s]
@@ -79,6 +79,23 @@ class TaskRecord:
     fell: bool
     ending: Ending
     problems: tuple[str, ...] = ()
+
+    def scaled(self, size: float) -> "TaskRecord":
+        """Return the record of a robot and a scene with lengths times a factor."""
+        if size == 1.0:
+            return self
+        place = np.r_[np.full(3, size), np.ones(4)]
+        turning = {thing.name for thing in self.scene.objects if isinstance(thing, Door)}
+        return dataclasses.replace(
+            self,
+            scene=self.scene.scaled(size),
+            pelvis=place * self.pelvis,
+            hands=size * self.hands,
+            hand_force=size**3 * self.hand_force,
+            poses={name: place * poses for name, poses in self.poses.items()},
+            travel={name: way if name in turning else size * way for name, way in self.travel.items()},
+            depth={name: size * depth for name, depth in self.depth.items()},
+        )
 
     def thing(self, name: str) -> Thing:
         """Return an object of the scene as drawn."""

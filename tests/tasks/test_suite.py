@@ -3,6 +3,7 @@ import inspect
 import pathlib
 import sys
 
+import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError, UnknownNameError
@@ -100,3 +101,33 @@ def test_every_task_has_a_row_in_the_page():
         task = load_task(name)
         assert f"| {task.limit:g} |" in row
         assert ("`attach`" in row) == ("attach" in task.idealised)
+
+
+@pytest.mark.parametrize("name", TASK_NAMES)
+def test_every_task_has_the_size_of_the_robot(name):
+    """Lengths follow the height of the shoulders, and masses its third power; the H1's layouts are as they are."""
+    task, g1 = load_task(name), load_robot("g1")
+    assert task.sized(load_robot("h1")) == task.sized(load_robot("h1-2023")) == task
+    size = (g1.nominal_height + g1.shoulder[2]) / (0.98 + load_robot("h1").shoulder[2])
+    sized = task.sized(g1)
+    assert sized.sized(g1).size == sized.size == pytest.approx(size)
+    for thing, one in zip(task.scene.draw(3).objects, sized.scene.draw(3).objects, strict=True):
+        assert one.position == pytest.approx(tuple(size * value for value in thing.position))
+        assert getattr(one, "mass", 0.0) == pytest.approx(size**3 * getattr(thing, "mass", 0.0))
+        assert (one.name, one.yaw, one.friction) == (thing.name, thing.yaw, thing.friction)
+
+
+def test_a_robot_with_short_arms_is_refused():
+    short = dataclasses.replace(load_robot("g1"), forearm=0.1)
+    with pytest.raises(ConfigError, match=r"'fetch_box' is made for h1; it is 0.74 times as large for g1"):
+        load_task("fetch_box").sized(short)
+
+
+def test_a_record_is_judged_in_the_lengths_that_milestones_are_made_for(made_up):
+    record = made_up("press_button")
+    half = record.scaled(0.5)
+    np.testing.assert_allclose(half.pelvis[:, :3], 0.5 * record.pelvis[:, :3])
+    np.testing.assert_array_equal(half.pelvis[:, 3:], record.pelvis[:, 3:])
+    again = half.scaled(2.0)
+    np.testing.assert_allclose(again.travel["button"], record.travel["button"])
+    assert half.thing("button").travel == pytest.approx(0.5 * record.thing("button").travel)

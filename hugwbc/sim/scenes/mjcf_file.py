@@ -49,6 +49,10 @@ class Mjcf(Thing):
 
     mjcf: Beside
 
+    def scaled(self, size: float) -> "Mjcf":
+        """Refuse: a file says nothing of what would scale."""
+        raise SceneError(f"{self.label} has the size of its file; a scene with it fits the robot that it is made for")
+
     def __post_init__(self) -> None:
         if not os.path.isfile(self.mjcf):
             raise SceneError(f"{self.label}: there is no file {self.mjcf}; give the path of an MJCF file", at=("mjcf",))

@@ -125,6 +125,11 @@ class Scene:
         except SceneError as error:
             raise SceneError(f"{error} (as drawn with seed {seed})") from error
 
+    def scaled(self, size: float) -> "Scene":
+        """Return the scene for a robot whose lengths are times a factor: its things are, and as dense as before."""
+        objects = self.objects if size == 1.0 else tuple(thing.scaled(size) for thing in self.objects)
+        return dataclasses.replace(self, objects=objects)
+
     @property
     def body_names(self) -> tuple[str, ...]:
         """Names of the bodies of all objects; the first of an object made here is its name (`Thing.body_names`)."""

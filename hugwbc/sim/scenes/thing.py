@@ -13,7 +13,7 @@ from pydantic import AfterValidator
 from hugwbc import rotations
 from hugwbc.errors import SceneError
 from hugwbc.settings import settings
-from hugwbc.sim.scenes.varied import Colour, Mass, Number, between, drawn, options, settled, varies
+from hugwbc.sim.scenes.varied import Colour, Mass, Number, between, drawn, options, scaled, settled, varies
 
 FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
 # Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
@@ -78,6 +78,12 @@ class Placement:
         return Placement(base, self.yaw + yaw)
 
 
+# How a thing's figures grow with its lengths, at the same density: as masses do forces, and torques by one more.
+_LENGTHS = ("position", "size", "height", "radius", "boards", "handle", "travel", "cup_radius", "cup_height")
+_POWERS: dict[str, int] = {name: 1 for name in _LENGTHS}
+_POWERS |= {"mass": 3, "cup_mass": 3, "force": 3, "resistance": 3, "closer": 4}
+
+
 @settings(kw_only=True)
 class Thing:
     """One object of a scene; numbers and colours may be a `Uniform` or a `Choice`.
@@ -117,6 +123,12 @@ class Thing:
         if not self.varies:
             return self
         values = {field.name: drawn(getattr(self, field.name), rng) for field in dataclasses.fields(self)}
+        return dataclasses.replace(self, **values)
+
+    def scaled(self, size: float) -> Self:
+        """Return it with lengths times a factor, and as dense and as slippery as before."""
+        powers = {field.name: _POWERS.get(field.name, 0) for field in dataclasses.fields(self)}
+        values = {name: scaled(getattr(self, name), size**power) for name, power in powers.items() if power}
         return dataclasses.replace(self, **values)
 
     def surface(self, part: str | None) -> float:

@@ -104,6 +104,15 @@ def drawn(value: Any, rng: np.random.Generator) -> Any:  # noqa: ANN401  numbers
     return value
 
 
+def scaled(value: Any, factor: float) -> Any:  # noqa: ANN401  numbers, and tuples of them
+    """Return a value with every number times a factor."""
+    if isinstance(value, Uniform):
+        return Uniform(factor * value.low, factor * value.high)
+    if isinstance(value, Choice):
+        return Choice(scaled(value.values, factor))
+    return tuple(scaled(entry, factor) for entry in value) if isinstance(value, tuple | list) else factor * value
+
+
 def varies(value: Any) -> bool:  # noqa: ANN401  as for `drawn`
     """Return whether a value differs from episode to episode."""
     if isinstance(value, tuple | list):

@@ -1,0 +1,70 @@
+"""A behaviour for another robot of the same shape: it sees and commands in the lengths of the one it was made for.
+
+With lengths times s, and masses as of bodies of the same density, forces are times s^3 and stiffness s^2; times stay.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from hugwbc.behaviours.course import Behaviour, Course
+from hugwbc.commands import Command
+from hugwbc.numeric import changed
+from hugwbc.scripts.view import Action, SeenObjects, View
+from hugwbc.targets import HandTargets
+
+_LENGTHS = ("v_x", "v_y", "l", "h")
+
+
+def similar(behaviour: Behaviour, size: float) -> Behaviour:
+    """Return a behaviour for a robot whose lengths are `size` times those of the robot that it was made for."""
+
+    def course(view: View) -> Course:
+        inner = behaviour(_seen(view, 1.0 / size))
+        try:
+            action = next(inner)
+            while True:
+                view = yield _asked(action, size)
+                action = inner.send(_seen(view, 1.0 / size))
+        except StopIteration:
+            return view
+
+    return behaviour if size == 1.0 else course
+
+
+def _seen(view: View, size: float) -> View:
+    state = changed(
+        view.state,
+        **{name: size * value for name in ("position", "velocity") if (value := getattr(view.state, name)) is not None},
+    )
+    seen = list(view.objects.values())
+    poses = np.array([np.concatenate((size * one.position, one.orientation)) for one in seen]).reshape(-1, 7)
+    return dataclasses.replace(
+        view,
+        state=state,
+        hands=size * view.hands,
+        objects=SeenObjects(tuple(view.objects), poses, seen[0].age if seen else 0.0),
+        hand_force=None if view.hand_force is None else size**3 * view.hand_force,
+        last=_asked(view.last, size),
+    )
+
+
+def _asked(action: Action, size: float) -> Action:
+    return dataclasses.replace(
+        action,
+        command=_command(action.command, size),
+        hands=None if action.hands is None else _hands(action.hands, size),
+        grips=tuple(dataclasses.replace(one, breaking_force=size**3 * one.breaking_force) for one in action.grips),
+    )
+
+
+def _command(command: Command, size: float) -> Command:
+    return dataclasses.replace(command, **{name: size * getattr(command, name) for name in _LENGTHS})
+
+
+def _hands(hands: HandTargets, size: float) -> HandTargets:
+    powers = {"left": 1, "right": 1, "left_force": 3, "right_force": 3, "payload": 3, "stiffness": 2}
+    return changed(
+        hands,
+        **{name: size**power * value for name, power in powers.items() if (value := getattr(hands, name)) is not None},
+    )

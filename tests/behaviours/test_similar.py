@@ -1,0 +1,52 @@
+"""A behaviour for a robot of other lengths: the physics of similar bodies of the same density."""
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait
+from hugwbc.behaviours.similar import similar
+from hugwbc.scripts.view import Action, Grip, SeenObjects, View
+from hugwbc.targets import HandTargets
+from tests.conftest import make_state
+
+SIZE = 0.5
+
+
+def _view(**fields) -> View:
+    state = make_state(position=(1.0, 2.0, 0.5), velocity=(0.2, 0.0, 0.0))
+    objects = SeenObjects(("box",), np.array([[2.0, 0.0, 0.4, 1.0, 0.0, 0.0, 0.0]]), age=0.02)
+    return View(3.0, state, np.array([[0.2, 0.1, 0.6], [0.2, -0.1, 0.6]]), objects, np.full((2, 3), 2.0), **fields)
+
+
+def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
+    """Lengths and speeds by 1/2, forces of the same density by 1/8, stiffness by 1/4; angles and times stay."""
+    seen = []
+
+    def behaviour(view: View):
+        while True:
+            seen.append(view)
+            targets = HandTargets(view.hands[0] + 0.1, None, left_force=np.array([8.0, 0, 0]), stiffness=400.0)
+            command = Command(v_x=0.4, omega=0.3, h=-0.2, p=0.1, l=0.2, gait=Gait.WALKING)
+            view = yield Action(command, targets, (Grip("left", "box", breaking_force=80.0),), "walk")
+
+    course = similar(behaviour, SIZE)(_view())
+    action = next(course)
+    assert action.command == Command(v_x=0.2, omega=0.3, h=-0.1, p=0.1, l=0.1, gait=Gait.WALKING)
+    np.testing.assert_allclose(action.hands.left, [0.25, 0.15, 0.65])
+    assert action.hands.right is None and action.hands.stiffness == 100.0 and action.doing == "walk"
+    assert action.hands.left_force[0] == 1.0 and action.grips[0].breaking_force == 10.0
+    course.send(_view(last=action))
+    first, second = seen
+    np.testing.assert_allclose(first.position, [2.0, 4.0, 1.0])
+    np.testing.assert_allclose(first.hands[1], [0.4, -0.2, 1.2])
+    np.testing.assert_allclose(first.objects["box"].position, [4.0, 0.0, 0.8])
+    assert (first.hand_force == 16.0).all() and first.time == 3.0 and first.objects["box"].age == 0.02
+    assert second.last.command.v_x == pytest.approx(0.4), "its own last request comes back as it was asked for"
+
+
+def test_the_same_size_is_the_same_behaviour() -> None:
+    def behaviour(view: View):
+        yield Action()
+        return view
+
+    assert similar(behaviour, 1.0) is behaviour
