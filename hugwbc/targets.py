@@ -7,17 +7,22 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from hugwbc import rotations
 from hugwbc.errors import TargetError, UnknownNameError
 from hugwbc.numeric import JOINTS, Shape, floats, keep_floats, number
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
+Orientation = Literal["level"] | tuple[float, float, float, float]  # (w, x, y, z)
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
 _cut = reprlib.repr  # of a wrong value in a message: not all of it, and quick
 FARTHEST = 1e4  # [m], the largest coordinate: no robot walks that far, and squares of errors stay finite
 FARTHEST_HAND = 1.5  # [m], from the pelvis: a target farther away is a mistake, such as a wrong frame or unit
 STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
 HEAVIEST = 20.0  # [kg], the largest payload of a hand, likewise
+_VECTORS = ("left_direction", "right_direction", "left_force", "right_force")
+ORIENTATIONS = ("left_orientation", "right_orientation")
+HEAVY_TURN = 1.0  # [m^2/rad^2], the largest weight of an orientation: a radian then counts like a metre
 STIFFNESS = (50.0, 5000.0)  # [N/m], range of a hand's stiffness: from a light spring to more than the servo can give
 
 
@@ -50,6 +55,11 @@ class HandTargets:
             and hold their middle.
         stiffness: of both hands, as springs between them and their targets [N/m]; None for the stiffness of the servo.
         payload: mass that the left and the right hand carry [kg], shape (2,); None if it is not known.
+        left_orientation, right_orientation: axes of the hand frame in those of `frame`, as a unit quaternion
+            (w, x, y, z), shape (4,); zeros for a hand that is level, with its z axis up, whatever its heading; None
+            where it does not matter. It takes an arm with wrists (`check`).
+        orientation_weight: that of an error of the orientation, relative to 1 for that of the position [m^2/rad^2];
+            None for that of the inverse kinematics.
     """
 
     left: np.ndarray | None
@@ -67,6 +77,9 @@ class HandTargets:
     right_force: np.ndarray | None = None
     stiffness: float | None = None
     payload: np.ndarray | None = None
+    left_orientation: np.ndarray | None = None
+    right_orientation: np.ndarray | None = None
+    orientation_weight: float | None = None
 
     def __post_init__(self) -> None:
         keep_floats(self, _SHAPES, _SHAPES)
@@ -86,8 +99,14 @@ class HandTargets:
         right_force: object = None,
         stiffness: float | None = None,
         payload: object = None,
+        left_orientation: object = None,
+        right_orientation: object = None,
+        orientation_weight: float | None = None,
     ) -> "HandTargets":
-        """Build checked targets from sequences of three finite numbers; None for a hand without a target."""
+        """Build checked targets from sequences of three finite numbers; None for a hand without a target.
+
+        Orientations are quaternions or "level".
+        """
         if frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", frame, HAND_FRAMES)
         if left is None and right is None:
@@ -105,6 +124,7 @@ class HandTargets:
         for side, point, force in zip(SIDES, points, forces, strict=True):
             if force is not None and point is None:
                 raise TargetError(f"the {side} hand has a force but no target; give the position at which it presses")
+        turns = _both(orientation, "orientation", left_orientation, right_orientation)
         return cls(
             points[0],
             points[1],
@@ -117,11 +137,52 @@ class HandTargets:
             right_force=forces[1],
             stiffness=None if stiffness is None else hand_stiffness(stiffness),
             payload=None if payload is None else hand_payload(payload),
+            left_orientation=turns[0],
+            right_orientation=turns[1],
+            orientation_weight=None if orientation_weight is None else turning_weight(orientation_weight),
         )
+
+    def check(self, robot: Robot) -> None:
+        """Refuse targets that are not usable, or that the arms of a robot cannot follow.
+
+        Raises:
+            TargetError: with the reason.
+        """
+        joints = robot.arms.size
+        if not self.is_usable or (self.joints is not None and self.joints.size != joints):
+            raise TargetError(f"numbers that are not finite, or not three for a hand and {joints} for the joints")
+        arm = robot.arm_names[: joints // 2]
+        for name in ORIENTATIONS:
+            if (turn := getattr(self, name)) is not None and len(arm) < (needed := 6 if turn.any() else 5):
+                raise TargetError(
+                    f"{name} takes an arm of {needed} joints or more; an arm of {robot.name} has {len(arm)}: "
+                    f"{', '.join(arm)}; leave the orientation out, or point the forearm by a direction"
+                )
 
     def array(self) -> np.ndarray:
         """Return the left, then the right position [m], shape (2, 3); NaN for a hand without a target."""
         return np.stack([np.full(3, np.nan) if p is None else p for p in (self.left, self.right)])
+
+    def turned(self, turn: np.ndarray, points: np.ndarray, frame: HandFrame) -> "HandTargets":
+        """Return the same targets in another frame.
+
+        Args:
+            turn: the other frame's axes in those of this one, as columns, shape (3, 3).
+            points: the hands' places in the other frame [m], shape (2, 3); read for hands that have one.
+            frame: its name.
+        """
+        places = {side: point if given else None for side, point, given in zip(SIDES, points, self.given, strict=True)}
+        vectors = {name: None if (v := getattr(self, name)) is None else v @ turn for name in _VECTORS}
+        axes = dict(zip(ORIENTATIONS, self.orientations, strict=True))
+        if any(given is not None for given in axes.values()):  # those of a level hand stay zero
+            back = rotations.conjugate(rotations.from_matrix(turn))
+            axes = {name: None if q is None else rotations.multiply(back, q) for name, q in axes.items()}
+        return dataclasses.replace(self, frame=frame, **places, **vectors, **axes)
+
+    @property
+    def orientations(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """The orientations of the left and the right hand."""
+        return self.left_orientation, self.right_orientation
 
     @property
     def given(self) -> np.ndarray:
@@ -142,9 +203,10 @@ class HandTargets:
 
 
 _SHAPES: dict[str, Shape] = {
-    **dict.fromkeys(("left", "right", "left_direction", "right_direction", "left_force", "right_force"), (3,)),
+    **dict.fromkeys(("left", "right", *_VECTORS), (3,)),
     **dict.fromkeys(("joints", "joint_velocity"), JOINTS),
-    **{"payload": (2,), "stiffness": (), "stamp": ()},
+    **dict.fromkeys(ORIENTATIONS, (4,)),
+    **{"payload": (2,), "stiffness": (), "orientation_weight": (), "stamp": ()},
 }
 
 
@@ -183,6 +245,35 @@ def direction(name: str, value: object) -> np.ndarray:
     if length < 1e-6:
         raise TargetError(f"{name} is {_cut(value)}; give a vector that is not zero, such as (1, 0, 0)")
     return _fixed(vector / length)
+
+
+def orientation(name: str, value: object) -> np.ndarray:
+    """Return the value as a read-only unit quaternion, shape (4,); zeros for a hand that is level.
+
+    Args:
+        name: what the orientation is, for the message.
+        value: any sequence of four numbers (w, x, y, z), or "level".
+    """
+    if isinstance(value, str) and value == "level":
+        return _fixed(np.zeros(4))
+    quaternion = floats(value, (4,))
+    length = 0.0 if quaternion is None else float(np.linalg.norm(quaternion))
+    if quaternion is None or not 1e-6 < length < FARTHEST:  # a NaN fails the comparison
+        raise TargetError(
+            f"{name} is {_cut(value)}; give a quaternion of four finite numbers w, x, y, z, such as (1, 0, 0, 0) for "
+            "the axes of the frame, or 'level'"
+        )
+    return _fixed(quaternion / length)
+
+
+def turning_weight(value: float) -> float:
+    """Return the value as the weight of orientations [m^2/rad^2]."""
+    weight = number(value)
+    if weight is None or not 0.0 < weight <= HEAVY_TURN:
+        raise TargetError(
+            f"orientation_weight is {_cut(value)}; give a number above 0 and up to {HEAVY_TURN:g} m²/rad²"
+        )
+    return weight
 
 
 def hand_force(name: str, value: object) -> np.ndarray:

@@ -182,6 +182,13 @@ def turned(view: View, frame: str, vector: object) -> np.ndarray | None:
     return given if frame in HAND_FRAMES else seen(view, frame).direction(given)
 
 
+def axes(view: View, frame: str, orientation: np.ndarray | None) -> np.ndarray | None:
+    """Return an orientation in a frame or an object in the axes in which it is sent, shape (4,); None for None."""
+    if orientation is None or frame in HAND_FRAMES:
+        return orientation
+    return rotations.multiply(seen(view, frame).orientation, orientation)
+
+
 def axes_of(view: View, frame: str) -> np.ndarray:
     """Return the matrix from a frame of hand targets to the world, shape (3, 3)."""
     if frame == "world":
@@ -224,17 +231,12 @@ def with_points(hands: HandTargets, points: np.ndarray) -> HandTargets:
     return dataclasses.replace(hands, left=left, right=right)
 
 
-def in_frame(view: View, hands: HandTargets, frame: str) -> HandTargets:
-    """Return the same targets in another frame; directions and forces turn with it."""
+def in_frame(view: View, hands: HandTargets, frame: HandFrame) -> HandTargets:
+    """Return the same targets in another frame; what is given by its axes turns with it."""
     if hands.frame == frame:
         return hands
     turn = axes_of(view, hands.frame).T @ axes_of(view, frame)
-    vectors = {}
-    for name in ("left_direction", "right_direction", "left_force", "right_force"):
-        vector = getattr(hands, name)
-        vectors[name] = None if vector is None else vector @ turn
-    moved = with_points(hands, points_in(view, points_of(view, hands), frame))
-    return dataclasses.replace(moved, frame=frame, **vectors)
+    return hands.turned(turn, points_in(view, points_of(view, hands), frame), frame)
 
 
 def held_targets(view: View) -> HandTargets:

@@ -9,6 +9,7 @@
         hands:
           frame: pelvis           # pelvis, heading, steady or world
           right_direction: [1, 0, 0]  # along which the forearm points; left_direction likewise
+          left_orientation: level # or [w, x, y, z], of a hand with wrists; right_orientation likewise
           together: true          # both hands hold one object
           whole_body: true        # h, p and w may help
           left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}

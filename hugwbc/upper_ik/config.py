@@ -18,6 +18,10 @@ class ArmIKConfig:
             small, because it leaves an error in the hands (below 0.5 mm with the default).
         pointing_weight: weight of the elbow positions that make the forearms point as asked, relative to 1 for the
             hands. In a conflict, the hand is off its target by a hundredth of the elbow's error.
+        orientation_weight: weight of the hands' orientations, where targets give none, relative to 1 for their
+            positions [m^2/rad^2].
+        turn_speed: highest speed at which a hand turns to its orientation [rad/s].
+        turn_deceleration: deceleration with which it can stop there [rad/s^2].
         grip_weight: weight of the relative position of hands that hold one object.
         collision_weight: weight of the distances between links, which may be violated if there is no other way.
         collision_margin: distance kept between links [m].
@@ -37,6 +41,9 @@ class ArmIKConfig:
     hand_deceleration: Positive = 6.0
     posture_weight: Positive = 1e-5
     pointing_weight: Positive = 1e-2
+    orientation_weight: Positive = 0.03
+    turn_speed: Positive = 6.0
+    turn_deceleration: Positive = 150.0
     grip_weight: Positive = 100.0
     collision_weight: Positive = 1e3
     collision_margin: Positive = 0.01

@@ -149,7 +149,7 @@ class ArmIK:
             self.rejected += 1
             return self._hold(dt)
         carried = self._carried(np.where(np.isfinite(state.q), state.q, self._body), dt)
-        goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt), carried)
+        goal = dataclasses.replace(goal, speed=self._speed(goal.points, dt), carried=carried)
         try:
             q = self._descend(goal, dt)
             # A stream's targets stand still between two messages: their differences say nothing.
@@ -260,7 +260,19 @@ def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) ->
         if direction is not None:
             directions[hand] = direction if turn is None else turn @ direction
     usable = np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())
-    return Goal(points, directions, targets.together) if usable else None
+    if not usable:
+        return None
+    turns = [None if given is None else _axes(given, turn, state) for given in targets.orientations]
+    level = np.array([given is not None and not given.any() for given in targets.orientations])
+    return Goal(points, directions, targets.together, turns, level, targets.orientation_weight)
+
+
+def _axes(orientation: np.ndarray, turn: np.ndarray | None, state: RobotState) -> np.ndarray:
+    """Return the axes of a hand in the pelvis frame, shape (3, 3); of one that is level, those of the world."""
+    if not orientation.any():
+        return rotations.to_matrix(state.orientation).T
+    axes = rotations.to_matrix(orientation / np.sqrt(orientation.dot(orientation)))
+    return axes if turn is None else turn @ axes
 
 
 def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray | None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
+from hugwbc.errors import TargetError
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.streams import Tally
@@ -31,6 +32,7 @@ class TargetWatch:
         tally: counts of "bad" targets, "late" ones (made before one that had already arrived), "repeated" ones, those
             "missing" by the gaps in their numbers, and of how often the stream went "stale".
         age: time since the newest good target was made [s].
+        refusal: why the target that arrived last is bad; empty if it is not.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -40,7 +42,7 @@ class TargetWatch:
 
     def reset(self) -> None:
         """Forget the stream and the counts."""
-        self._now = 0.0
+        self._now, self.refusal = 0.0, ""
         self.tally = Tally("hand targets", clock=lambda: self._now)
         self.forget()
 
@@ -75,10 +77,12 @@ class TargetWatch:
         return None if stale else self._newest
 
     def _is_new(self, hands: HandTargets) -> bool:
-        joints = self._robot.arms.size
-        fits = hands.joints is None or hands.joints.size == joints
-        if not hands.is_usable or not fits or (hands.stamp is not None and not math.isfinite(hands.stamp)):
-            self.tally.note("bad", f"numbers that are not finite, or not three for a hand and {joints} for the joints")
+        self.refusal = ""
+        try:
+            hands.check(self._robot)
+        except TargetError as error:
+            self.refusal = str(error)
+            self.tally.note("bad", self.refusal)
             return False
         if hands.stamp is not None and self._stamp is not None:
             ahead = hands.stamp - self._stamp
