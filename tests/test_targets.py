@@ -5,7 +5,8 @@ import pytest
 
 from hugwbc import load_robot, rotations
 from hugwbc.errors import TargetError, UnknownNameError
-from hugwbc.targets import HEAVIEST, STRONGEST, HandTargets, squeeze
+from hugwbc.hand_wrench import HEAVIEST, STRONGEST, HandWrench
+from hugwbc.targets import HandTargets, squeeze
 
 
 def test_of_takes_any_sequence_and_keeps_a_copy():
@@ -42,9 +43,9 @@ def test_a_hand_may_have_no_target_but_not_both():
 def test_forces_stiffness_and_payload_are_checked_and_kept():
     hands = HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), left_force=[15, 0, 0], stiffness=400, payload=(3, 0))
     assert hands.is_usable
-    assert hands.forces().tolist() == [[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    assert hands.stiffness == 400.0
-    assert hands.payload is not None and hands.payload.tolist() == [3.0, 0.0]
+    assert hands.wrench.force.tolist() == [[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    assert hands.wrench.stiffness == 400.0
+    assert hands.wrench.payload is not None and hands.wrench.payload.tolist() == [3.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -74,9 +75,9 @@ NAN_POINT = np.array([0.3, math.nan, 0.1])
     [
         ("left", [NAN_POINT, np.zeros(2), np.array(["a", "b", "c"]), np.array([None, None, None]), "abc", 1.0]),
         ("frame", ["wolrd"]),
-        ("left_force", [NAN_POINT, np.zeros(2)]),
-        ("stiffness", [math.inf, "soft"]),
-        ("payload", [np.array([1.0, math.nan]), np.zeros(3)]),
+        ("wrench", [None, HandWrench(NAN_POINT), HandWrench(np.zeros(2)), HandWrench(np.full((2, 3), math.inf))]),
+        ("wrench", [HandWrench(stiffness=wrong) for wrong in (math.inf, "soft", -1.0)]),
+        ("wrench", [HandWrench(payload=wrong) for wrong in (np.array([1.0, math.nan]), np.zeros(3))]),
     ],
 )
 def test_whatever_arrives_is_usable_or_not_and_never_raises(name, values):
@@ -87,7 +88,7 @@ def test_whatever_arrives_is_usable_or_not_and_never_raises(name, values):
 
 def test_squeezing_forces_point_at_each_other_and_balance():
     left, right = squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), 30.0)
-    assert left.tolist() == [0.0, -30.0, 0.0]
+    assert left.tolist() == [0.0, 30.0, 0.0], "on the left hand, outwards"
     assert np.allclose(left + right, 0.0)
     with pytest.raises(TargetError, match="line between the hand targets"):
         squeeze((0.3, 0.2, 0.1), (0.3, 0.2, 0.1), 30.0)

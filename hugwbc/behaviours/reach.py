@@ -41,10 +41,11 @@ from hugwbc.behaviours.hands import (
     turned,
 )
 from hugwbc.commands import Command
+from hugwbc.hand_wrench import STRONGEST
 from hugwbc.numeric import changed
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
-from hugwbc.targets import ORIENTATIONS, STRONGEST, HandTargets, Orientation, direction
+from hugwbc.targets import ORIENTATIONS, HandTargets, Orientation, direction
 
 Depth = Annotated[float, Field(gt=0, le=0.5)]  # [m]
 Force = Annotated[float, Field(gt=0, le=STRONGEST)]  # [N]
@@ -201,7 +202,7 @@ def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: float = 1
     pressing = Pressing(view, row, normal=np.array([0.0, 0.0, 1.0]), force=force)
     while (way := (view.time - begin) * speed) < along[-1] + 0.05:
         point = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
-        press = one_hand(row, np.array([0.0, 0.0, -pressing.asked(view)]), np.zeros((2, 3)))
+        press = one_hand(row, np.array([0.0, 0.0, pressing.asked(view)]), np.zeros((2, 3)))
         hands = targets(one_hand(row, point, others), "world", forces=press)
         progress = f"{100 * way:.0f} of {100 * along[-1]:.0f} cm are wiped"
         view = yield Action(standing(view), hands, progress=progress)

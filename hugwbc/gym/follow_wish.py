@@ -5,6 +5,7 @@ import numpy as np
 from hugwbc.behaviours.course import Course
 from hugwbc.behaviours.hands import points_in
 from hugwbc.gym.task_action import Wish
+from hugwbc.hand_wrench import HandWrench
 from hugwbc.scripts.view import Action, View
 from hugwbc.targets import HandTargets
 from hugwbc.tasks.demonstration import ACTION_NAMES
@@ -55,7 +56,7 @@ class FollowWish:
         if self.wish.squeeze <= 0.0 or length < _APART:
             return HandTargets(left, right, "heading")
         inwards = self.wish.squeeze / length * between
-        return HandTargets(left, right, "heading", together=True, left_force=inwards, right_force=-inwards)
+        return HandTargets(left, right, "heading", together=True, wrench=HandWrench(np.array([-inwards, inwards])))
 
 
 class FollowRow:

@@ -7,12 +7,13 @@ import numpy as np
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
 from hugwbc.errors import TargetError
+from hugwbc.hand_wrench import FREE
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.streams import Tally
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik.body_reach import BodyReach
-from hugwbc.upper_ik.hand_loads import HandLoads
 from hugwbc.upper_ik.held_targets import HeldTargets
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.steady_hands import SteadyHands
@@ -113,7 +114,6 @@ class UpperBodySource:
         self.ik = ArmIK(robot)
         self.takeover = Takeover(robot)
         self.watch, self._held = TargetWatch(robot), HeldTargets()
-        self._loads = HandLoads()
         self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
@@ -125,7 +125,6 @@ class UpperBodySource:
         self.takeover.reset()
         self.watch.reset()
         self._held = HeldTargets()
-        self._loads.reset()
         self._steady.reset()
         self.solution = None
         self._own = None
@@ -171,7 +170,7 @@ class UpperBodySource:
     ) -> UpperBody:
         if hands is None:
             self.solution = None
-            return self._loads.apply(self.takeover.release(self._own, dt), None, state, dt)
+            return self.takeover.release(self._own, dt)
         by_joints = hands.joints is not None
         if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
             self.ik.reset(state.q[self.ik.robot.arms])
@@ -185,7 +184,11 @@ class UpperBodySource:
             self.solution = None
             still = hands.joint_velocity is None
             q, dq, ddq = hands.joints, np.zeros_like(hands.joints) if still else hands.joint_velocity, None
-        return self._loads.apply(self.takeover.follow(q, dq, dt, start, ddq), hands, state, dt)
+        arms = self.takeover.follow(q, dq, dt, start, ddq)
+        if hands.wrench is FREE or not state.is_usable:
+            return arms
+        force = hands.wrench.force @ frame_axes(hands.frame, state.orientation).T
+        return changed(arms, wrench=changed(hands.wrench, force=force))
 
     def _placed(self, hands: HandTargets, state: RobotState, command: Command, dt: float) -> HandTargets:
         """Return the targets in a frame of the solver: those of the steady frame in that of the pelvis."""
