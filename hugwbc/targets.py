@@ -115,6 +115,11 @@ class HandTargets:
             if force is not None and point is None:
                 raise TargetError(f"the {side} hand has a force but no target; give the position at which it presses")
         turns = _both(orientation, "orientation", left_orientation, right_orientation)
+        weight = None if orientation_weight is None else number(orientation_weight)
+        if orientation_weight is not None and (weight is None or not 0.0 < weight <= HEAVY_TURN):
+            raise TargetError(
+                f"orientation_weight is {_cut(orientation_weight)}; give a number above 0, up to {HEAVY_TURN:g} m²/rad²"
+            )
         return cls(
             points[0],
             points[1],
@@ -126,7 +131,7 @@ class HandTargets:
             wrench=wrench,
             left_orientation=turns[0],
             right_orientation=turns[1],
-            orientation_weight=None if orientation_weight is None else turning_weight(orientation_weight),
+            orientation_weight=weight,
         )
 
     def check(self, robot: Robot) -> None:
@@ -263,16 +268,6 @@ def orientation(name: str, value: object) -> np.ndarray:
             "the axes of the frame, or 'level'"
         )
     return _fixed(quaternion / length)
-
-
-def turning_weight(value: float) -> float:
-    """Return the value as the weight of orientations [m^2/rad^2]."""
-    weight = number(value)
-    if weight is None or not 0.0 < weight <= HEAVY_TURN:
-        raise TargetError(
-            f"orientation_weight is {_cut(value)}; give a number above 0 and up to {HEAVY_TURN:g} m²/rad²"
-        )
-    return weight
 
 
 def _fixed(vector: np.ndarray) -> np.ndarray:

@@ -52,14 +52,6 @@ def test_upside_down_the_torques_change_sign(nominal_state):
     assert servo.torque(REACHING, turned) == pytest.approx(-servo.torque(REACHING, nominal_state), abs=1e-9)
 
 
-def test_bad_numbers_pass_through(nominal_state):
-    command = ArmServo(load_robot())(
-        UpperBody.targets(REACHING), make_state(nominal_state.q, orientation=[math.nan] * 4), DT
-    )
-    assert command.q.tolist() == REACHING.tolist()
-    assert command.tau.tolist() == [0.0] * 8
-
-
 def test_released_arms_are_left_alone(nominal_state):
     nothing = UpperBody.none()
     assert ArmServo(load_robot())(nothing, nominal_state, DT) is nothing

@@ -10,8 +10,7 @@ import placo
 
 from hugwbc import rotations
 from hugwbc.robot import Robot
-from hugwbc.upper_ik.arm_solver import FRAMES, ArmSolver
-from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.arm_solver import FRAMES, ArmIKConfig, ArmSolver
 from hugwbc.upper_ik.self_collision import Clearance, still_names
 
 # A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
