@@ -195,5 +195,7 @@ class ControlPeriod:
         self.ik_s = time.perf_counter() - begin
         if moved is None:
             return self._free_arms, command
+        if self.hands is not None and source.watch.refusal:
+            self.log.count("hands_refused", f"hand targets: {source.watch.refusal}")
         arms, adapted = moved
         return arms, adapted

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
@@ -19,7 +18,7 @@ from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import View
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -171,5 +170,4 @@ def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:
     if hands.frame == "world":
         return hands.array()
     assert state.position is not None
-    turn = rotations.to_matrix(state.orientation) if hands.frame == "pelvis" else rotations.rotation_z(state.yaw)
-    return state.position + hands.array() @ turn.T
+    return state.position + hands.array() @ frame_axes(hands.frame, state.orientation).T

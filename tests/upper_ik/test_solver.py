@@ -35,6 +35,31 @@ def ik():
     return ArmIK(load_robot())
 
 
+TURN = rotations.from_yaw_pitch_roll(0.3, -0.3, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("orientation", "frame"), [(TURN, "pelvis"), (TURN, "heading"), (-TURN, "heading"), ("level", "pelvis")]
+)
+def test_an_arm_of_seven_joints_brings_its_hand_to_a_place_and_an_orientation(orientation, frame):
+    """Checked with Pinocchio on the whole robot, whose pelvis leans."""
+    robot = load_robot("g1")
+    state = make_state(robot.nominal, dq=0.0 * robot.nominal, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3))
+    ik, kinematics = ArmIK(robot), Kinematics(robot)
+    targets = HandTargets.of((0.26, 0.15, 0.1), (0.26, -0.15, 0.15), frame, left_orientation=orientation)
+    solution = converge(ik, targets, state)
+    assert solution.residual.max() < 0.001 and solution.ok
+    q = robot.nominal.copy()
+    q[robot.arms] = solution.q
+    kinematics.update(make_state(q, dq=0.0 * q, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3)))
+    hand = kinematics.rotation("left_hand")
+    if isinstance(orientation, str):
+        assert hand[2, 2] > math.cos(0.01), "its z axis points up"
+    else:
+        axes = rotations.to_matrix(state.orientation) if frame == "pelvis" else rotations.rotation_z(0.5)
+        assert np.trace((axes @ rotations.to_matrix(TURN)).T @ hand) > 1.0 + 2.0 * math.cos(0.01)
+
+
 @pytest.mark.parametrize("name", ["h1", "g1"])
 def test_hands_stay_where_they_are_while_the_trunk_turns_to_and_fro(name):
     """By 0.2 rad at 12 rad/s, as a trunk may in a walk: a braking hand alone lags by v^2 / (2 * 6 m/s^2), some 5 cm."""
