@@ -30,7 +30,7 @@ def main(controller: str = "qp", seed: int = 0, duration: float | None = None, s
         task = dataclasses.replace(task, limit=duration)
     simulation = Simulation(scene=task.scene, seed=seed)
     draw = at_real_time(open_view(robot.name, simulation.robot, scene=simulation.scene), simulation) if show else None
-    run = run_task(task, robot, simulation, on_moment=draw)
+    run = run_task(task, robot, simulation, on_snapshot=draw)
     keep_replay("out/06.html", [run.trace])
 
     record, box = run.record, run.record.thing("box")

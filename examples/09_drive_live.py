@@ -10,7 +10,7 @@ import webbrowser
 import numpy as np
 
 from hugwbc import load_robot
-from hugwbc.runtime import Moment, Simulation, UpperBodySource, load_controller
+from hugwbc.runtime import Simulation, Snapshot, UpperBodySource, load_controller
 from hugwbc.viz.live import LivePage
 from hugwbc.viz.show import fate, run_script, watch
 
@@ -29,7 +29,7 @@ def main(controller: str = "qp", duration: float = 60.0, show: bool = False) -> 
     if show:
         webbrowser.open(page.address)
 
-    def draw(_: Moment) -> None:
+    def draw(_: Snapshot) -> None:
         page.disturb(simulation)
         page.show(simulation)
 

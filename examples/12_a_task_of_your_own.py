@@ -49,7 +49,7 @@ def main(controller: str = "qp", seed: int = 0, duration: float = 60.0, show: bo
         simulation,
         UpperBodySource(load_robot()),
         duration=duration,
-        on_moment=draw,
+        on_snapshot=draw,
         until=lambda: source.done,
     )
     keep_replay("out/12.html", [trace])

@@ -8,9 +8,9 @@ with RNEA the recursive Newton-Euler algorithm (Featherstone, "Rigid Body Dynami
 at the commanded positions, velocities and accelerations of the arms. This is the usual computed-torque feed-forward of
 a manipulator; teleoperation of the same robot by its maker has the same form (`xr_teleoperate`, `H1_ArmController`).
 
-Forces at the hands are fed forward as torques J^T f with the hand's Jacobian J over the arm's joints: the weight of
-what a hand carries, and the force that it should exert. A wanted stiffness k of the hand [N/m] makes the joints the
-spring
+Forces f on the hands (`HandWrench`) are fed forward as torques -J^T f with the hand's Jacobian J over the arm's joints:
+the weight of what a hand carries, and the force that it should meet. A wanted stiffness k of the hand [N/m] makes the
+joints the spring
 
     K = k J^T J,
 
@@ -26,10 +26,11 @@ import numpy as np
 import pinocchio as pin
 
 from hugwbc.controller import UpperBody
+from hugwbc.hand_wrench import FREE
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
-from hugwbc.state import GRAVITY, RobotState
+from hugwbc.state import RobotState
 
 _STIFFEST = 1e-4  # [m/N], added to the compliance of pressing hands across their forces
 _SOLVABLE = 1e-8  # [m/N], likewise, so that the compliance of a stretched arm can be inverted
@@ -83,7 +84,7 @@ class ArmServo:
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
         """Return the targets with the servo's gains and feed-forward torque.
 
-        The torque of the targets themselves is added, and those of payloads and wanted forces. The positions lead by
+        The torque of the targets themselves is added, and that against the wrench on the hands. The positions lead by
         half a control period: the command is held for the whole period, and is right in its middle.
 
         Args:
@@ -95,16 +96,12 @@ class ArmServo:
             return upper_body
         tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
         kp, released = self.robot.arm_kp, 0.0
-        carried = hand_loads(upper_body.hand_force, upper_body.payload)
-        if carried.any() or upper_body.stiffness is not None:
-            loads, released, kp = self._loads(upper_body, state, carried)
+        if upper_body.wrench is not FREE:
+            loads, released, kp = self._loads(upper_body, state)
             tau = tau + loads
         tau = np.minimum(np.maximum(tau + upper_body.tau, -self._limit), self._limit)
         # The springs' own torques are taken away at their targets: as torques they might exceed the limits.
         q = upper_body.q + 0.5 * dt * upper_body.dq + released / kp
-        if not (np.isfinite(tau).all() and np.isfinite(q).all()):
-            # Targets of an absurd size overflow: hold the gains and leave out the torque.
-            q, tau, kp = upper_body.q, np.zeros(self._arms.size), self.robot.arm_kp
         return changed(upper_body, q=q, tau=tau, kp=kp, kd=self.robot.arm_kd)
 
     def jacobians(self, q_arm: np.ndarray, state: RobotState) -> np.ndarray:
@@ -124,24 +121,16 @@ class ArmServo:
             ]
         )
 
-    def _loads(
-        self, upper_body: UpperBody, state: RobotState, carried: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the torques of payloads and forces, those that free pressing hands, and the drives' stiffness, (k,).
-
-        Args:
-            upper_body: targets with a wanted force or stiffness.
-            state: the robot now.
-            carried: desired force of each hand, including that for its payload, world axes [N], shape (2, 3).
-        """
-        jacobians = self.jacobians(upper_body.q, state)
+    def _loads(self, upper_body: UpperBody, state: RobotState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the torques against the wrench, those that free pressing hands, and the drives' stiffness, (k,)."""
+        wrench, jacobians = upper_body.wrench, self.jacobians(upper_body.q, state)
         error = np.where(upper_body.mask, upper_body.q - state.q[self._arms], 0.0)
         springs = np.diag(self.robot.arm_kp)
-        if upper_body.stiffness is not None:
-            springs = self._springs(jacobians, upper_body.stiffness)
+        if wrench.stiffness is not None:
+            springs = self._springs(jacobians, wrench.stiffness)
         kp = springs.diagonal().copy()
-        tau = np.einsum("hij,hi->j", jacobians, carried) + (springs - np.diag(kp)) @ error
-        free = _free_directions(upper_body.hand_force)
+        tau = (springs - np.diag(kp)) @ error - np.einsum("hij,hi->j", jacobians, wrench.total)
+        free = _free_directions(wrench.force)
         released = np.zeros(self._arms.size)
         if free.size:
             both = jacobians.reshape(-1, self._arms.size)
@@ -215,23 +204,6 @@ class ArmServo:
         self._q[self._arm_columns + 1] = q_arm
 
 
-def hand_loads(hand_force: np.ndarray, payload: np.ndarray | None) -> np.ndarray:
-    """Return the force that each hand has to exert: the wanted one, and what carries its payload.
-
-    Args:
-        hand_force: wanted force of each hand, world axes [N], shape (..., 2, 3).
-        payload: mass in each hand [kg], shape (..., 2); None for none.
-
-    Returns:
-        World axes [N], shape (..., 2, 3); `hand_force` itself without payloads.
-    """
-    if payload is None:
-        return hand_force
-    force = np.array(hand_force, dtype=float)
-    force[..., 2] += GRAVITY * payload
-    return force
-
-
 def _free_directions(force: np.ndarray) -> np.ndarray:
     """Return the directions in which hands give way: unit vectors for the left and the right hand, shape (k, 6).
 
@@ -239,7 +211,7 @@ def _free_directions(force: np.ndarray) -> np.ndarray:
     only: their middle is held, or what they squeeze would drift off.
 
     Args:
-        force: wanted force of each hand, world axes [N], shape (2, 3).
+        force: on each hand, world axes [N], shape (2, 3).
     """
     lengths = np.sqrt((force * force).sum(axis=1))
     pressing = [hand for hand in range(len(SIDES)) if lengths[hand] > 0.0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError, TargetError
+from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import JOINTS, Shape, flags, keep_floats, number
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
@@ -67,10 +68,7 @@ class UpperBody:
             motion of the body do not belong here (`hugwbc.arm_servo`).
         tau: feed-forward torques [N*m], shape (k,); by default none.
         kp, kd: stiffness [N*m/rad] and damping [N*m*s/rad], shape (k,); None for the robot's nominal gains.
-        hand_force: desired force of the left and the right hand on the world, world axes [N], shape (2, 3).
-            Along its force a hand gives way, across it holds its position. By default none.
-        stiffness: of both hands as springs [N/m]; None for the servo's own.
-        payload: mass that the left and the right hand carry [kg], shape (2,); None if it is not known.
+        wrench: forces that the hands should meet, in the axes of the world, what they carry, and their stiffness.
 
     What other libraries call numbers is converted; what is none, or has another shape, becomes NaN (`is_finite`).
     """
@@ -82,9 +80,7 @@ class UpperBody:
     tau: np.ndarray = None  # type: ignore[assignment]  zeros
     kp: np.ndarray | None = None
     kd: np.ndarray | None = None
-    hand_force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
-    stiffness: float | None = None
-    payload: np.ndarray | None = None
+    wrench: HandWrench = FREE
 
     def __post_init__(self) -> None:
         keep_floats(self, _ARM_NUMBERS, _OPTIONAL)
@@ -135,11 +131,11 @@ class UpperBody:
 
     @property
     def is_finite(self) -> bool:
-        """Whether all numbers are finite, and the stiffness is above 0."""
-        given = [self.q, self.dq, self.ddq, self.tau, self.hand_force.ravel()]
-        together = np.concatenate(given + [value for value in (self.kp, self.kd, self.payload) if value is not None])
-        stiff = self.stiffness is None or 0.0 < self.stiffness < math.inf
-        return stiff and math.isfinite(together.dot(together))  # squares do not cancel
+        """Whether all numbers, those of the wrench too, are finite and not absurdly large."""
+        given = [self.q, self.dq, self.ddq, self.tau]
+        together = np.concatenate(given + [value for value in (self.kp, self.kd) if value is not None])
+        known = self.wrench is FREE or (isinstance(self.wrench, HandWrench) and self.wrench.is_finite)
+        return known and float(together.dot(together)) < _LARGEST_SQUARE  # a NaN fails the comparison
 
     @functools.cached_property
     def indicator(self) -> bool:
@@ -147,12 +143,10 @@ class UpperBody:
         return bool(self.mask.any())
 
 
+_LARGEST_SQUARE = 1e12  # beyond it, the torques of such targets overflow
 _JOINT_VECTORS: dict[str, Shape] = {field.name: JOINTS for field in dataclasses.fields(JointCommand)}
-_OPTIONAL = ("ddq", "tau", "kp", "kd", "stiffness", "payload")
-_ARM_NUMBERS: dict[str, Shape] = {
-    **dict.fromkeys(("q", "dq", "ddq", "tau", "kp", "kd"), JOINTS),
-    **{"hand_force": (2, 3), "stiffness": (), "payload": (2,)},
-}
+_OPTIONAL = ("ddq", "tau", "kp", "kd")
+_ARM_NUMBERS: dict[str, Shape] = dict.fromkeys(("q", "dq", *_OPTIONAL), JOINTS)
 
 
 @runtime_checkable

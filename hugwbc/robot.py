@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES as SIDES, check_roles, complete, complete_drive, describe, other_side, placement
 
 DEFAULT_ROBOT = "h1"
@@ -229,6 +230,11 @@ class Robot:
         return self.thigh + self.shank
 
     @property
+    def weight(self) -> float:
+        """Weight of all links [N]."""
+        return GRAVITY * self.mass
+
+    @property
     def sole_middle(self) -> float:
         """Distance of the sole's centre ahead of the ankle [m]."""
         return sum(self.sole_x) / 2.0
@@ -300,7 +306,7 @@ def _robot_table(name: str) -> dict[str, Any]:
     return {"name": label, **table}
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(yaml.CSafeLoader):
     """Reads 1e-5 as a number too, which YAML 1.1 takes for a text."""
 
 

@@ -88,6 +88,20 @@ def to_matrix(quaternion: np.ndarray) -> np.ndarray:
     return np.array(rows) if quaternion.ndim == 1 else np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
+def from_matrix(matrix: np.ndarray) -> np.ndarray:
+    """Return the unit quaternion of a rotation matrix (3, 3), as the largest eigenvector of Bar-Itzhack's matrix."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    symmetric = np.array(
+        [
+            [a + e + i, h - f, c - g, d - b],
+            [h - f, a - e - i, b + d, c + g],
+            [c - g, b + d, e - a - i, f + h],
+            [d - b, c + g, f + h, i - a - e],
+        ]
+    )
+    return np.linalg.eigh(symmetric)[1][:, 3]
+
+
 def _components(quaternion: np.ndarray) -> Any:  # noqa: ANN401
     """Return w, x, y and z: floats of a single quaternion, else arrays."""
     return quaternion.tolist() if quaternion.ndim == 1 else np.moveaxis(quaternion, -1, 0)

@@ -7,18 +7,21 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from hugwbc import rotations
 from hugwbc.errors import TargetError, UnknownNameError
+from hugwbc.hand_wrench import FREE, STRONGEST, HandWrench
 from hugwbc.numeric import JOINTS, Shape, floats, keep_floats, number
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
+Orientation = Literal["level"] | tuple[float, float, float, float]  # (w, x, y, z)
 HAND_FRAMES: tuple[HandFrame, ...] = get_args(HandFrame)
 _cut = reprlib.repr  # of a wrong value in a message: not all of it, and quick
 FARTHEST = 1e4  # [m], the largest coordinate: no robot walks that far, and squares of errors stay finite
 FARTHEST_HAND = 1.5  # [m], from the pelvis: a target farther away is a mistake, such as a wrong frame or unit
-STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
-HEAVIEST = 20.0  # [kg], the largest payload of a hand, likewise
-STIFFNESS = (50.0, 5000.0)  # [N/m], range of a hand's stiffness: from a light spring to more than the servo can give
+_DIRECTIONS = ("left_direction", "right_direction")
+ORIENTATIONS = ("left_orientation", "right_orientation")
+HEAVY_TURN = 1.0  # [m^2/rad^2], the largest weight of an orientation: a radian then counts like a metre
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,12 +47,12 @@ class HandTargets:
         joints: positions of the arm joints in the order of `Robot.arm_names` [rad], shape (k,), such as those of a
             motion file; they replace hand positions and inverse kinematics. None for targets of the hands.
         joint_velocity: velocities of those joints [rad/s], shape (k,); None for 0.
-        left_force, right_force: desired force of the hand on what it touches, in the axes of `frame` [N], shape
-            (3,); None or zero for a hand that only goes to its target. Along the force the hand gives way, across it
-            it holds its position. Two opposite forces squeeze an object: the hands then give way against each other,
-            and hold their middle.
-        stiffness: of both hands, as springs between them and their targets [N/m]; None for the stiffness of the servo.
-        payload: mass that the left and the right hand carry [kg], shape (2,); None if it is not known.
+        wrench: forces that the hands should meet, in the axes of `frame`, what they carry, and their stiffness.
+        left_orientation, right_orientation: axes of the hand frame in those of `frame`, as a unit quaternion
+            (w, x, y, z), shape (4,); zeros for a hand that is level, with its z axis up, whatever its heading; None
+            where it does not matter. It takes an arm with wrists (`check`).
+        orientation_weight: that of an error of the orientation, relative to 1 for that of the position [m^2/rad^2];
+            None for that of the inverse kinematics.
     """
 
     left: np.ndarray | None
@@ -63,10 +66,10 @@ class HandTargets:
     sequence: int | None = None
     joints: np.ndarray | None = None
     joint_velocity: np.ndarray | None = None
-    left_force: np.ndarray | None = None
-    right_force: np.ndarray | None = None
-    stiffness: float | None = None
-    payload: np.ndarray | None = None
+    wrench: HandWrench = FREE
+    left_orientation: np.ndarray | None = None
+    right_orientation: np.ndarray | None = None
+    orientation_weight: float | None = None
 
     def __post_init__(self) -> None:
         keep_floats(self, _SHAPES, _SHAPES)
@@ -84,10 +87,16 @@ class HandTargets:
         whole_body: bool = False,
         left_force: object = None,
         right_force: object = None,
-        stiffness: float | None = None,
         payload: object = None,
+        stiffness: float | None = None,
+        left_orientation: object = None,
+        right_orientation: object = None,
+        orientation_weight: float | None = None,
     ) -> "HandTargets":
-        """Build checked targets from sequences of three finite numbers; None for a hand without a target."""
+        """Build checked targets from sequences of three finite numbers; None for a hand without a target.
+
+        Orientations are quaternions or "level". Forces act on the hands: see `HandWrench.of`.
+        """
         if frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", frame, HAND_FRAMES)
         if left is None and right is None:
@@ -101,10 +110,16 @@ class HandTargets:
         if together and (left is None or right is None):
             raise TargetError("hands that hold one object both need a target; give left and right, or together=False")
         directions = _both(direction, "direction", left_direction, right_direction)
-        forces = _both(hand_force, "hand force", left_force, right_force)
-        for side, point, force in zip(SIDES, points, forces, strict=True):
+        wrench = HandWrench.of(left_force, right_force, payload, stiffness)
+        for side, point, force in zip(SIDES, points, (left_force, right_force), strict=True):
             if force is not None and point is None:
                 raise TargetError(f"the {side} hand has a force but no target; give the position at which it presses")
+        turns = _both(orientation, "orientation", left_orientation, right_orientation)
+        weight = None if orientation_weight is None else number(orientation_weight)
+        if orientation_weight is not None and (weight is None or not 0.0 < weight <= HEAVY_TURN):
+            raise TargetError(
+                f"orientation_weight is {_cut(orientation_weight)}; give a number above 0, up to {HEAVY_TURN:g} m²/rad²"
+            )
         return cls(
             points[0],
             points[1],
@@ -113,15 +128,56 @@ class HandTargets:
             directions[1],
             together,
             whole_body,
-            left_force=forces[0],
-            right_force=forces[1],
-            stiffness=None if stiffness is None else hand_stiffness(stiffness),
-            payload=None if payload is None else hand_payload(payload),
+            wrench=wrench,
+            left_orientation=turns[0],
+            right_orientation=turns[1],
+            orientation_weight=weight,
         )
+
+    def check(self, robot: Robot) -> None:
+        """Refuse targets that are not usable, or that the arms of a robot cannot follow.
+
+        Raises:
+            TargetError: with the reason.
+        """
+        joints = robot.arms.size
+        if not self.is_usable or (self.joints is not None and self.joints.size != joints):
+            raise TargetError(f"numbers that are not finite, or not three for a hand and {joints} for the joints")
+        arm = robot.arm_names[: joints // 2]
+        for name in ORIENTATIONS:
+            if (turn := getattr(self, name)) is not None and len(arm) < (needed := 6 if turn.any() else 5):
+                raise TargetError(
+                    f"{name} takes an arm of {needed} joints or more; an arm of {robot.name} has {len(arm)}: "
+                    f"{', '.join(arm)}; leave the orientation out, or point the forearm by a direction"
+                )
 
     def array(self) -> np.ndarray:
         """Return the left, then the right position [m], shape (2, 3); NaN for a hand without a target."""
         return np.stack([np.full(3, np.nan) if p is None else p for p in (self.left, self.right)])
+
+    def turned(self, turn: np.ndarray, points: np.ndarray, frame: HandFrame) -> "HandTargets":
+        """Return the same targets in another frame.
+
+        Args:
+            turn: the other frame's axes in those of this one, as columns, shape (3, 3).
+            points: the hands' places in the other frame [m], shape (2, 3); read for hands that have one.
+            frame: its name.
+        """
+        places = {side: point if given else None for side, point, given in zip(SIDES, points, self.given, strict=True)}
+        vectors = {name: None if (v := getattr(self, name)) is None else v @ turn for name in _DIRECTIONS}
+        axes = dict(zip(ORIENTATIONS, self.orientations, strict=True))
+        if any(given is not None for given in axes.values()):  # those of a level hand stay zero
+            back = rotations.conjugate(rotations.from_matrix(turn))
+            axes = {name: None if q is None else rotations.multiply(back, q) for name, q in axes.items()}
+        wrench = self.wrench
+        if wrench is not FREE:
+            wrench = dataclasses.replace(wrench, force=np.array([force @ turn for force in wrench.force]))
+        return dataclasses.replace(self, frame=frame, wrench=wrench, **places, **vectors, **axes)
+
+    @property
+    def orientations(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """The orientations of the left and the right hand."""
+        return self.left_orientation, self.right_orientation
 
     @property
     def given(self) -> np.ndarray:
@@ -134,18 +190,28 @@ class HandTargets:
         fields = vars(self)
         given = [value for name in _SHAPES if (value := fields[name]) is not None]
         finite = all(np.isfinite(value).all() for value in given)
+        finite = finite and (self.wrench is FREE or (isinstance(self.wrench, HandWrench) and self.wrench.is_finite))
         return finite and isinstance(self.frame, str) and self.frame in HAND_FRAMES
-
-    def forces(self) -> np.ndarray:
-        """Return the wanted force of the left, then of the right hand in the axes of `frame` [N], shape (2, 3)."""
-        return np.stack([np.zeros(3) if f is None else f for f in (self.left_force, self.right_force)])
 
 
 _SHAPES: dict[str, Shape] = {
-    **dict.fromkeys(("left", "right", "left_direction", "right_direction", "left_force", "right_force"), (3,)),
+    **dict.fromkeys(("left", "right", *_DIRECTIONS), (3,)),
     **dict.fromkeys(("joints", "joint_velocity"), JOINTS),
-    **{"payload": (2,), "stiffness": (), "stamp": ()},
+    **dict.fromkeys(ORIENTATIONS, (4,)),
+    **{"orientation_weight": (), "stamp": ()},
 }
+
+
+def frame_axes(frame: str, orientation: np.ndarray) -> np.ndarray:
+    """Return the axes of a frame in the world as columns, shape (3, 3), of a robot with this orientation, shape (4,).
+
+    The steady frame is the heading frame but for the sway of the steps.
+    """
+    if frame == "world":
+        return np.eye(3)
+    if frame == "pelvis":
+        return rotations.to_matrix(orientation)
+    return rotations.rotation_z(float(rotations.yaw_of(orientation)))
 
 
 def _both(check: Callable[[str, object], np.ndarray], what: str, *values: object) -> list[np.ndarray | None]:
@@ -185,42 +251,23 @@ def direction(name: str, value: object) -> np.ndarray:
     return _fixed(vector / length)
 
 
-def hand_force(name: str, value: object) -> np.ndarray:
-    """Return the value as a read-only force of a hand, shape (3,).
+def orientation(name: str, value: object) -> np.ndarray:
+    """Return the value as a read-only unit quaternion, shape (4,); zeros for a hand that is level.
 
     Args:
-        name: what the force is, for the message.
-        value: any sequence of three numbers [N].
+        name: what the orientation is, for the message.
+        value: any sequence of four numbers (w, x, y, z), or "level".
     """
-    vector = floats(value, (3,))
-    if vector is None or not float(np.linalg.norm(vector)) <= STRONGEST:  # a NaN fails the comparison
+    if isinstance(value, str) and value == "level":
+        return _fixed(np.zeros(4))
+    quaternion = floats(value, (4,))
+    length = 0.0 if quaternion is None else float(np.linalg.norm(quaternion))
+    if quaternion is None or not 1e-6 < length < FARTHEST:  # a NaN fails the comparison
         raise TargetError(
-            f"{name} is {_cut(value)}; give three finite numbers x, y, z in newtons, such as (15, 0, 0), together at "
-            f"most {STRONGEST:g} N"
+            f"{name} is {_cut(value)}; give a quaternion of four finite numbers w, x, y, z, such as (1, 0, 0, 0) for "
+            "the axes of the frame, or 'level'"
         )
-    return _fixed(vector)
-
-
-def hand_payload(value: object) -> np.ndarray:
-    """Return the value as read-only payloads of the left and the right hand [kg], shape (2,)."""
-    masses = floats(value, (2,))
-    if masses is None or not np.all((masses >= 0.0) & (masses <= HEAVIEST)):
-        raise TargetError(
-            f"payload is {_cut(value)}; give the masses in the left and the right hand in kg, such as (3, 0), each "
-            f"from 0 to {HEAVIEST:g} kg"
-        )
-    return _fixed(masses)
-
-
-def hand_stiffness(value: float) -> float:
-    """Return the value as the stiffness of hands [N/m]."""
-    stiffness = number(value)
-    if stiffness is None or not STIFFNESS[0] <= stiffness <= STIFFNESS[1]:
-        raise TargetError(
-            f"stiffness is {_cut(value)}; give a number in newtons per metre from {STIFFNESS[0]:g} to "
-            f"{STIFFNESS[1]:g}, or None for the servo's own"
-        )
-    return stiffness
+    return _fixed(quaternion / length)
 
 
 def _fixed(vector: np.ndarray) -> np.ndarray:
@@ -231,7 +278,7 @@ def _fixed(vector: np.ndarray) -> np.ndarray:
 
 
 def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the forces with which two hands squeeze what is between them: along the line between their targets.
+    """Return the forces on two hands that squeeze what is between them: along the line between their targets.
 
     Args:
         left: target of the left hand [m], shape (3,).
@@ -239,10 +286,10 @@ def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np
         newtons: internal force [N].
 
     Returns:
-        Force of the left and of the right hand in that frame [N], shape (3,) each; their sum is zero.
+        Force on the left and on the right hand in that frame [N], shape (3,) each; their sum is zero.
     """
     if not 0.0 <= newtons <= STRONGEST:
         raise TargetError(f"squeezing force is {newtons}; give a number from 0 to {STRONGEST:g} N")
     between = position("right hand target", right) - position("left hand target", left)
     inwards = newtons * direction("line between the hand targets", between)
-    return inwards, -inwards
+    return -inwards, inwards

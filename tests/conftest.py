@@ -224,7 +224,7 @@ def standing_task(tmp_path: pathlib.Path) -> Callable[..., pathlib.Path]:
             "from hugwbc.sim.scenes import Wall\n"
             "from hugwbc.tasks import Milestone, Task\n"
             "scene = Scene((Wall(name='wall', position=(2.0, 0.0)),))\n"
-            f"TASK = Task(name='{name}', about='Stand.', scene=scene, limit=3.0,\n"
+            f"TASK = Task(name='{name}', about='Stand.', scene=scene, limit=1.5,\n"
             "    behaviour=lambda view, shapes: wait(view, 0.1),\n"
             f"    milestones=({milestone},))\n"
         )

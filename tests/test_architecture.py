@@ -64,8 +64,8 @@ def test_the_table_of_rooms_names_every_package() -> None:
     assert re.findall(r'"(\w+)"', layers) == rooms
 
 
-def test_both_walks_are_there() -> None:
-    assert len(WALKS) == 2
+def test_all_walks_are_there() -> None:
+    assert len(WALKS) == 3
 
 
 @pytest.mark.parametrize(("controller", "room"), [("qp", "mbc"), ("learned", "learned")])

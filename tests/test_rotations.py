@@ -67,3 +67,11 @@ def test_rotation_z_turns_x_to_y() -> None:
 )
 def test_wrap_angle(angle: float, expected: float) -> None:
     assert rotations.wrap_angle(angle) == pytest.approx(expected)
+
+
+def test_a_matrix_gives_its_quaternion_back() -> None:
+    rng = np.random.default_rng(0)
+    for quaternion in np.eye(4).tolist() + rng.normal(size=(50, 4)).tolist():
+        unit = np.array(quaternion) / np.linalg.norm(quaternion)
+        found = rotations.from_matrix(rotations.to_matrix(unit))
+        assert abs(found @ unit) == pytest.approx(1.0, abs=1e-12)

@@ -3,8 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from hugwbc import load_robot, rotations
 from hugwbc.errors import TargetError, UnknownNameError
-from hugwbc.targets import HEAVIEST, STRONGEST, HandTargets, squeeze
+from hugwbc.hand_wrench import HEAVIEST, STRONGEST, HandWrench
+from hugwbc.targets import HandTargets, squeeze
 
 
 def test_of_takes_any_sequence_and_keeps_a_copy():
@@ -41,9 +43,9 @@ def test_a_hand_may_have_no_target_but_not_both():
 def test_forces_stiffness_and_payload_are_checked_and_kept():
     hands = HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), left_force=[15, 0, 0], stiffness=400, payload=(3, 0))
     assert hands.is_usable
-    assert hands.forces().tolist() == [[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    assert hands.stiffness == 400.0
-    assert hands.payload is not None and hands.payload.tolist() == [3.0, 0.0]
+    assert hands.wrench.force.tolist() == [[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    assert hands.wrench.stiffness == 400.0
+    assert hands.wrench.payload is not None and hands.wrench.payload.tolist() == [3.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -73,9 +75,9 @@ NAN_POINT = np.array([0.3, math.nan, 0.1])
     [
         ("left", [NAN_POINT, np.zeros(2), np.array(["a", "b", "c"]), np.array([None, None, None]), "abc", 1.0]),
         ("frame", ["wolrd"]),
-        ("left_force", [NAN_POINT, np.zeros(2)]),
-        ("stiffness", [math.inf, "soft"]),
-        ("payload", [np.array([1.0, math.nan]), np.zeros(3)]),
+        ("wrench", [None, HandWrench(NAN_POINT), HandWrench(np.zeros(2)), HandWrench(np.full((2, 3), math.inf))]),
+        ("wrench", [HandWrench(stiffness=wrong) for wrong in (math.inf, "soft", -1.0)]),
+        ("wrench", [HandWrench(payload=wrong) for wrong in (np.array([1.0, math.nan]), np.zeros(3))]),
     ],
 )
 def test_whatever_arrives_is_usable_or_not_and_never_raises(name, values):
@@ -86,7 +88,7 @@ def test_whatever_arrives_is_usable_or_not_and_never_raises(name, values):
 
 def test_squeezing_forces_point_at_each_other_and_balance():
     left, right = squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), 30.0)
-    assert left.tolist() == [0.0, -30.0, 0.0]
+    assert left.tolist() == [0.0, 30.0, 0.0], "on the left hand, outwards"
     assert np.allclose(left + right, 0.0)
     with pytest.raises(TargetError, match="line between the hand targets"):
         squeeze((0.3, 0.2, 0.1), (0.3, 0.2, 0.1), 30.0)
@@ -98,3 +100,34 @@ def test_a_target_out_of_any_reach_is_refused_with_its_distance() -> None:
     with pytest.raises(TargetError, match=r"the left hand target is 37\.4 m from the pelvis; give metres"):
         HandTargets.of((30, 20, 10), None)
     HandTargets.of((30, 20, 1), None, "world")
+
+
+def test_an_orientation_is_a_quaternion_or_level_and_turns_with_its_frame() -> None:
+    """A quarter turn: the x axis of the other frame is the y axis of this one."""
+    quarter = rotations.from_yaw_pitch_roll(0.5 * math.pi, 0.0, 0.0)
+    hands = HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), left_orientation=2.0 * quarter, right_orientation="level")
+    np.testing.assert_allclose(hands.left_orientation, quarter)
+    assert hands.right_orientation is not None and not hands.right_orientation.any() and hands.is_usable
+    there = hands.turned(rotations.to_matrix(quarter), hands.array(), "heading")
+    np.testing.assert_allclose(rotations.to_matrix(there.left_orientation), np.eye(3), atol=1e-12)
+    np.testing.assert_array_equal(there.right_orientation, np.zeros(4))
+    for wrong in ("flat", (1, 0, 0), (0, 0, 0, 0), (math.nan, 0, 0, 1)):
+        with pytest.raises(TargetError, match=r"left orientation is .* or 'level'"):
+            HandTargets.of((0.3, 0.2, 0.1), None, left_orientation=wrong)
+    with pytest.raises(TargetError, match="orientation_weight is 2"):
+        HandTargets.of((0.3, 0.2, 0.1), None, orientation_weight=2.0)
+
+
+def test_arms_refuse_what_they_have_too_few_joints_for() -> None:
+    small, large = load_robot("h1"), load_robot("g1")
+    for orientation, needed in (("level", 5), ((1, 0, 0, 0), 6)):
+        hands = HandTargets.of(None, (0.3, -0.2, 0.1), right_orientation=orientation)
+        hands.check(large)
+        with pytest.raises(
+            TargetError, match=f"right_orientation takes an arm of {needed} joints .* h1 has 4: left_sh"
+        ):
+            hands.check(small)
+    joints = HandTargets(None, None, joints=np.zeros(8))
+    joints.check(small)
+    with pytest.raises(TargetError, match="14 for the joints"):
+        joints.check(large)

@@ -24,7 +24,7 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, LoadConfig, PPOConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import checkpoint, critic_observations as obs
-from hugwbc.learned.policy.snapshots import load_into
+from hugwbc.learned.policy.networks import load_into
 from hugwbc.learned.rl.ppo import PPO, Rollout, generalised_advantage, log_probability
 
 V_X, OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")

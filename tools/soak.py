@@ -21,9 +21,8 @@ from hugwbc.commands import sample_all
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import Constant, Simulation, load_controller, rollout
 from hugwbc.runtime.guard import Guard
-from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.safety import SafetyFilter, StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
-from hugwbc.runtime.state_check import StateCheck
 
 PERIOD_MS, STATES_PER_RESET, EPISODE_S = 2.0, 5, 20.0
 GROWTH = 0.05  # of the memory's peak, as a part of that of the first episode

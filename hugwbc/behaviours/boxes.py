@@ -120,7 +120,7 @@ class BoxGrip:
             speed=speed,
             together=True,
             directions=(last.left_direction, last.right_direction),
-            forces=last.forces(),
+            forces=last.wrench.force,
             posture=Command(h=min(command.h + height, 0.0), p=command.p),
         )
         rise = float(seen(view, name).position[2] - before)
@@ -208,7 +208,7 @@ class BoxGrip:
             speed=speed,
             together=True,
             directions=_inwards(yaw),
-            forces=self.force * np.array([-left, left]),
+            forces=self.force * np.array([left, -left]),
             posture=posture,
             settle=settle,
         )

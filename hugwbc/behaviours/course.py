@@ -17,9 +17,8 @@ import warnings
 import weakref
 from collections.abc import Callable, Generator, Sequence
 from numbers import Real
-from typing import Annotated, Any, Concatenate, Literal, ParamSpec, TypeAlias
+from typing import Annotated, Concatenate, Literal, ParamSpec, TypeAlias
 
-import numpy as np
 from pydantic import Field
 
 from hugwbc import rotations
@@ -229,14 +228,8 @@ def kept(view: View) -> HandTargets | None:
     hands = view.last.hands
     if hands is None or hands.frame != "world":
         return hands
-    turn, origin = rotations.rotation_z(view.state.yaw), view.position
-    points = {name: (getattr(hands, name), origin) for name in ("left", "right")}
-    vectors = ("left_direction", "right_direction", "left_force", "right_force")
-    points |= {name: (getattr(hands, name), np.zeros(3)) for name in vectors}
-    carried: dict[str, Any] = {
-        name: None if value is None else (value - zero) @ turn for name, (value, zero) in points.items()
-    }
-    return dataclasses.replace(hands, frame="heading", **carried)
+    turn = rotations.rotation_z(view.state.yaw)
+    return hands.turned(turn, (hands.array() - view.position) @ turn, "heading")
 
 
 def at_rest(view: View) -> Action:

@@ -9,9 +9,10 @@ from hugwbc import rotations
 from hugwbc.behaviours.course import Course, Failure, seen, standing
 from hugwbc.blends import smooth_step
 from hugwbc.commands import Command
+from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, View
-from hugwbc.targets import FARTHEST_HAND, HAND_FRAMES, HandFrame, HandTargets
+from hugwbc.targets import FARTHEST_HAND, HAND_FRAMES, HandFrame, HandTargets, frame_axes
 
 HAND_SPEED = 0.3  # [m/s], highest speed of a hand by default
 SHORTEST = 0.4  # [s], of a motion
@@ -85,13 +86,13 @@ def glide(
         speed: mean speed of the hand with the longer way [m/s].
         together: whether the hands hold one object.
         directions: along which the forearms should point.
-        forces: of the hands on what they touch, at the end [N], shape (2, 3).
+        forces: on the hands, at the end [N], shape (2, 3).
         stiffness: of the hands [N/m]; None for that of the servo.
         posture: standing command with h, p and w; None for that of the last tick.
         settle: time afterwards in which the targets stay [s].
     """
     last = view.last.hands
-    start, before = hands_in(view, frame), NO_FORCE if last is None else in_frame(view, last, frame).forces()
+    start, before = hands_in(view, frame), NO_FORCE if last is None else in_frame(view, last, frame).wrench.force
     start = np.where(np.isfinite(points), start, np.nan)
     length = float(np.nanmax(np.linalg.norm(points - start, axis=1), initial=0.0))
     duration = max(length / speed, _SHORTEST_GLIDE)
@@ -113,19 +114,9 @@ def targets(
 ) -> HandTargets:
     """Return hand targets from points [m] and forces [N], shapes (2, 3); a row of NaN is a hand without one."""
     left, right = (None if np.isnan(point).any() else point for point in points)
-    pressing = [
-        force if point is not None and force.any() else None for point, force in zip((left, right), forces, strict=True)
-    ]
-    return HandTargets(
-        left,
-        right,
-        frame,
-        *directions,
-        together=together,
-        left_force=pressing[0],
-        right_force=pressing[1],
-        stiffness=stiffness,
-    )
+    forces = np.where(np.isnan(points).any(axis=1, keepdims=True), 0.0, forces)
+    wrench = HandWrench(forces, stiffness=stiffness) if forces.any() or stiffness is not None else FREE
+    return HandTargets(left, right, frame, *directions, together=together, wrench=wrench)
 
 
 def one_hand(row: int, point: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:
@@ -182,12 +173,16 @@ def turned(view: View, frame: str, vector: object) -> np.ndarray | None:
     return given if frame in HAND_FRAMES else seen(view, frame).direction(given)
 
 
+def axes(view: View, frame: str, orientation: np.ndarray | None) -> np.ndarray | None:
+    """Return an orientation in a frame or an object in the axes in which it is sent, shape (4,); None for None."""
+    if orientation is None or frame in HAND_FRAMES:
+        return orientation
+    return rotations.multiply(seen(view, frame).orientation, orientation)
+
+
 def axes_of(view: View, frame: str) -> np.ndarray:
     """Return the matrix from a frame of hand targets to the world, shape (3, 3)."""
-    if frame == "world":
-        return np.eye(3)
-    # The steady frame is the heading frame but for the sway of the steps.
-    return rotations.to_matrix(view.state.orientation) if frame == "pelvis" else rotations.rotation_z(view.state.yaw)
+    return frame_axes(frame, view.state.orientation)
 
 
 def points_in(view: View, points: np.ndarray, frame: str) -> np.ndarray:
@@ -224,17 +219,12 @@ def with_points(hands: HandTargets, points: np.ndarray) -> HandTargets:
     return dataclasses.replace(hands, left=left, right=right)
 
 
-def in_frame(view: View, hands: HandTargets, frame: str) -> HandTargets:
-    """Return the same targets in another frame; directions and forces turn with it."""
+def in_frame(view: View, hands: HandTargets, frame: HandFrame) -> HandTargets:
+    """Return the same targets in another frame; what is given by its axes turns with it."""
     if hands.frame == frame:
         return hands
     turn = axes_of(view, hands.frame).T @ axes_of(view, frame)
-    vectors = {}
-    for name in ("left_direction", "right_direction", "left_force", "right_force"):
-        vector = getattr(hands, name)
-        vectors[name] = None if vector is None else vector @ turn
-    moved = with_points(hands, points_in(view, points_of(view, hands), frame))
-    return dataclasses.replace(moved, frame=frame, **vectors)
+    return hands.turned(turn, points_in(view, points_of(view, hands), frame), frame)
 
 
 def held_targets(view: View) -> HandTargets:

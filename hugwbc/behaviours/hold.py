@@ -35,6 +35,7 @@ from hugwbc.behaviours.hands import (
     shifted,
 )
 from hugwbc.errors import ConfigError
+from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
@@ -158,8 +159,7 @@ def _beside(
         ahead + TOE_IN * aside,
         together=force > 0.0,
         whole_body=whole_body,
-        left_force=-force * aside if force else None,
-        right_force=force * aside if force else None,
+        wrench=HandWrench(force * np.array([aside, -aside])) if force else FREE,
     )
 
 

@@ -25,6 +25,7 @@ from hugwbc.behaviours.hands import (
     HAND_SPEED,
     TIP,
     Pressing,
+    axes,
     check_frame,
     check_near,
     crouch,
@@ -40,9 +41,11 @@ from hugwbc.behaviours.hands import (
     turned,
 )
 from hugwbc.commands import Command
+from hugwbc.hand_wrench import STRONGEST
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
-from hugwbc.targets import STRONGEST, HandTargets, direction
+from hugwbc.targets import ORIENTATIONS, HandTargets, Orientation, direction
 
 Depth = Annotated[float, Field(gt=0, le=0.5)]  # [m]
 Force = Annotated[float, Field(gt=0, le=STRONGEST)]  # [N]
@@ -57,6 +60,8 @@ def reach(
     frame: Name = "heading",
     left_direction: Point | None = None,
     right_direction: Point | None = None,
+    left_orientation: Orientation | None = None,
+    right_orientation: Orientation | None = None,
     together: bool = False,
     whole_body: bool = False,
     speed: HandSpeed = HAND_SPEED,
@@ -72,6 +77,8 @@ def reach(
         frame: "pelvis", "heading", "steady", "world", or the name of an object.
         left_direction: along which the left forearm should point, in that frame.
         right_direction: along which the right one should.
+        left_orientation: axes of the left hand in that frame, as a quaternion (w, x, y, z), or "level".
+        right_orientation: those of the right hand.
         together: whether both hands hold one object.
         whole_body: whether h, p and w may help.
         speed: highest speed of a hand [m/s].
@@ -80,8 +87,15 @@ def reach(
     """
     check_frame(view, frame)
     sent, others = frame_of(frame), view.last.hands
-    HandTargets.of(  # checks them
-        left, right, sent, left_direction=left_direction, right_direction=right_direction, together=together
+    checked = HandTargets.of(
+        left,
+        right,
+        sent,
+        left_direction=left_direction,
+        right_direction=right_direction,
+        together=together,
+        left_orientation=left_orientation,
+        right_orientation=right_orientation,
     )
     stays = [None, None]
     if others is not None and others.joints is None:  # a hand without a point stays
@@ -92,7 +106,8 @@ def reach(
         points = [placed(now, frame, point) for point in (left, right)]
         both = (stay if point is None else point for point, stay in zip(points, stays, strict=True))
         pointing = [turned(now, frame, vector) for vector in (left_direction, right_direction)]
-        return HandTargets(*both, sent, pointing[0], pointing[1], together, whole_body)  # type: ignore[arg-type]
+        hands = HandTargets(*both, sent, pointing[0], pointing[1], together, whole_body)  # type: ignore[arg-type]
+        return changed(hands, **{name: axes(now, frame, getattr(checked, name)) for name in ORIENTATIONS})
 
     check_near(view, aim(view))
     return move(view, aim, speed=speed, tolerance=tolerance)
@@ -187,7 +202,7 @@ def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: float = 1
     pressing = Pressing(view, row, normal=np.array([0.0, 0.0, 1.0]), force=force)
     while (way := (view.time - begin) * speed) < along[-1] + 0.05:
         point = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
-        press = one_hand(row, np.array([0.0, 0.0, -pressing.asked(view)]), np.zeros((2, 3)))
+        press = one_hand(row, np.array([0.0, 0.0, pressing.asked(view)]), np.zeros((2, 3)))
         hands = targets(one_hand(row, point, others), "world", forces=press)
         progress = f"{100 * way:.0f} of {100 * along[-1]:.0f} cm are wiped"
         view = yield Action(standing(view), hands, progress=progress)

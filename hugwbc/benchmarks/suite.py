@@ -1,17 +1,14 @@
-"""All benchmarks in one run: training, controllers, hand IK and reachable workspace."""
+"""All benchmarks in one run: training, controllers and hand IK."""
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated
-
-from pydantic import Field
+from typing import TYPE_CHECKING
 
 from hugwbc.learned.config.training_settings import Device
 from hugwbc.settings import Count, Positive, settings
 
 if TYPE_CHECKING:
     from hugwbc.benchmarks.speed import EpisodeSpeed, QpSpeed, TrainingSpeed
-    from hugwbc.upper_ik.workspace import Workspace
 
 
 @settings
@@ -26,8 +23,6 @@ class BenchSettings:
     # simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]
     seconds: Positive = 4.0
     calls: Count = 500  # calls of the policy and of the IK to measure
-    # spacing of the grid in a 2 m cube on which the reachable workspace is measured [m]
-    spacing: Annotated[float, Field(gt=0, le=2)] = 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +34,6 @@ class BenchFigures:
         qp: speed of `qp`, by gait.
         episodes: speed of an episode with everything in the loop, by controller and activity.
         policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
-        workspace: reachable part of a cube around the robot.
         threads: threads of training, its environment and bare physics.
     """
 
@@ -48,7 +42,6 @@ class BenchFigures:
     episodes: dict[str, "EpisodeSpeed"]
     policy_tick_ms: dict[str, float | None]
     ik_tick_ms: dict[str, float | None]
-    workspace: "Workspace"
     threads: int
 
 
@@ -66,12 +59,11 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
     from hugwbc.benchmarks import speed
     from hugwbc.learned.policy import load_policy
     from hugwbc.runtime import load_controller
-    from hugwbc.upper_ik.workspace import measure_workspace
 
     training = measure_training(settings)
     advance(0.2)
     qp = {gait: speed.qp_speed(command, settings.seconds) for gait, command in speed.COMMANDS.items()}
-    advance(0.3)
+    advance(0.5)
     policy = load_policy()
     episodes = {
         f"{name}, {activity}": speed.episode_speed(controller, activity, settings.seconds)
@@ -79,16 +71,5 @@ def run_benchmarks(settings: BenchSettings, advance: Callable[[float], None]) ->
         for activity in speed.ACTIVITIES
     }
     policy_tick, ik_tick = speed.policy_tick(policy, settings.calls), speed.ik_tick(settings.calls)
-    advance(0.6)
-    workspace = measure_workspace(
-        policy.robot, settings.spacing, on_progress=lambda fraction: advance(0.6 + 0.4 * fraction)
-    )
-    return BenchFigures(
-        training,
-        qp,
-        episodes,
-        policy_tick,
-        ik_tick,
-        workspace,
-        settings.threads,
-    )
+    advance(1.0)
+    return BenchFigures(training, qp, episodes, policy_tick, ik_tick, settings.threads)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @settings
 class BenchOptions(BenchSettings):
-    """Measure training, controllers, hand IK and the hands' reachable workspace."""
+    """Measure the speed of training, controllers and hand IK."""
 
     json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.
     training: bool = False  # Print only the speed of training and its parts.
@@ -37,13 +37,7 @@ def run(words: Sequence[str]) -> int:
         return 0
     with progress("benchmark") as advance:
         figures = run_benchmarks(options, advance)
-    workspace = figures.workspace
-    blocks = [
-        _describe(figures),
-        f"reachable part of a 2 m cube ({workspace.points} points): {100 * workspace.arms:.1f} % with the arms, "
-        f"{100 * workspace.whole_body:.1f} % with the whole body",
-    ]
-    say("\n\n".join(blocks), options.json)
+    say(_describe(figures), options.json)
     write_json(options.json, dataclasses.asdict(figures))
     return 0
 

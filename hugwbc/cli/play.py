@@ -176,7 +176,7 @@ def _do_task(options: PlayOptions, viewer: str) -> int:
     controller = chosen.build()
     simulation = arena.simulation(seed=options.seed, scene=task.scene)
     draw = None if page is None else at_real_time(page(controller.name, simulation.robot, simulation.scene), simulation)
-    run = run_task(task, controller, simulation, on_moment=draw)
+    run = run_task(task, controller, simulation, on_snapshot=draw)
     verdict, settled = run.verdict, run.trace.time >= SETTLE
     say(f"{task.name} with {controller.name}, seed {options.seed}: {verdict.words} after {simulation.time:.1f} s")
     say(f"score: {verdict.score:.2f}")
@@ -232,7 +232,7 @@ def _drive(options: PlayOptions) -> int:
         clock = RealTime()
         draw = at_real_time(lambda _: page.show(its_own, name, clock.speed), its_own, clock)
         over = lambda: bool(page.interruption) or stop()  # noqa: E731
-        run = run_task(task, controller, its_own, on_moment=draw, stop=over, strict=False)
+        run = run_task(task, controller, its_own, on_snapshot=draw, stop=over, strict=False)
         words = f"stopped ({page.interruption})" if page.interruption else run.verdict.words
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 

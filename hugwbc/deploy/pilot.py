@@ -20,7 +20,7 @@ from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import Grip
-from hugwbc.state import GRAVITY, RobotState
+from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
 _ROUNDING = 1e-9  # [s]
@@ -78,7 +78,7 @@ class Pilot:
         self._robot = robot
         self._steer = getattr(source, "steer", None)
         self._watch, self._buttons = BodyLimits(robot, self.limits), ButtonPresses()
-        self._weight = GRAVITY * robot.mass
+        self._weight = robot.weight
         self._estimating = False
         self._last: JointCommand | None = None
         self._last_time = math.inf

@@ -17,10 +17,13 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @settings
 class Limits:
-    """When the robot side damps the joints. Times are those of the robot's clock."""
+    """When the robot side damps the joints. Times are those of the robot's clock.
 
-    silence: Positive = 0.02  # longest time without a fresh, sound state [s]
-    late: Positive = 0.02  # longest time by which the controller may lag behind the states [s]
+    Until then the last command is held, which a walk survives for longer than damping (`tests/deploy/test_gaps.py`).
+    """
+
+    silence: Positive = 0.1  # longest time without a fresh, sound state [s]
+    late: Positive = 0.1  # longest time by which the controller may lag behind the states [s]
     tilt: Positive = 1.0  # largest angle between the torso's axis and the vertical [rad]; published for the G1
     start_tilt: Positive = 0.3  # the same at a start [rad]
     # largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles reach 1.8 times

@@ -10,6 +10,7 @@ from hugwbc.behaviours.hands import points_in
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.gym.task_action import Wish
+from hugwbc.hand_wrench import HandWrench
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.view import Action, View
 from hugwbc.sim import Simulation
@@ -143,7 +144,7 @@ class FollowWish:
         if self.wish.squeeze <= 0.0 or length < _APART:
             return HandTargets(left, right, "heading")
         inwards = self.wish.squeeze / length * between
-        return HandTargets(left, right, "heading", together=True, left_force=inwards, right_force=-inwards)
+        return HandTargets(left, right, "heading", together=True, wrench=HandWrench(np.array([-inwards, inwards])))
 
 
 class FollowRow:

@@ -90,7 +90,7 @@ class Wish:
         if hands is None:
             return cls(action.command, grips=grips)
         points = np.nan_to_num(points_in(view, points_of(view, hands), "heading"))
-        force = hands.forces() if hands.together else np.zeros((1, 3))
+        force = hands.wrench.force if hands.together else np.zeros((1, 3))
         return cls(action.command, hands.given, points, float(np.linalg.norm(force[0])), grips)
 
 

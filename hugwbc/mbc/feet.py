@@ -9,16 +9,15 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.qp import CONTACT_POINTS
 from hugwbc.mbc.reach import toe_down
 from hugwbc.robot import SIDES, Robot
-from hugwbc.state import GRAVITY
 
 SOLES = tuple(f"{side}_sole" for side in SIDES)
 """Frames at the centres of the soles."""
 _ENDS = tuple(tuple(CONTACT_POINTS[2 * foot : 2 * foot + 2]) for foot in range(len(SIDES)))  # heel and toe of each foot
 # Share of the weight at which a foot has found the ground. Loads that are inferred from joint torques are noisy: those
 # of a swinging foot stay below 50 N in 99 % of the time. A foot that is believed to stand too early hangs in the air.
-_TOUCH_SHARE = 0.25
-_CARRYING_LOAD = 20.0  # [N], below it a foot that should stand is not on the ground
-_RESTING_LOAD, _RESTING_RATE = 100.0, 0.5  # [N], [rad/s]: above and below these a sole lies on heel and toe
+_TOUCHING = 0.25
+_CARRYING = 0.0344  # below it a foot that should stand is not on the ground
+_RESTING, _RESTING_RATE = 0.1718, 0.5  # and [rad/s]: above and below these a sole lies on heel and toe
 _SLOPE_TIME = 0.02  # [s], time constant with which the slope of a resting sole is taken for the ground's
 _STANCES = 6  # number of stances that the plane is fitted to
 _STIFFNESS = 0.03  # [m^2], ridge towards level: variance of uneven ground over that of a gradient
@@ -122,7 +121,7 @@ class Ground:
             sole = dynamics.frame(f"{side}_sole")
             rate = float(sole.rotation[:, 1].dot(sole.velocity[3:]))
             # Only a sole that is loaded and does not rotate has both ends down, so that its pitch is the ground's.
-            rests = load > _RESTING_LOAD and abs(rate) < _RESTING_RATE
+            rests = load > _RESTING * dynamics.robot.weight and abs(rate) < _RESTING_RATE
             self.resting[foot] = rests
             if rests:
                 pitch = math.asin(min(max(-float(sole.rotation[2, 0]), -1.0), 1.0))
@@ -131,12 +130,12 @@ class Ground:
     def touched(self, dynamics: Dynamics, foot: int) -> bool | None:
         """Return whether a swinging foot has come down; None where the state has no foot forces."""
         load = dynamics.load(foot)
-        return None if load is None else load > _TOUCH_SHARE * GRAVITY * dynamics.mass
+        return None if load is None else load > _TOUCHING * dynamics.robot.weight
 
     def carries(self, dynamics: Dynamics, foot: int) -> bool | None:
         """Return whether a foot that should stand carries load; None where the state has no foot forces."""
         load = dynamics.load(foot)
-        return None if load is None else load > _CARRYING_LOAD
+        return None if load is None else load > _CARRYING * dynamics.robot.weight
 
     def note(self, dynamics: Dynamics, foot: int) -> None:
         """Add the current stance of a foot to the plane, if the foot rests.

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from hugwbc.arm_servo import hand_loads
 from hugwbc.controller import UpperBody
 from hugwbc.state import RobotState
 
@@ -18,7 +17,7 @@ _NONE = np.zeros((2, 3))
 class HandLoad:
     """The force on each hand from outside, smooth enough for the balance.
 
-    What the targets tell counts at once; it comes without jumps (`upper_ik.hand_loads`). Of what is felt besides,
+    What the targets tell counts at once; it comes without jumps (`HandWrench.towards`). Of what is felt besides,
     nothing counts in a stand: a robot that leans against a force holds a pull, but it presses harder on a post that it
     touches, which pushes back harder, until it falls. Left alone, it gives way to both, and the push of a post
     vanishes. A force that has made the robot step and is still there thereafter is a pull; it counts until it ends, in
@@ -48,19 +47,15 @@ class HandLoad:
         self._stepped, self._pull = 0.0, _NONE
 
     def update(self, state: RobotState, upper_body: UpperBody, dt: float, *, stepping: bool) -> None:
-        """Take in one state; with forces that are not finite, the last ones stay.
+        """Take in one state.
 
         Args:
             state: with the forces on the hands or without them; then those that `upper_body` tells count alone.
-            upper_body: targets of the arms, with payload and wanted forces.
+            upper_body: targets of the arms, with the wrench that the hands should meet.
             dt: time since the last call [s].
             stepping: whether the robot walks, or steps to catch itself.
         """
-        told = -hand_loads(upper_body.hand_force, upper_body.payload)
-        seen = state.hand_force
-        if not math.isfinite(np.add.reduce(told if seen is None else told + seen, None)):
-            return
-        told = _bounded(told)
+        told, seen = _bounded(upper_body.wrench.total), state.hand_force
         self.force = _without_small(told, self._least)
         if seen is None:
             return

@@ -1,9 +1,11 @@
 """Every gain, weight and limit of the `qp` controller, in one place."""
 
+import dataclasses
 from typing import Annotated
 
 from pydantic import Field
 
+from hugwbc.robot import Robot
 from hugwbc.settings import Count, Positive, settings
 
 _Gains = tuple[Positive, Positive]  # stiffness and damping, or the largest rate and the largest acceleration
@@ -16,6 +18,8 @@ class ControllerParams:
     The cost of a task is weight * (acceleration error)^2, so that weights of tasks with the same unit compare directly.
     Costs are squared accelerations [m^2/s^4] or [rad^2/s^4]; weights of motions therefore have no unit. A pair called
     `gains` is stiffness [1/s^2] and damping [1/s]: both multiply errors of motion and give accelerations, not torques.
+
+    The figures are those of an H1; `of_size` gives those of a robot with other legs or another weight.
     """
 
     # --- whole-body QP
@@ -308,3 +312,40 @@ class ControllerParams:
     hold_time: float = 0.06
     """Time for which the last good command is held when no new one can be found, before the joints are only damped
     [s]."""
+
+    def of_size(self, robot: Robot) -> "ControllerParams":
+        """Return the parameters for the size of a robot.
+
+        Lengths grow with its legs, speeds with the root of their length, at the same Froude number; what weighs forces
+        and angular momenta, with its weight.
+        """
+        leg, mass = robot.leg_length / _LEG, robot.mass / _MASS
+        sized = {}
+        for (by_leg, by_mass), names in _GROWTH.items():
+            growth = leg**by_leg * mass**by_mass
+            for name in names:
+                value = getattr(self, name)
+                sized[name] = tuple(growth * x for x in value) if isinstance(value, tuple) else growth * value
+        return dataclasses.replace(self, **sized)
+
+
+_LEG, _MASS = 0.8, 59.338  # [m], [kg], of the H1, whose figures the defaults are
+# How parameters grow: the power of the leg's length and of the mass, which follow from the unit.
+_GROWTH = {
+    (1.0, 0.0): (
+        *("step_width", "min_foot_distance", "max_foot_distance", "max_step", "long_step", "long_step_clearance"),
+        *("leg_reserve", "max_crouch", "capture_distance", "capture_margin", "leap_width", "jump_calm"),
+        *("hop_shift_tolerance", "hop_overshoot", "hop_lowering", "jump_lowering", "leap_depth", "hop_depth"),
+        *("balance_ahead", "balance_margin", "clearance_at_nominal", "min_clearance", "walking_room"),
+    ),
+    (0.5, 0.0): (
+        "lowering_from",
+        "clearance_speed",
+        "hop_inward_speed",
+        "max_velocity_trim",
+        "velocity_integral_bound",
+    ),
+    (0.0, 1.0): ("max_normal_force", "least_hand_force"),
+    (0.0, -2.0): ("force_regularisation", "planned_force_weight"),
+    (-4.0, -2.0): ("momentum_weight", "planned_momentum_weight"),
+}

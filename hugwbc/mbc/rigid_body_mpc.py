@@ -10,8 +10,7 @@ import dataclasses
 import numpy as np
 
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.proxsuite_build import proxqp
-from hugwbc.mbc.qp import friction_pyramid
+from hugwbc.mbc.qp import friction_pyramid, proxqp
 from hugwbc.state import GRAVITY
 
 _INFINITY = 1e20

@@ -9,7 +9,7 @@ _FILTER = 0.02  # [s], time constant of the soles' speeds: a sole that touches d
 _SHARE = 0.5  # most of it that one reading makes: with a period as long as that slide, no single one is a slip
 _SLIPS = 0.45  # [m/s], filtered speed of a sole under load that does not occur on good ground
 _SLIDES = 0.5  # [m/s], filtered speed that it does not reach once enough less friction is assumed
-_LOADED = 100.0  # [N], least force on a foot that tells of the ground
+_LOADED = 0.1718  # share of the weight, least force on a foot that tells of the ground
 _GRIP = 0.4  # horizontal over vertical force of a sole that slides on good ground, as after a push, at least
 _BETWEEN = 0.3  # [s] between two reductions, about a step: a slip goes on until the other foot stands
 _AT_ONCE = 0.05  # [s], the same for a sole that slides
@@ -31,9 +31,9 @@ class SlipWatch:
         fastest: largest speed that suits it [m/s]; infinite where nothing has slipped.
     """
 
-    def __init__(self, friction: float) -> None:
-        """Begin with the coefficient of good ground."""
-        self._good = friction
+    def __init__(self, friction: float, weight: float) -> None:
+        """Begin with the coefficient of good ground and the weight of the robot [N]."""
+        self._good, self._loaded = friction, _LOADED * weight
         self.reset()
 
     def reset(self) -> None:
@@ -48,7 +48,7 @@ class SlipWatch:
         slips, share = 0.0, min(dt / _FILTER, _SHARE)
         for foot, (x, y, z) in enumerate(forces.tolist()):  # of so few numbers, floats are faster than arrays
             slow, aside, down = 0.0, 0.0, 0.0
-            if z > _LOADED:
+            if z > self._loaded:
                 slow, aside, down = math.hypot(*velocities[foot][:2].tolist()), math.hypot(x, y), z
             speed, sideways, load = self._filtered[foot]
             speed += share * (slow - speed)

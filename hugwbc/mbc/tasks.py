@@ -9,7 +9,7 @@ The tasks multiply by `dot`: on matrices this small it takes less than half the 
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -46,14 +46,12 @@ class Task(Protocol):
 
     Attributes:
         name: label in the diagnostics.
-        unit: unit of the error.
-        level: "position" if the error is one of position, so that its rate is minus jacobian v; "velocity" if it is one
-            of velocity, so that its rate is minus (jacobian dv/dt + drift).
+        unit: unit of the error. The rate of an error of position is minus jacobian v; that of one of velocity ("/s") is
+            minus (jacobian dv/dt + drift).
     """
 
     name: str
     unit: str
-    level: Literal["position", "velocity"]
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Return the rows at the state that `dynamics` was last updated with."""
@@ -81,7 +79,6 @@ class CentreOfMassTask:
 
     name = "centre of mass"
     unit = "m"
-    level: Literal["position", "velocity"] = "position"
 
     def __init__(self, params: ControllerParams) -> None:
         self.target = np.zeros(2)
@@ -121,7 +118,6 @@ class CentreOfMassMotionTask:
 
     name = "motion of the centre of mass"
     unit = "m/s"
-    level: Literal["position", "velocity"] = "velocity"
 
     def __init__(self, params: ControllerParams) -> None:
         self.velocity = np.zeros(3)
@@ -152,7 +148,6 @@ class AngularMomentumTask:
 
     name = "angular momentum"
     unit = "kg m^2/s"
-    level: Literal["position", "velocity"] = "velocity"
 
     def __init__(self, params: ControllerParams) -> None:
         self.planned: np.ndarray | None = None
@@ -188,7 +183,6 @@ class PelvisHeightTask:
 
     name = "pelvis height"
     unit = "m"
-    level: Literal["position", "velocity"] = "position"
 
     def __init__(self, params: ControllerParams) -> None:
         self.target = 0.0
@@ -222,7 +216,6 @@ class PelvisOrientationTask:
 
     name = "pelvis orientation"
     unit = "rad"
-    level: Literal["position", "velocity"] = "position"
 
     def __init__(self, params: ControllerParams) -> None:
         self.yaw = 0.0
@@ -264,7 +257,6 @@ class PelvisTravelTask:
 
     name = "pelvis travel"
     unit = "m/s"
-    level: Literal["position", "velocity"] = "velocity"
 
     def __init__(self, params: ControllerParams) -> None:
         self.heading = 0.0
@@ -331,7 +323,6 @@ class StanceContactTask:
     """
 
     unit = "m/s, rad/s"
-    level: Literal["position", "velocity"] = "velocity"
 
     def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:
         self.name = f"{side} stance contact"
@@ -378,7 +369,6 @@ class SwingFootTask:
     """
 
     unit = "m, rad"
-    level: Literal["position", "velocity"] = "position"
 
     def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:
         self.name = f"{side} swing foot"
@@ -389,10 +379,8 @@ class SwingFootTask:
         self.yaw = 0.0
         self.pitch = 0.0
         self._frame = f"{side}_sole"
-        gains, rotation_gains = params.swing_gains, params.swing_rotation_gains
-        self._stiffness, self._damping = np.repeat(
-            np.stack((gains, rotation_gains), axis=1), (3, 3 - self._axes.start), axis=1
-        )
+        gains = np.stack((params.swing_gains, params.swing_rotation_gains), axis=1)
+        self._stiffness, self._damping = np.repeat(gains, (3, 3 - self._axes.start), axis=1)
         self.weight = swing_weights((*params.swing_weight, *params.swing_rotation_weight), robot)
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
@@ -425,7 +413,6 @@ class PostureTask:
     """
 
     unit = "rad"
-    level: Literal["position", "velocity"] = "position"
 
     def __init__(self, name: str, joints: np.ndarray, speed: float) -> None:
         """Create a task for some joints.

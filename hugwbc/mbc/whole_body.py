@@ -94,7 +94,7 @@ class WholeBodyController:
     Attributes:
         name: "qp".
         period: time between two calls of `act` [s].
-        params: gains, weights and limits.
+        params: gains, weights and limits for the size of the robot.
         dynamics: robot model at the last state.
     """
 
@@ -112,13 +112,14 @@ class WholeBodyController:
 
         Args:
             robot: robot that the controller is told, which may differ from the one that moves.
-            params: gains, weights and limits; None for the defaults.
+            params: gains, weights and limits of an H1, which a robot of another size gets in its own; None for the
+                defaults.
             period: time between two calls of `act` [s]: 0.002 to 0.01, or 0.02 with reduced tracking.
             dynamics: robot model; None for the shared one of `robot`.
         """
         if not 0.0 < period < math.inf:
             raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
-        self.params = params or ControllerParams()
+        self.params = (params or ControllerParams()).of_size(robot)
         self.period = period
         self.dynamics = dynamics or Dynamics(robot)
         self._robot = robot
@@ -149,7 +150,7 @@ class WholeBodyController:
         self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
         self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
-        self._slip = SlipWatch(self.params.friction)
+        self._slip = SlipWatch(self.params.friction, robot.weight)
         self._clear()
 
     def _clear(self) -> None:

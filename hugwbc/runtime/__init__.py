@@ -8,10 +8,10 @@ from hugwbc.runtime.command_chain import feasible
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, load_controller
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.mujoco_robot import MujocoRobot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety_report import SafetyReport
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.runtime.trace import Trace
 from hugwbc.runtime.trace_file import read_trace, write_trace
 from hugwbc.scripts.command_source import CommandSource, Constant
@@ -27,11 +27,11 @@ __all__ = [
     "ControllerSpec",
     "Force",
     "HoldController",
-    "Moment",
     "MujocoRobot",
     "SafetyReport",
     "SensorProfile",
     "Simulation",
+    "Snapshot",
     "StateEstimator",
     "Trace",
     "UpperBodySource",

@@ -1,20 +1,24 @@
 """The arms in a control period: from arm targets to their drives, and the change between servo and controller."""
 
 import dataclasses
+import math
 
 import numpy as np
 
 from hugwbc.arm_servo import ArmServo
 from hugwbc.blends import smooth_step
 from hugwbc.controller import JointCommand, UpperBody
+from hugwbc.hand_wrench import FREE
 from hugwbc.kinematics import in_place
 from hugwbc.numeric import changed
-from hugwbc.robot import Robot
-from hugwbc.runtime.payload import PayloadObserver
+from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.safety_report import SafetyLog
-from hugwbc.state import RobotState
+from hugwbc.state import GRAVITY, RobotState
 
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
+RATE = 3.0  # [1/s], bandwidth at which a payload is learned; the sway of a walk averages out
+BAND = 1.5  # [N], part of a force that counts as friction: without it, joints that stick would make the hands hunt
+LEARNED = 6.0  # [kg], most to learn, a bound for a hand that is pulled down by something else
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
 _GAINS = [_VECTORS.index(name) for name in ("kp", "kd")]
 
@@ -22,8 +26,9 @@ _GAINS = [_VECTORS.index(name) for name in ("kp", "kd")]
 class ArmDrive:
     """The drive of arms under external control, whatever the controller.
 
-    Targets are clamped to the joint limits; the last good ones replace bad ones. One servo (`ArmServo`) completes them,
-    with the payload that is told or estimated.
+    Targets are clamped to the joint limits; the last good ones replace bad ones. The wrench on the hands comes and goes
+    without jumps (`HandWrench.towards`), with the payload that is told or learned. One servo (`ArmServo`) completes
+    them.
     """
 
     def __init__(self, robot: Robot, log: SafetyLog) -> None:
@@ -35,8 +40,8 @@ class ArmDrive:
         self.reset()
 
     def reset(self) -> None:
-        """Forget targets and payload."""
-        self._last = UpperBody.none()
+        """Forget targets, wrench and payload."""
+        self._last, self._wrench = UpperBody.none(), FREE
         self._payload.reset()
 
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
@@ -48,9 +53,14 @@ class ArmDrive:
             dt: the period [s].
         """
         upper_body = self._admitted(upper_body)
+        if not upper_body.indicator:
+            self._wrench = FREE
+            self._payload.reset()
+            return upper_body
+        self._wrench = self._wrench.towards(upper_body.wrench, dt)
+        if self._wrench is not upper_body.wrench:
+            upper_body = changed(upper_body, wrench=self._wrench)
         if self._servo is None:
-            if not upper_body.indicator:
-                return upper_body
             self._servo = ArmServo(robot=self._robot)
         if not state.is_usable:
             return upper_body
@@ -65,8 +75,8 @@ class ArmDrive:
         if not known or (upper_body.indicator and upper_body.q.shape != low.shape):
             self._log.count(
                 "upper_body_rejected",
-                f"external arm targets are not {low.size} finite numbers each, or the hands' loads are not finite: "
-                "keeping the last good ones",
+                f"external arm targets are not {low.size} finite numbers each, or the wrench on the hands is not "
+                "finite: keeping the last good ones",
             )
             return self._last
         if not upper_body.indicator:
@@ -78,6 +88,55 @@ class ArmDrive:
             upper_body = changed(upper_body, q=q)
         self._last = upper_body
         return upper_body
+
+
+class PayloadObserver:
+    """Learn the payload of each hand from the vertical force on it.
+
+    The learned payload is fed forward by the servo, which takes the sag out of the arms as an integral term would: as
+    long as a joint sticks, its spring's torque counts as load.
+
+    A hand whose stiffness is wanted must give way, so nothing is learned for it. Nor is anything for a hand that
+    presses up or down: where it meets nothing, the force that is missing would count as a payload, and the hand would
+    float.
+
+    Attributes:
+        payload: mass in the left and the right hand [kg], shape (2,).
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what the hands carry."""
+        self.payload = np.zeros(len(SIDES))
+
+    def complete(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
+        """Return the arm targets with the learned payload, if none is told.
+
+        Args:
+            upper_body: targets of the arms.
+            state: the robot now, which must be finite; without forces on the hands nothing is learned.
+            dt: time since the last call [s].
+        """
+        wrench, told = upper_body.wrench, upper_body.wrench.payload
+        if wrench.stiffness is not None:
+            self.reset()
+            return upper_body
+        if told is not None:
+            self.payload = np.minimum(told, LEARNED)  # what is no longer told is learned from here on
+            return upper_body
+        if state.hand_force is None:
+            return upper_body
+        weight = GRAVITY * self.payload
+        excess = -(state.hand_force - wrench.force)[:, 2] - weight
+        pressing = np.abs(wrench.force[:, 2]) > BAND
+        beyond = np.where(pressing, 0.0, np.sign(excess) * np.maximum(np.abs(excess) - BAND, 0.0))
+        weight = weight + (1.0 - math.exp(-RATE * dt)) * beyond
+        self.payload = np.minimum(np.maximum(weight / GRAVITY, 0.0), LEARNED)
+        if not np.count_nonzero(self.payload):
+            return upper_body
+        return changed(upper_body, wrench=changed(wrench, payload=self.payload.copy()))
 
 
 class Handover:

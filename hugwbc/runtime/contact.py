@@ -23,7 +23,7 @@ from eigenpy import LLT  # Pinocchio's: NumPy's `solve` takes longer to look at 
 from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES
 from hugwbc.runtime.hand_force import HandForceObserver
-from hugwbc.state import GRAVITY, RobotState
+from hugwbc.state import RobotState
 
 _FEET = len(SIDES)
 _WRENCH = 5  # numbers of a wrench: force, moments about y and z
@@ -31,8 +31,9 @@ _TRANSMITTED = [0, 1, 2, 4, 5, 6, 7, 8, 10, 11]  # of the twelve rows of both so
 _RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits no force along itself
 
 RATE = 180.0  # [1/s], bandwidth of the residual: an impact is seen after 1/rate, and noise of joint velocities grows
-_TOUCH = 100.0  # [N], normal force above which a foot that was in the air stands
-_LIFT = 60.0  # [N], normal force below which a foot that stood is in the air; the gap keeps noise from chattering
+# Shares of the weight: normal force above which a foot that was in the air stands, and below which one that stood is in
+# the air; the gap keeps noise from chattering.
+_TOUCH, _LIFT = 0.1718, 0.1031
 # Weight of the floating base's six rows of the residual against the legs' rows. The pelvis feels what touches the hands
 # as well: the more it counts, the more of a hand's push goes to the feet (at 1.0 the QP fell when a hand touched a
 # post). The less it counts, the more errors of the legs' masses look like contacts.
@@ -131,6 +132,7 @@ class ContactObserver:
         model, robot = kinematics.model, kinematics.robot
         self._columns = in_place(self._kinematics.columns)
         self._robot, self._raised = robot, _RAISED * robot.leg_length
+        self._touch, self._lift = _TOUCH * robot.weight, _LIFT * robot.weight
         self.hands = HandForceObserver(self._kinematics)
         self._soles = [self._kinematics.frame_id(f"{side}_sole") for side in SIDES]
         legs = self._kinematics.columns[robot.legs]
@@ -144,8 +146,7 @@ class ContactObserver:
 
     def reset(self, state: RobotState | None) -> None:
         """Forget the past; both feet are taken to stand, with half of the weight each."""
-        weight = GRAVITY * sum(inertia.mass for inertia in self._kinematics.model.inertias)
-        self.force = np.tile((0.0, 0.0, 0.5 * weight), (_FEET, 1))
+        self.force = np.tile((0.0, 0.0, 0.5 * self._robot.weight), (_FEET, 1))
         self.contact = np.ones(_FEET, dtype=bool)
         self.residual = np.zeros(self._kinematics.model.nv)
         self._velocity = np.zeros(self._kinematics.model.nv)
@@ -196,7 +197,7 @@ class ContactObserver:
             rows = slice(_WRENCH * loaded, _WRENCH * (loaded + 1))
             self.force = np.zeros((_FEET, 3))
             self.force[loaded] = LLT(normal[rows, rows]).solve(wrenches[rows].dot(felt))[:3]
-        self.contact = self.force[:, 2] > _TOUCH - (_TOUCH - _LIFT) * self.contact
+        self.contact = self.force[:, 2] > self._touch - (self._touch - self._lift) * self.contact
         return self.contact
 
     def _learn(self, acceleration: np.ndarray, planned: np.ndarray) -> None:

@@ -12,13 +12,12 @@ from hugwbc.runtime.command_chain import CommandChain
 from hugwbc.runtime.estimation import StateEstimator, joined
 from hugwbc.runtime.guard import Guard
 from hugwbc.runtime.lowering import Lowering
-from hugwbc.runtime.moment import PlanView
 from hugwbc.runtime.motor_watch import MotorWatch
-from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.safety import SafetyFilter, StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
+from hugwbc.runtime.snapshot import PlanView
 from hugwbc.runtime.source_stage import SourceStage
-from hugwbc.runtime.state_check import StateCheck
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import View
 from hugwbc.state import RobotState
@@ -196,5 +195,7 @@ class ControlPeriod:
         self.ik_s = time.perf_counter() - begin
         if moved is None:
             return self._free_arms, command
+        if self.hands is not None and source.watch.refusal:
+            self.log.count("hands_refused", f"hand targets: {source.watch.refusal}")
         arms, adapted = moved
         return arms, adapted

@@ -184,7 +184,7 @@ class StateEstimator:
         self._observer = ContactObserver(kinematics, base_weight)
         self._joints = JointFilter(self._robot)
         self.guard = ReadingGuard(self._robot)
-        self._weight = GRAVITY * self._robot.mass
+        self._weight = self._robot.weight
         self.contact = np.ones(_FEET, dtype=bool)
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
 

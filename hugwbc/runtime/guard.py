@@ -8,8 +8,8 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
+from hugwbc.runtime.safety import StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
-from hugwbc.runtime.state_check import StateCheck
 from hugwbc.state import RobotState
 
 HOLD_TIME = 0.1  # [s] for which the last good joint command is repeated without a new one, before the joints are damped

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
@@ -12,14 +11,14 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
-from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.sight import Sight, SimulatedWorld
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.runtime.trace import CONTACT_FORCE
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import View
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -122,11 +121,11 @@ class ControlLoop:
         if self.control.estimator is not None:
             self.control.observe(simulation.sense(), simulation.time)
 
-    def moment(self) -> Moment:
+    def snapshot(self) -> Snapshot:
         """Return what a picture shows now."""
         state, simulation = self.simulation.state(), self.simulation
         assert state.foot_force is not None
-        return Moment(
+        return Snapshot(
             qpos=simulation.qpos,
             gait=int(self.control.chain.command.gait),
             phase=self.control.plan.phase,
@@ -171,5 +170,4 @@ def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:
     if hands.frame == "world":
         return hands.array()
     assert state.position is not None
-    turn = rotations.to_matrix(state.orientation) if hands.frame == "pelvis" else rotations.rotation_z(state.yaw)
-    return state.position + hands.array() @ turn.T
+    return state.position + hands.array() @ frame_axes(hands.frame, state.orientation).T

@@ -12,7 +12,7 @@ from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.runtime.moment import MOMENT_FIELDS, SCENE_FIELDS, Moment
+from hugwbc.runtime.snapshot import SCENE_FIELDS, SNAPSHOT_FIELDS, Snapshot
 from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Disturber, Engine, Force
@@ -30,7 +30,7 @@ def rollout(
     estimator: StateEstimator | None = None,
     forces: Sequence[Force] = (),
     on_progress: Callable[[float], None] | None = None,
-    on_moment: Callable[[Moment], None] | None = None,
+    on_snapshot: Callable[[Snapshot], None] | None = None,
     on_step: Callable[[RobotState, RobotState], None] | None = None,
     until: Callable[[], bool] | None = None,
     past_falls: bool = False,
@@ -52,7 +52,7 @@ def rollout(
             the sensors tell the state.
         forces: external forces on the robot.
         on_progress: called with the fraction done, about fifty times per simulated second.
-        on_moment: called at each sample of the record, with the state that pictures show.
+        on_snapshot: called at each sample of the record, with the state that pictures show.
         on_step: called after each physics step, with the true state and the controller's state.
         until: called after each control period; the run ends early where it returns True, such as when a behaviour has
             ended (`BehaviourSource.done`).
@@ -80,9 +80,9 @@ def rollout(
         if upper_body is not None:
             recorder.ik_ms.append(loop.control.ik_s * 1e3)
         if recorder.due(t):
-            moment = recorder.sample(t, joint_command)
-            if on_moment is not None:
-                on_moment(moment)
+            snapshot = recorder.sample(t, joint_command)
+            if on_snapshot is not None:
+                on_snapshot(snapshot)
             if on_progress is not None:
                 on_progress(tick / ticks)
         if not recorder.advance(joint_command, t) and not past_falls:
@@ -109,7 +109,7 @@ class Recorder:
         self._watch = TouchDownWatch(self.simulation.timestep)
         self._samples = 0
         left_out = SCENE_FIELDS if self.simulation.scene is None else ()
-        self._moment_fields = [name for name in MOMENT_FIELDS if name not in left_out]
+        self._snapshot_fields = [name for name in SNAPSHOT_FIELDS if name not in left_out]
 
     def due(self, t: float) -> bool:
         """Return whether the next sample is due at time t [s]."""
@@ -127,7 +127,7 @@ class Recorder:
             self._watch.update(t + (substep + 1) * dt, simulation.foot_force, simulation.sole_velocity)
         return not self.simulation.fallen
 
-    def sample(self, t: float, command: JointCommand) -> Moment:
+    def sample(self, t: float, command: JointCommand) -> Snapshot:
         """Add a sample at time t [s]; return the part of it that a picture shows."""
         self._samples += 1
         state = self.simulation.state()
@@ -135,7 +135,7 @@ class Recorder:
         assert state.position is not None
         left, right = (self.simulation.ground_height(self.kinematics.position(f"{side}_sole")[:2]) for side in SIDES)
         measured = self.kinematics.measured(self.simulation.ground_height(state.position[:2]), (left, right))
-        moment = self.loop.moment()
+        snapshot = self.loop.snapshot()
         actual = np.stack([self.simulation.hand_position(side) for side in SIDES])
         self.rows.append(
             {
@@ -143,15 +143,15 @@ class Recorder:
                 "command": self.loop.control.chain.command.array(),
                 "measured": [getattr(measured, name) for name in MEASURED_NAMES],
                 "clearance": measured.clearance,
-                **{name: getattr(moment, name) for name in self._moment_fields},
+                **{name: getattr(snapshot, name) for name in self._snapshot_fields},
                 "qvel": self.simulation.qvel,
                 "target": command.q.copy(),
-                "hand_error": np.linalg.norm(actual - moment.hand_target_world, axis=1),
+                "hand_error": np.linalg.norm(actual - snapshot.hand_target_world, axis=1),
                 "reachable": self.loop.reachable,
                 "torque": self.simulation.torque,
             }
         )
-        return moment
+        return snapshot
 
     def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
         """Return the record of the run."""

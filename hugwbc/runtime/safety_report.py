@@ -9,7 +9,8 @@ from hugwbc.errors import ConfigError
 from hugwbc.extensions import described
 
 T = TypeVar("T")
-_MISTAKES = ("failures", "source_failures", "bad_outputs", "upper_body_rejected")  # of somebody else's code
+# of somebody else's code
+_MISTAKES = ("failures", "source_failures", "bad_outputs", "hands_refused", "upper_body_rejected")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,7 +21,8 @@ class SafetyReport:
         ticks: control periods.
         commands_clamped: periods in which a command value was out of range or NaN, by command name.
         commands_guarded: periods in which the other values did not allow a command value, by command name.
-        upper_body_rejected: arm targets that were not a finite number for each joint: the last good ones stayed
+        hands_refused: hand targets that are not finite, or that the arms cannot follow (`HandTargets.check`).
+        upper_body_rejected: arm targets that were not a finite number for each joint: the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
         bad_states: states with NaN or infinity, or with an orientation that is not a unit quaternion.
         bad_outputs: joint commands of the controller with NaN or infinity, or of a wrong size.
@@ -42,6 +44,7 @@ class SafetyReport:
     ticks: int = 0
     commands_clamped: dict[str, int] = dataclasses.field(default_factory=dict)
     commands_guarded: dict[str, int] = dataclasses.field(default_factory=dict)
+    hands_refused: int = 0
     upper_body_rejected: int = 0
     upper_body_limited: int = 0
     bad_states: int = 0

@@ -13,6 +13,7 @@ are in `hugwbc/scripts`.
         hands:
           frame: pelvis           # pelvis, heading, steady or world
           right_direction: [1, 0, 0]  # along which the forearm points; left_direction likewise
+          left_orientation: level # or [w, x, y, z], of a hand with wrists; right_orientation likewise
           together: true          # both hands hold one object
           whole_body: true        # h, p and w may help
           left: {line: {points: [[0.3, 0.3, 0.1], [0.3, 0.3, 0.3]], leg_time: 1, repeat: true}}
@@ -43,6 +44,7 @@ from hugwbc.blends import smooth_rate, smooth_step
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, HugwbcError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.scripts import hand_paths
 from hugwbc.scripts.hand_paths import HandPath, Point, Recorded, read_path
@@ -50,7 +52,7 @@ from hugwbc.scripts.motion import ArmMotion, check_motion, load_motion
 from hugwbc.scripts.sampled import check_pace
 from hugwbc.settings import Beside, NotNegative, Positive, refusing, settings
 from hugwbc.settings_file import load, named_path, shipped_names
-from hugwbc.targets import FARTHEST_HAND, HandFrame, HandTargets
+from hugwbc.targets import FARTHEST_HAND, HandFrame, HandTargets, Orientation
 
 _log = logging.getLogger(__name__)
 
@@ -114,6 +116,9 @@ class HandMotion:
     right_direction: Point | None = None
     together: bool = False
     whole_body: bool = False
+    left_orientation: Orientation | None = None
+    right_orientation: Orientation | None = None
+    orientation_weight: float | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -133,21 +138,26 @@ class HandMotion:
         start = self.at(0.0)
         HandTargets.of(start.left, start.right, self.frame)
 
+    @model_validator(mode="after")
+    @refusing
+    def _fits(self, info: ValidationInfo) -> "HandMotion":
+        """Refuse what the arms of the robot cannot follow for which a file is read."""
+        if info.context and (robot := info.context.get("robot")) is not None:
+            self.at(0.0).check(robot)
+        return self
+
     def at(self, t: float) -> HandTargets:
         """Return the targets at time `t` [s] since the motion's start."""
         left, right = (None if path is None else path.at(t) for path in (self.left, self.right))
-        return HandTargets(left, right, self.frame, *self._directions, self.together, self.whole_body)
+        return changed(self._still, left=left, right=right)
 
     @functools.cached_property
-    def _directions(self) -> tuple[np.ndarray | None, np.ndarray | None]:
-        checked = HandTargets.of(
-            self.left and (0, 0, 0),
-            self.right and (0, 0, 0),
-            left_direction=self.left_direction,
-            right_direction=self.right_direction,
-            together=self.together,
-        )
-        return checked.left_direction, checked.right_direction
+    def _still(self) -> HandTargets:
+        """The targets without what moves, checked."""
+        fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        for side in SIDES:
+            fields[side] = fields[side] and (0.0, 0.0, 0.0)
+        return HandTargets.of(**fields)
 
 
 def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:

@@ -13,7 +13,7 @@ from hugwbc.commands import COMMAND_NAMES, Command, default_command
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.streams import Tally, read_object
-from hugwbc.targets import HandTargets
+from hugwbc.targets import ORIENTATIONS, HandTargets
 
 HOST = "127.0.0.1"
 SILENCE = 0.3  # [s] without a message, after which the client is gone
@@ -21,6 +21,7 @@ LONGEST_MESSAGE = 4096  # [bytes]
 _MOST_AT_ONCE = 4096  # messages that one tick takes from the line, more than the system keeps
 _NEWEST = 8  # of these that it reads
 _HAND_KEYS = ("left", "right", "frame", "left_direction", "right_direction", "together", "whole_body")
+_HAND_KEYS += (*ORIENTATIONS, "orientation_weight")
 _KEYS = ("sequence", "gait", "command", "hands")
 
 

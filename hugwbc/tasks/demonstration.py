@@ -106,13 +106,13 @@ def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
     given, directions, forces, both = np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2)
     frame, stiffness = HAND_FRAMES.index("heading"), 0.0
     if hands is not None:
-        frame, stiffness = HAND_FRAMES.index(hands.frame), hands.stiffness or 0.0
+        frame, stiffness = HAND_FRAMES.index(hands.frame), hands.wrench.stiffness or 0.0
         hands = in_frame(view, hands, "heading")
         given = hands.given.astype(float)
         points = np.where(hands.given[:, None], hands.array(), points)
         pointing = (hands.left_direction, hands.right_direction)
         directions = np.stack([np.zeros(3) if value is None else value for value in pointing])
-        forces = hands.forces()
+        forces = hands.wrench.force
         both = np.array([float(getattr(hands, name)) for name in _BOTH])
     parts = (points, given, directions, forces, grip, both, [frame, stiffness])
     return np.concatenate((command.array(), [float(command.gait)], *(np.ravel(part) for part in parts)))

@@ -8,8 +8,8 @@ from hugwbc.behaviours import BehaviourSource, Status
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
-from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.runtime.trace import Trace
 from hugwbc.sim import Simulation
 from hugwbc.tasks.record import Ending, TaskRecord, TaskWatch
@@ -42,7 +42,7 @@ def run_task(
     estimator: StateEstimator | None = None,
     *,
     on_progress: Callable[[float], None] | None = None,
-    on_moment: Callable[[Moment], None] | None = None,
+    on_snapshot: Callable[[Snapshot], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
     strict: bool = True,
 ) -> TaskRun:
@@ -54,7 +54,7 @@ def run_task(
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
         estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
         on_progress: called with the fraction of the time limit.
-        on_moment: called at each sample, with the state that pictures show.
+        on_snapshot: called at each sample, with the state that pictures show.
         stop: whether to end the episode now.
         strict: whether what the controller raises ends the episode (`rollout`).
     """
@@ -63,12 +63,12 @@ def run_task(
     source = task.source(simulation.scene)
     watch, ended = TaskWatch(simulation), math.inf
 
-    def sample(moment: Moment) -> None:
-        watch.sample(simulation.time, moment.gait)
+    def sample(snapshot: Snapshot) -> None:
+        watch.sample(simulation.time, snapshot.gait)
         if simulation.time == 0.0:
             task.check(watch.record(Ending(False)))
-        if on_moment is not None:
-            on_moment(moment)
+        if on_snapshot is not None:
+            on_snapshot(snapshot)
 
     def over() -> bool:
         nonlocal ended
@@ -84,7 +84,7 @@ def run_task(
         duration=task.limit,
         estimator=estimator,
         on_progress=on_progress,
-        on_moment=sample,
+        on_snapshot=sample,
         on_step=lambda state, estimate: watch.look(),
         until=over,
         strict=strict,

@@ -75,7 +75,7 @@ def wipe_table(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course
         at = np.stack([aside, path[0] + up(height)])
         lean = glide(view, at, frame="world", posture=posture, speed=0.2, settle=0.5)
         view = yield from doing("lean over the table", lean)
-    at, force = np.stack([aside, path[0]]), one_hand(1, -up(WIPING), np.zeros((2, 3)))
+    at, force = np.stack([aside, path[0]]), one_hand(1, up(WIPING), np.zeros((2, 3)))
     press = glide(view, at, frame="world", speed=0.04, forces=force, posture=posture, settle=1.0)
     view = yield from doing("press on the table", press)
     view = yield from doing("wipe the table", wipe(view, path, force=WIPING, speed=_SPEED))

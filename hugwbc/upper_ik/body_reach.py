@@ -9,8 +9,7 @@ from hugwbc.commands import Command, command_ranges
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik.arm_solver import ArmSolver
-from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.arm_solver import ArmIKConfig, ArmSolver
 from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, still_names
 
 BODY_NAMES = ("h", "p", "w")
@@ -38,20 +37,14 @@ class BodyReach:
         failures: number of steps in which the solver failed; each kept the last values.
     """
 
-    def __init__(self, robot: Robot, speed: tuple[float, float, float] = SPEED) -> None:
-        """Build the virtual robot.
-
-        Args:
-            robot: robot whose body reaches.
-            speed: highest speed of h, p and w [m/s, rad/s, rad/s].
-        """
-        self._speed, self._config = speed, ArmIKConfig()
-        self._robot = robot
+    def __init__(self, robot: Robot) -> None:
+        """Build the virtual robot."""
+        self._robot, self._config = robot, ArmIKConfig()
         self._body = (HEIGHT_JOINT, PITCH_JOINT, robot.joint_names[robot.waist])
         self.rejected = self.failures = 0
         self._arms = arms = ArmSolver(self._robot, self._config, still=still_names(robot), on_column=True)
         self.placo, self._solver = arms.placo, arms.solver
-        for name, fastest in zip(self._body, speed, strict=True):
+        for name, fastest in zip(self._body, SPEED, strict=True):
             self.placo.set_velocity_limit(name, fastest)
         self._columns = np.array([self.placo.get_joint_offset(name) for name in self._body])
         self._body_task = self._solver.add_joints_task()
@@ -92,7 +85,7 @@ class BodyReach:
         if not usable or (wants_body and points is None):
             self.rejected += 1
         elif hands is None or points is None:
-            step = np.array(self._speed) * dt
+            step = np.array(SPEED) * dt
             self.values = self.values + np.clip(wanted - self.values, -step, step)
             self._active = bool(np.any(self.values != wanted))
         else:
@@ -102,10 +95,9 @@ class BodyReach:
 
     def _begin(self, values: np.ndarray, state: RobotState) -> None:
         self._active = True
-        self.values = values.copy()
         q = state.q[self._robot.arms]
         nominal = self._robot.nominal[self._robot.arms]
-        self._place_arms(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper))
+        self.start(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper), values)
 
     def _step(self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, command: Command, dt: float) -> None:
         ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])

@@ -2,13 +2,15 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 import placo
 
+from hugwbc import rotations
 from hugwbc.robot import Robot
-from hugwbc.upper_ik.arm_solver import FRAMES, ArmSolver
-from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.arm_solver import FRAMES, ArmIKConfig, ArmSolver
 from hugwbc.upper_ik.self_collision import Clearance, still_names
 
 # A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
@@ -21,6 +23,13 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt(np.add.reduce(vectors * vectors, 1))
 
 
+def _to_level(axis: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return the shortest turn, about an axis times its angle [rad], of one unit vector to another; shapes (3,)."""
+    about = rotations.cross(axis, up)
+    sine = math.sqrt(about @ about)
+    return about * (math.atan2(sine, axis @ up) / max(sine, 1e-9))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Goal:
     """The goal of both hands in the pelvis frame.
@@ -29,6 +38,9 @@ class Goal:
         points: target positions [m], shape (2, 3).
         directions: unit vectors from the elbows to the hands, shape (2, 3); NaN where they do not matter.
         together: whether the hands hold one object; their relative position then has priority.
+        turns: axes of the left and the right hand, shape (3, 3); None where they do not matter.
+        level: whether the hands only have to be level; the third of these axes is then up; shape (2,), bool.
+        weight: of the orientations [m^2/rad^2]; None for that of the settings.
         speed: speed of each target [m/s], shape (2,).
         carried: speed at which the body carries each hand away from it [m/s], shape (2,).
     """
@@ -36,6 +48,9 @@ class Goal:
     points: np.ndarray
     directions: np.ndarray = dataclasses.field(default_factory=lambda: NOWHERE)
     together: bool = False
+    turns: Sequence[np.ndarray | None] = (None, None)
+    level: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2, dtype=bool))
+    weight: float | None = None
     speed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
     carried: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
 
@@ -46,7 +61,7 @@ class Descent:
     A step solves, for the joint step dq,
 
         min over dq:  sum over hands |J dq - e|^2  +  w_pointing |J_elbow dq - e_elbow|^2
-                      +  w_posture |q + dq - q_nominal|^2  +  lambda |dq|^2
+                      +  w_turn |J_turn dq - e_turn|^2  +  w_posture |q + dq - q_nominal|^2  +  lambda |dq|^2
         subject to    lower + margin <= q + dq <= upper - margin,   |dq| <= v_max dt,
         softly to     the distance of every pair of links that could touch stays above a margin,
                       and, for hands that hold one object, J_right dq - J_left dq = their relative error,
@@ -87,6 +102,8 @@ class Descent:
         for elbow, pointing in zip(self._elbows, self._elbow_tasks, strict=True):
             pointing.configure(elbow, "soft", 0.0)
         self._pointing = np.zeros(2, dtype=bool)
+        self._turn_tasks: list[placo.OrientationTask] = []  # added by the first orientation
+        self._turning = [0.0, 0.0]  # their weights
         self._grip: placo.JointSpaceHalfSpacesConstraint | None = None
         self.residual = np.full(2, np.nan)
         self.stalled = np.zeros(2, dtype=bool)
@@ -167,6 +184,7 @@ class Descent:
         for task, point in zip(self._arms.hands, aim, strict=True):
             task.target_world = point
         self._point(goal, dt)
+        self._turn(goal, dt)
         self._hold_together(aim if goal.together else None)
         self._arms.damping.set_weight(self.config.damping + max(steps))
         self._solve()
@@ -195,6 +213,26 @@ class Descent:
                 weight = self.config.pointing_weight if wanted else 0.0
                 self._elbow_tasks[hand].configure(self._elbows[hand], "soft", weight)
                 self._pointing[hand] = wanted
+
+    def _turn(self, goal: Goal, dt: float) -> None:
+        """Set the hands' orientations, as far as they turn in a step."""
+        config, weight = self.config, self.config.orientation_weight if goal.weight is None else goal.weight
+        if not self._turn_tasks and any(axes is not None for axes in goal.turns):
+            self._turn_tasks = [self._solver.add_orientation_task(frame, np.eye(3)) for frame in FRAMES]
+        for hand, task in enumerate(self._turn_tasks):
+            axes = goal.turns[hand]
+            wanted = 0.0 if axes is None else weight
+            if axes is not None:
+                now = self.placo.get_T_world_frame(FRAMES[hand])[:3, :3]
+                error = _to_level(now[:, 2], axes[:, 2]) if goal.level[hand] else pin.log3(axes @ now.T)
+                angle = math.sqrt(error @ error)
+                fastest = min(config.turn_speed, math.sqrt(2.0 * config.turn_deceleration * angle))
+                task.R_world_frame = pin.exp3(min(1.0, fastest * dt / max(angle, 1e-9)) * error) @ now
+                task.mask.set_axises("xy" if goal.level[hand] else "xyz", "custom")
+                task.mask.R_custom_world = axes.T
+            if wanted != self._turning[hand]:
+                task.configure(f"{FRAMES[hand]}_turn", "soft", wanted)
+                self._turning[hand] = wanted
 
     def elbow(self, hand: int) -> np.ndarray:
         """Return the position of an elbow [m], shape (3,)."""

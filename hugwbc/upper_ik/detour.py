@@ -14,7 +14,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.mirror import load_mirror
 from hugwbc.robot import SIDES, Robot
-from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
 COUNT = 2000  # random postures in the table

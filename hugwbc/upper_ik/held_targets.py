@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from hugwbc.targets import HandTargets
+from hugwbc.targets import ORIENTATIONS, HandTargets
 
 LONGEST = 0.25  # [s] between two messages of a stream; targets that stay for longer are steps, and meant
 QUIET = 1.0  # [s] without a message, after which what comes next may be a path that is not held
@@ -17,7 +17,8 @@ _UNEVEN = 1.4  # ratio of two steps that a smooth motion does not make up and do
 _BASE = 0.06  # [s], over which a velocity is measured
 _GAIN = 0.1  # share of a message in the running averages of its stream
 _MOST = 100  # numbers between two messages; a count may also begin anew
-_VECTORS = ("left", "right", "left_direction", "right_direction", "joints")
+_UNIT = ("left_direction", "right_direction", *ORIENTATIONS)
+_VECTORS = ("left", "right", *_UNIT, "joints")
 
 
 class HeldTargets:
@@ -53,7 +54,7 @@ class HeldTargets:
             return hands
         self._q, self._dq = self._played()
         parts = np.split(self._q, np.cumsum([getattr(hands, name).size for name in given])[:-1])
-        new = {n: x / max(math.sqrt(x @ x), 1e-9) if "dir" in n else x for n, x in zip(given, parts, strict=True)}
+        new = {n: x / max(math.sqrt(x @ x), 1e-9) if n in _UNIT else x for n, x in zip(given, parts, strict=True)}
         if hands.joints is not None:
             new["joint_velocity"] = self._dq[-hands.joints.size :]
         # Without its stamp: unlike the messages', its differences are those of a motion.

@@ -4,21 +4,23 @@ import dataclasses
 import math
 
 import numpy as np
+from eigenpy import LLT
 
 from hugwbc import rotations
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
 from hugwbc.upper_ik.detour import MOVED, Detours, Scout
-from hugwbc.upper_ik.limiter import JointLimiter
-from hugwbc.upper_ik.path_acceleration import PathAcceleration
+from hugwbc.upper_ik.takeover import JointLimiter
 
 FOLLOWED = 0.03  # [m]; a hand nearer to its target follows it
 FAR = 0.1  # [m]; a hand farther from its target looks ahead whether the direct way leads there
 LONGEST_STEP = 0.01  # [s]; a longer tick is cut into equal steps, so that slow loops converge like fast ones
 LONGEST_TICK = 0.5  # [s]; a longer tick, of a loop that paused, counts as this long
+_DAMPING = 0.05  # [m]; keeps the joint speeds of a stretched arm bounded
+_RIDGE = _DAMPING**2 * np.eye(3)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,6 +108,7 @@ class ArmIK:
         self._reachable = np.ones(2, dtype=bool)
         self._detours.reset()
         self._last_points: np.ndarray | None = None
+        self._hands: np.ndarray | None = None  # where the last step has brought them, before the body moved on [m]
         self._jumped = np.zeros(2, dtype=bool)
         self._scout.reset(self._limiter.q)
 
@@ -149,7 +152,7 @@ class ArmIK:
             self.rejected += 1
             return self._hold(dt)
         carried = self._carried(np.where(np.isfinite(state.q), state.q, self._body), dt)
-        goal = Goal(goal.points, goal.directions, goal.together, self._speed(goal.points, dt), carried)
+        goal = dataclasses.replace(goal, speed=self._speed(goal.points, dt), carried=carried)
         try:
             q = self._descend(goal, dt)
             # A stream's targets stand still between two messages: their differences say nothing.
@@ -163,6 +166,7 @@ class ArmIK:
         moved = self._limiter.follow(q, (q - self._limiter.q) / dt, dt)
         if np.abs(moved - q).max() > 1e-9:
             self._residual = lengths(goal.points - self._descent.forward(moved, self._body))
+        self._hands = self._descent.hands
         return self._solution(ok=True)
 
     def _speed(self, points: np.ndarray, dt: float) -> np.ndarray:
@@ -179,11 +183,12 @@ class ArmIK:
 
         It is 0 up to the speed at which a hand stays on its target within the tolerance anyway (`Descent`).
         """
-        before, self._body = self._descent.forward(self._limiter.q, self._body), body
+        self._body, before = body, self._hands
         self._descent.place(self._limiter.q, body)
+        if before is None:
+            return np.zeros(2)
         speed = np.minimum(lengths(self._descent.hands - before) / dt, self.config.hand_speed)
-        counts = speed**2 > 2.0 * self.config.hand_deceleration * self.config.tolerance
-        return np.where(counts & (self._last_points is not None), speed, 0.0)
+        return np.where(speed**2 > 2.0 * self.config.hand_deceleration * self.config.tolerance, speed, 0.0)
 
     def _descend(self, goal: Goal, dt: float) -> np.ndarray:
         count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
@@ -224,7 +229,7 @@ class ArmIK:
         return q
 
     def _hold(self, dt: float) -> IKSolution:
-        self._ddq[:] = 0.0
+        self._ddq[:], self._hands = 0.0, None
         self._path.reset()
         if 0.0 < dt < np.inf:
             self._limiter.stop(dt)
@@ -237,6 +242,63 @@ class ArmIK:
         return IKSolution(
             limiter.q.copy(), limiter.dq.copy(), self._ddq.copy(), self._residual.copy(), self._reachable.copy(), ok
         )
+
+
+class PathAcceleration:
+    """Differences of the targets' motion in the frame in which they were given.
+
+    The arm command itself also moves to correct for a body that sways. Its derivative would feed that motion, and the
+    noise of its measurement, forward as torque (`hugwbc.arm_servo.ArmServo`). The targets alone contain neither. A hand
+    that should move with velocity v needs the joint speeds J^T (J J^T + d^2)^-1 v, with its Jacobian J and a damping d;
+    their difference between two ticks is the acceleration.
+    """
+
+    def __init__(self, speed: float, largest: float, joints: int) -> None:
+        """Set the bounds.
+
+        Args:
+            speed: of a target beyond which it has jumped [m/s].
+            largest: acceleration of a joint [rad/s^2].
+            joints: number of joints of both arms, k.
+        """
+        self._speed, self._largest, self._joints = speed, largest, joints
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last targets."""
+        self._points = np.full((2, 3), np.nan)
+        self._rates = np.full((2, self._joints // 2), np.nan)
+
+    def update(
+        self, points: np.ndarray, smooth: np.ndarray, turn: np.ndarray | None, jacobians: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """Return the accelerations of the arm joints in this tick [rad/s^2], shape (k,).
+
+        They are zero for a hand without two successive velocities: its target is new, jumps, or is not followed.
+
+        Args:
+            points: targets in their own frame [m], shape (2, 3); NaN for a hand without one.
+            smooth: whether the arm follows a target that moves smoothly, shape (2,), bool.
+            turn: rotation from that frame to the pelvis frame, shape (3, 3); None for none.
+            jacobians: of the hands in the pelvis frame, shape (2, 3, k / 2).
+            dt: time since the last call [s].
+        """
+        velocity = (points - self._points) / dt
+        self._points = points
+        within = smooth & (np.sqrt((velocity * velocity).sum(axis=1)) <= self._speed)  # false for NaN
+        velocity = np.where(within[:, None], velocity, np.nan)
+        if turn is not None:
+            velocity = velocity @ turn.T
+        rates = np.array(
+            [
+                jacobian.T.dot(LLT(jacobian.dot(jacobian.T) + _RIDGE).solve(each))
+                for jacobian, each in zip(jacobians, velocity, strict=True)
+            ]
+        )
+        change = (rates - self._rates) / dt
+        self._rates = rates
+        change = np.where(np.isfinite(change), change, 0.0)
+        return np.minimum(np.maximum(change, -self._largest), self._largest).ravel()
 
 
 def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) -> Goal | None:
@@ -260,7 +322,19 @@ def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) ->
         if direction is not None:
             directions[hand] = direction if turn is None else turn @ direction
     usable = np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())
-    return Goal(points, directions, targets.together) if usable else None
+    if not usable:
+        return None
+    turns = [None if given is None else _axes(given, turn, state) for given in targets.orientations]
+    level = np.array([given is not None and not given.any() for given in targets.orientations])
+    return Goal(points, directions, targets.together, turns, level, targets.orientation_weight)
+
+
+def _axes(orientation: np.ndarray, turn: np.ndarray | None, state: RobotState) -> np.ndarray:
+    """Return the axes of a hand in the pelvis frame, shape (3, 3); of one that is level, those of the world."""
+    if not orientation.any():
+        return rotations.to_matrix(state.orientation).T
+    axes = rotations.to_matrix(orientation / np.sqrt(orientation.dot(orientation)))
+    return axes if turn is None else turn @ axes
 
 
 def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray | None:

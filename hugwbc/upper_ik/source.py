@@ -6,12 +6,14 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import UpperBody
+from hugwbc.errors import TargetError
+from hugwbc.hand_wrench import FREE
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 from hugwbc.streams import Tally
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik.body_reach import BodyReach
-from hugwbc.upper_ik.hand_loads import HandLoads
 from hugwbc.upper_ik.held_targets import HeldTargets
 from hugwbc.upper_ik.solver import ArmIK, IKSolution
 from hugwbc.upper_ik.steady_hands import SteadyHands
@@ -31,6 +33,7 @@ class TargetWatch:
         tally: counts of "bad" targets, "late" ones (made before one that had already arrived), "repeated" ones, those
             "missing" by the gaps in their numbers, and of how often the stream went "stale".
         age: time since the newest good target was made [s].
+        refusal: why the target that arrived last is bad; empty if it is not.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -40,7 +43,7 @@ class TargetWatch:
 
     def reset(self) -> None:
         """Forget the stream and the counts."""
-        self._now = 0.0
+        self._now, self.refusal = 0.0, ""
         self.tally = Tally("hand targets", clock=lambda: self._now)
         self.forget()
 
@@ -75,10 +78,12 @@ class TargetWatch:
         return None if stale else self._newest
 
     def _is_new(self, hands: HandTargets) -> bool:
-        joints = self._robot.arms.size
-        fits = hands.joints is None or hands.joints.size == joints
-        if not hands.is_usable or not fits or (hands.stamp is not None and not math.isfinite(hands.stamp)):
-            self.tally.note("bad", f"numbers that are not finite, or not three for a hand and {joints} for the joints")
+        self.refusal = ""
+        try:
+            hands.check(self._robot)
+        except TargetError as error:
+            self.refusal = str(error)
+            self.tally.note("bad", self.refusal)
             return False
         if hands.stamp is not None and self._stamp is not None:
             ahead = hands.stamp - self._stamp
@@ -109,7 +114,6 @@ class UpperBodySource:
         self.ik = ArmIK(robot)
         self.takeover = Takeover(robot)
         self.watch, self._held = TargetWatch(robot), HeldTargets()
-        self._loads = HandLoads()
         self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
         self._own: np.ndarray | None = None
@@ -121,7 +125,6 @@ class UpperBodySource:
         self.takeover.reset()
         self.watch.reset()
         self._held = HeldTargets()
-        self._loads.reset()
         self._steady.reset()
         self.solution = None
         self._own = None
@@ -167,7 +170,7 @@ class UpperBodySource:
     ) -> UpperBody:
         if hands is None:
             self.solution = None
-            return self._loads.apply(self.takeover.release(self._own, dt), None, state, dt)
+            return self.takeover.release(self._own, dt)
         by_joints = hands.joints is not None
         if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
             self.ik.reset(state.q[self.ik.robot.arms])
@@ -181,7 +184,11 @@ class UpperBodySource:
             self.solution = None
             q, dq, ddq = hands.joints, hands.joint_velocity, None
             dq = np.zeros_like(q) if dq is None else dq
-        return self._loads.apply(self.takeover.follow(q, dq, dt, start, ddq), hands, state, dt)
+        arms = self.takeover.follow(q, dq, dt, start, ddq)
+        if hands.wrench is FREE or not state.is_usable:
+            return arms
+        force = hands.wrench.force @ frame_axes(hands.frame, state.orientation).T
+        return changed(arms, wrench=changed(hands.wrench, force=force))
 
     def _placed(self, hands: HandTargets, state: RobotState, command: Command, dt: float) -> HandTargets:
         """Return the targets in a frame of the solver: those of the steady frame in that of the pelvis."""

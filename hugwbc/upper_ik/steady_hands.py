@@ -15,7 +15,6 @@ cancellation schemes", IEEE TAC 1994), which equals an internal model of the dis
 the time constant :math:`1 / \mu`.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -131,15 +130,4 @@ class SteadyHands:
         tilt = self._past[-max(1, len(self._past) - 1) :, 15:].mean(axis=0) if len(self._past) else np.zeros(2)
         turn = rotations.to_matrix(rotations.from_yaw_pitch_roll(0.0, float(tilt[1]), float(tilt[0])))
         points = (asked + self.correction) @ turn
-        left, right = (point if given else None for point, given in zip(points, targets.given, strict=True))
-        directions = [
-            None if vector is None else vector @ turn for vector in (targets.left_direction, targets.right_direction)
-        ]
-        return dataclasses.replace(
-            targets,
-            left=left,
-            right=right,
-            frame="pelvis",
-            left_direction=directions[0],
-            right_direction=directions[1],
-        )
+        return targets.turned(turn, points, "pelvis")

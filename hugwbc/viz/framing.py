@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hugwbc.errors import ConfigError
-from hugwbc.runtime.moment import MOMENT_FIELDS, Moment
+from hugwbc.runtime.snapshot import SNAPSHOT_FIELDS, Snapshot
 from hugwbc.runtime.trace import Trace
 
 LANE = 1.5  # [m], distance between robots side by side
@@ -31,10 +31,10 @@ def chapter_spans(chapters: Sequence[Chapter], begin: float, end: float) -> list
     return [(c.name, max(c.begin, begin), stop) for c, stop in zip(shown, ends, strict=True) if stop > begin]
 
 
-def moment(trace: Trace, sample: int) -> Moment:
+def snapshot(trace: Trace, sample: int) -> Snapshot:
     """Return what a picture of one sample of a run shows."""
-    recorded = [name for name in MOMENT_FIELDS if len(getattr(trace, name))]
-    return Moment(**{name: getattr(trace, name)[sample] for name in recorded})
+    recorded = [name for name in SNAPSHOT_FIELDS if len(getattr(trace, name))]
+    return Snapshot(**{name: getattr(trace, name)[sample] for name in recorded})
 
 
 def check_count(count: int, what: str = "runs to draw") -> None:

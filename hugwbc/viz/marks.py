@@ -1,6 +1,6 @@
 """Marks around a robot: commanded hands, footsteps, contact forces, balance, gait phases.
 
-`Marks` says where each mark is at one moment, `mark_shapes` what it looks like. The live scene, the replay page and the
+`Marks` says where each mark is in a snapshot, `mark_shapes` what it looks like. The live scene, the replay page and the
 video all draw these marks.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
 from hugwbc.robot import SIDES, Robot
-from hugwbc.runtime.moment import Moment
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.sim.layout import robot_layout
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z, homogeneous
 
@@ -64,7 +64,7 @@ HIDDEN = Mark(visible=False)
 
 
 class Marks:
-    """The marks around one robot, found from a moment by the robot's kinematics."""
+    """The marks around one robot, found from a snapshot by the robot's kinematics."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set up for a robot and a model that holds it."""
@@ -75,18 +75,18 @@ class Marks:
         self._pelvis = model.body(robot.base).id
         self._half_sole = np.array([0.5 * np.diff(robot.sole_x)[0], 0.0, 0.0])
 
-    def at(self, moment: Moment) -> dict[str, Mark]:
+    def at(self, snapshot: Snapshot) -> dict[str, Mark]:
         """Return all marks by their path below the robot; the first part of a path is the layer, one of `LAYERS`."""
-        self._data.qpos[self._layout.qpos] = moment.qpos
+        self._data.qpos[self._layout.qpos] = snapshot.qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         return {
-            **self._hands(moment),
-            **self._planned_steps(moment),
-            **_forces(moment),
-            **self._hand_forces(moment),
-            **self._balance(moment.foot_contact),
-            **self._phases(moment),
+            **self._hands(snapshot),
+            **self._planned_steps(snapshot),
+            **_forces(snapshot),
+            **self._hand_forces(snapshot),
+            **self._balance(snapshot.foot_contact),
+            **self._phases(snapshot),
         }
 
     def body(self, body: int) -> Mark:
@@ -94,7 +94,7 @@ class Marks:
         return Mark(True, self._data.xpos[body].copy(), self._data.xquat[body].copy())
 
     def footprint(self, qpos: np.ndarray, foot: int) -> Mark:
-        """Return the mark that a foot (0 left, 1 right) leaves on level ground, given `Moment.qpos`."""
+        """Return the mark that a foot (0 left, 1 right) leaves on level ground, given `Snapshot.qpos`."""
         self._data.qpos[self._layout.qpos] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         centre, turn = self._sole(foot)
@@ -104,16 +104,16 @@ class Marks:
         site = self._data.site(f"{SIDES[foot]}_sole")
         return site.xpos.copy(), site.xmat.reshape(3, 3)
 
-    def _hands(self, moment: Moment) -> dict[str, Mark]:
+    def _hands(self, snapshot: Snapshot) -> dict[str, Mark]:
         marks = {}
-        for side, target in zip(SIDES, moment.hand_target_world, strict=True):
+        for side, target in zip(SIDES, snapshot.hand_target_world, strict=True):
             known = bool(np.all(np.isfinite(target)))
             marks[f"hands/target_{side}"] = Mark(position=target) if known else HIDDEN
-        moved = bool(np.all(np.isfinite(moment.arm_target)))
+        moved = bool(np.all(np.isfinite(snapshot.arm_target)))
         if moved:
             # The ghost is the same robot with the arms where the IK wants them.
-            self._ghost.qpos[self._layout.qpos] = moment.qpos
-            self._ghost.qpos[self._layout.joints][self._robot.arms] = moment.arm_target
+            self._ghost.qpos[self._layout.qpos] = snapshot.qpos
+            self._ghost.qpos[self._layout.joints][self._robot.arms] = snapshot.arm_target
             mujoco.mj_kinematics(self._model, self._ghost)
         for side, link in zip(SIDES, self._robot.hand_links, strict=True):
             body = self._ghost.body(link)
@@ -121,21 +121,21 @@ class Marks:
             marks[f"hands/ghost_{side}"] = mark
         return marks
 
-    def _hand_forces(self, moment: Moment) -> dict[str, Mark]:
+    def _hand_forces(self, snapshot: Snapshot) -> dict[str, Mark]:
         """Return the forces on the hands, as arrows that end at the hands: they push."""
         marks = {}
-        for side, force in zip(SIDES, moment.hand_force, strict=True):
+        for side, force in zip(SIDES, snapshot.hand_force, strict=True):
             shown = bool(np.linalg.norm(force) > LEAST_FORCE)
             hand = self._data.site(f"{side}_hand").xpos
             marks[f"forces/{side}_hand"] = _bar(hand - HAND_FORCE_SCALE * force, hand.copy()) if shown else HIDDEN
         return marks
 
-    def _planned_steps(self, moment: Moment) -> dict[str, Mark]:
+    def _planned_steps(self, snapshot: Snapshot) -> dict[str, Mark]:
         """Return the planned footholds, on the ground below the lower sole and with the heading of the pelvis."""
         height = min(self._sole(foot)[0][2] for foot in range(2))
-        heading = _about_z(float(rotations.yaw_of(moment.qpos[3:7])))
+        heading = _about_z(float(rotations.yaw_of(snapshot.qpos[3:7])))
         marks = {}
-        for side, foothold in zip(SIDES, moment.foothold, strict=True):
+        for side, foothold in zip(SIDES, snapshot.foothold, strict=True):
             known = bool(np.all(np.isfinite(foothold)))
             marks[f"steps/planned_{side}"] = Mark(True, np.array([*foothold, height]), heading) if known else HIDDEN
         return marks
@@ -161,9 +161,9 @@ class Marks:
             marks[f"balance/edge_{index}"] = _bar(points[start], points[end])
         return marks
 
-    def _phases(self, moment: Moment) -> dict[str, Mark]:
+    def _phases(self, snapshot: Snapshot) -> dict[str, Mark]:
         marks = {}
-        stance = in_stance(moment.phase, moment.gait, moment.foot_contact)
+        stance = in_stance(snapshot.phase, snapshot.gait, snapshot.foot_contact)
         for foot, side in enumerate(SIDES):
             body = self._data.body(self._robot.foot_links[foot])
             marks[f"phases/{side}"] = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy())
@@ -186,9 +186,9 @@ def in_stance(phase: np.ndarray | float, gait: np.ndarray | int, foot_contact: n
     return np.where(known[..., None], clock, foot_contact)
 
 
-def _forces(moment: Moment) -> dict[str, Mark]:
+def _forces(snapshot: Snapshot) -> dict[str, Mark]:
     marks = {}
-    for side, force, point in zip(SIDES, moment.foot_force, moment.pressure_centre, strict=True):
+    for side, force, point in zip(SIDES, snapshot.foot_force, snapshot.pressure_centre, strict=True):
         shown = np.linalg.norm(force) > LEAST_FORCE and bool(np.all(np.isfinite(point)))
         marks[f"forces/{side}"] = _bar(point, point + FORCE_SCALE * force) if shown else HIDDEN
     return marks

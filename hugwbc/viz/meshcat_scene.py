@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from hugwbc.robot import Robot
-from hugwbc.runtime.moment import Moment
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.sim import scenes
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
@@ -39,7 +39,7 @@ class RobotView:
 
     Attributes:
         path: path of the robot in the world; `at` names what is below it.
-        marks: where the robot's links and the marks around it are, by moment.
+        marks: where the robot's links and the marks around it are, by snapshot.
     """
 
     def __init__(
@@ -94,10 +94,10 @@ class RobotView:
         for name, path in paths.items():
             self.place(path, Mark(True, data.body(name).xpos, data.body(name).xquat))
 
-    def at(self, moment: Moment) -> dict[str, Mark]:
+    def at(self, snapshot: Snapshot) -> dict[str, Mark]:
         """Return where all links, objects and marks are, by their paths below the robot."""
-        marks = self.marks.at(moment)  # which moves the links
-        poses = zip(self._objects, moment.object_pose, strict=False)
+        marks = self.marks.at(snapshot)  # which moves the links
+        poses = zip(self._objects, snapshot.object_pose, strict=False)
         objects = {path: Mark(True, pose[:3], pose[3:]) for path, pose in poses}
         return {path: self.marks.body(link) for path, link in self._links} | objects | marks
 
@@ -117,14 +117,14 @@ class RobotView:
         if mark.visible:
             node.set_transform(mark.placement)
 
-    def show(self, moment: Moment) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Show the robot and its marks live; a foot that comes down leaves a footprint."""
-        for path, mark in self.at(moment).items():
+        for path, mark in self.at(snapshot).items():
             self.place(path, mark)
-        for foot in np.flatnonzero(moment.foot_contact & ~self._on_ground):
-            self.add_footprint(self._steps % LIVE_FOOTPRINTS, self.marks.footprint(moment.qpos, int(foot)))
+        for foot in np.flatnonzero(snapshot.foot_contact & ~self._on_ground):
+            self.add_footprint(self._steps % LIVE_FOOTPRINTS, self.marks.footprint(snapshot.qpos, int(foot)))
             self._steps += 1
-        self._on_ground = moment.foot_contact
+        self._on_ground = snapshot.foot_contact
 
 
 def _hex(colour: str) -> int:

@@ -25,7 +25,7 @@ from hugwbc.viz.framing import (
     check_traces,
     frame_samples,
     lanes,
-    moment,
+    snapshot,
 )
 from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
@@ -117,7 +117,7 @@ def _clip(tracks: Tracks) -> AnimationClip:
 
 def _tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
     """Yield the tracks of what moves, appears or vanishes; place the rest once and for all."""
-    frames = [view.at(moment(trace, int(sample))) for sample in samples]
+    frames = [view.at(snapshot(trace, int(sample))) for sample in samples]
     for name in frames[0]:
         marks = [frame[name] for frame in frames]
         shown = np.array([mark.visible for mark in marks])

@@ -21,8 +21,8 @@ from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
 from hugwbc.robot import Robot
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.runtime.moment import Moment
 from hugwbc.runtime.rollout import rollout
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Engine, Force, Scene, Simulation
@@ -41,7 +41,7 @@ SMOOTHING = 0.05  # share of a picture in the speed that is shown
 VERDICT_TIME = 60.0  # [s] that the page shows how a task ended
 USAGE_ERROR, INTERRUPTED = 2, 130  # exit codes
 
-Draw = Callable[[Moment], None]
+Draw = Callable[[Snapshot], None]
 Tell = Callable[[str], object]
 Perform = Callable[[str, Callable[[], bool]], str]
 """Does a task by its name in its own scene, until it is over or the second argument says so; says how it went."""
@@ -82,7 +82,7 @@ class RealTime:
 
 
 def open_view(name: str, robot: Robot, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
-    """Open a live meshcat page with one robot, which only this machine can reach; return what draws a moment."""
+    """Open a live meshcat page with one robot, which only this machine can reach; return what draws a snapshot."""
     return open_page(tell)(name, robot, scene)
 
 
@@ -99,9 +99,9 @@ def open_page(tell: Tell) -> Callable[[str, Robot, Scene | None], Draw]:
     def put(name: str, robot: Robot, scene: Scene | None) -> Draw:
         picture = meshcat_scene.Scene(visualizer, [name], robot, around=[scene])
 
-        def draw(moment: Moment) -> None:
-            picture.robots[0].show(moment)
-            picture.look_at(moment.qpos[:2])
+        def draw(snapshot: Snapshot) -> None:
+            picture.robots[0].show(snapshot)
+            picture.look_at(snapshot.qpos[:2])
 
         return draw
 
@@ -141,22 +141,22 @@ def watch(
     simulation = simulation or Simulation()
     draw = open_view(controller.name, simulation.robot, scene=simulation.scene, tell=tell) if show else live
     in_time = None if draw is None else at_real_time(draw, simulation)
-    trace = rollout(controller, source, simulation, upper_body, duration=duration, forces=forces, on_moment=in_time)
+    trace = rollout(controller, source, simulation, upper_body, duration=duration, forces=forces, on_snapshot=in_time)
     if replay is not None:
         keep_replay(replay, [trace], tell=tell)
     return trace
 
 
 def at_real_time(draw: Draw, simulation: Engine, clock: RealTime | None = None) -> Draw:
-    """Return a function that draws moments of a simulation every `FRAME_PERIOD`, and holds it back to real time."""
+    """Return a function that draws snapshots of a simulation every `FRAME_PERIOD`, and holds it back to real time."""
     clock, next_frame = clock or RealTime(), 0.0
 
-    def draw_in_time(moment: Moment) -> None:
+    def draw_in_time(snapshot: Snapshot) -> None:
         nonlocal next_frame
         now = simulation.time
         if now >= next_frame - 1e-9:
             next_frame += FRAME_PERIOD
-            draw(moment)
+            draw(snapshot)
             clock.keep(now)
 
     return draw_in_time
@@ -180,7 +180,7 @@ def fate(trace: Trace) -> str:
 def run_live(
     loop: ControlLoop,
     duration: float,
-    draw: Callable[[Moment], bool | None] | None = None,
+    draw: Callable[[Snapshot], bool | None] | None = None,
     *,
     until: Callable[[], bool] = lambda: False,
     clock: RealTime | None = None,
@@ -207,7 +207,7 @@ def run_live(
             again = loop.simulation.fallen
             if draw is not None and (again or simulated >= next_frame):
                 next_frame += FRAME_PERIOD
-                again = bool(draw(loop.moment())) or again
+                again = bool(draw(loop.snapshot())) or again
                 clock.keep(simulated)
             if loop.simulation.fallen:
                 falls += 1
@@ -245,7 +245,7 @@ def drive(
     """
     clock = RealTime()
 
-    def draw(_: Moment) -> bool:
+    def draw(_: Snapshot) -> bool:
         page.disturb(loop.simulation)
         page.show(loop.simulation, speed=clock.speed)
         again, task = page.take("reset"), page.take_task()

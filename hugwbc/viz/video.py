@@ -27,7 +27,7 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.runtime.trace_file import read_trace, write_trace
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
-from hugwbc.viz.framing import LABEL_COLOURS, Chapter, camera_path, check_traces, frame_samples, lanes, moment
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter, camera_path, check_traces, frame_samples, lanes, snapshot
 from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, footprint, mark_shapes
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, hex_colour, rgb_of, shapes_of
@@ -154,7 +154,7 @@ def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, lay
     prints = _footprints(trace, marks, label) if "steps" in layers else []
     frames = []
     for sample in samples:
-        placed = marks.at(moment(trace, int(sample)))
+        placed = marks.at(snapshot(trace, int(sample)))
         rows = [row for time, row in prints if time <= trace.time[sample]]
         for name, pieces in parts.items():
             placement = _placement(name, placed)

@@ -59,7 +59,7 @@ def test_a_button_is_pressed() -> None:
 
 def test_a_button_that_is_too_stiff_fails_with_what_happened() -> None:
     scene = Scene((Button(name="bell", position=(0.55, -0.2), height=1.1, force=200.0),))
-    source, _ = _play(lambda view: press(view, "bell", travel=0.018), scene, seed=1, seconds=15.0)
+    source, _ = _play(lambda view: press(view, "bell", travel=0.018, timeout=6.0), scene, seed=1, seconds=9.0)
     assert source.status is Status.FAILURE
     assert source.reason.startswith("press: 'bell' has given way by")
 

@@ -7,8 +7,7 @@ from hugwbc.cli import main
 
 def test_bench_reports_all_speeds(capsys):
     words = ["bench", "--count", "8", "--control-steps", "5", "--iterations", "1", "--seconds", "0.1", "--calls", "5"]
-    words += ["--json", "--spacing", "1.0"]
-    assert main(words) == 0
+    assert main([*words, "--json"]) == 0
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
     (training,) = figures["training"]
@@ -28,8 +27,6 @@ def test_bench_reports_all_speeds(capsys):
         *(speed[clock] for speed in figures["qp"].values() for clock in ("tick_ms", "cpu_ms")),
     ):
         assert 0.0 < times["p50"] <= times["p99"]
-    assert 0.0 <= figures["workspace"]["arms"] <= figures["workspace"]["whole_body"] < 1.0
-    assert "reachable part of a 2 m cube (27 points)" in printed.err
     assert "unsolved QPs: standing 0.00%" in printed.err
     assert "one robot on cpu" in printed.err and "tick [ms]" in printed.err
 

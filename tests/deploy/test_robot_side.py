@@ -59,10 +59,10 @@ class Bench:
 
     def until_damping(self, **slot) -> float:
         """Time until damping is published, with the same kind of slot all along [s]."""
-        for count in range(1, 40):
+        for count in range(1, 80):
             if is_damping(self.slot(**slot)):
                 return count * SLOT
-        raise AssertionError("no damping within 80 ms")
+        raise AssertionError("no damping within 160 ms")
 
 
 def phases(seed: int) -> range:
@@ -90,7 +90,7 @@ def test_faults_of_connection_and_controller_damp_within_their_time(still, fault
     for _ in phases(trial):
         assert not is_damping(bench.slot())
     slot = faulty_slot(fault, bench, trial)
-    assert 0.02 <= bench.until_damping(**slot) <= 0.02 + 2 * SLOT
+    assert 0.1 <= bench.until_damping(**slot) <= 0.1 + 2 * SLOT
     assert fault in bench.told[0]
 
 

@@ -95,10 +95,10 @@ def test_hands_squeeze_along_the_line_between_them():
     behaviour.wish = Wish(used=np.array([True, True]), points=points, squeeze=30.0)
     hands = source.act(view()).hands
     assert hands is not None and hands.together
-    np.testing.assert_allclose(hands.forces(), [[0.0, -30.0, 0.0], [0.0, 30.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(hands.wrench.force, [[0.0, 30.0, 0.0], [0.0, -30.0, 0.0]], atol=1e-9)
     behaviour.wish = Wish(used=np.array([True, True]), points=np.array([points[0], points[0]]), squeeze=30.0)
     hands = source.act(view(9.0)).hands
-    assert hands is not None and not hands.forces().any(), "no line between hands at one place"
+    assert hands is not None and not hands.wrench.force.any(), "no line between hands at one place"
 
 
 def test_a_gripper_takes_hold_once_and_has_to_be_opened_first_after_its_grip_broke():

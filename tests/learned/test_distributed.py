@@ -53,6 +53,14 @@ with distributed.process_group():
 """
 
 
+def learn(*words: object, rank: int = 0, processes: int = 1) -> subprocess.Popen[str]:
+    """Start `LEARN` as one of several processes, as torchrun would."""
+    place = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": processes, "MASTER_ADDR": "127.0.0.1"}
+    place |= {"MASTER_PORT": 20000 + os.getpid() % 20000, "OMP_NUM_THREADS": 1}
+    environment = os.environ | {name: str(value) for name, value in place.items()}
+    return subprocess.Popen([sys.executable, "-c", LEARN, *map(str, words)], env=environment)
+
+
 def python(*words: object, processes: int = 1) -> str:
     launcher = ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={processes}"] if processes > 1 else []
     command = [sys.executable, *launcher, *map(str, words)]
@@ -74,9 +82,9 @@ def test_two_processes_learn_as_one(tmp_path: pathlib.Path) -> None:
     samples["tracking"] = torch.full((horizon, count, 2), 0.8)
     samples["tracking"][:, ::2] = 0.3
     save_file(samples, tmp_path / "samples")
-    (tmp_path / "learn.py").write_text(LEARN)
-    python(tmp_path / "learn.py", tmp_path / "samples", tmp_path / "one")
-    python(tmp_path / "learn.py", tmp_path / "samples", tmp_path / "two", processes=2)
+    workers = [learn(tmp_path / "samples", tmp_path / "two", rank=rank, processes=2) for rank in range(2)]
+    workers.append(learn(tmp_path / "samples", tmp_path / "one"))
+    assert not any([worker.wait(300.0) for worker in workers])
     one = load_file(tmp_path / "one-0")
     for rank in range(2):
         two = load_file(tmp_path / f"two-{rank}")

@@ -1,23 +1,25 @@
-import math
+"""Parameters for robots of other sizes: what physics has no unit for must not change."""
 
 import pytest
 
-from hugwbc.errors import ConfigError
-from hugwbc.mbc import ControllerParams
+from hugwbc import load_robot
+from hugwbc.mbc.params import ControllerParams
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"com_weight": math.nan}, "com_weight"),
-        ({"height_gains": (120.0, math.inf)}, r"height_gains\.1"),
-        ({"friction": 0.0}, "friction is 0.0; .* greater than 0"),
-        ({"mpc_intervals": -1}, "mpc_intervals"),
-        ({"height_rate": (0.0, 2.0)}, r"height_rate\.0"),
-        ({"arm_gains": (100.0, 0.0)}, r"arm_gains\.1"),
-        ({"step_timing": 1.0}, "step_timing"),
-    ],
-)
-def test_what_would_fail_in_the_loop_is_refused_before_it(changes, message):
-    with pytest.raises(ConfigError, match=message):
-        ControllerParams(**changes)
+def test_parameters_of_another_size_are_similar():
+    h1, g1 = (load_robot(name) for name in ("h1", "g1"))
+    params = ControllerParams()
+    assert params.of_size(h1) == params
+    small = params.of_size(g1)
+
+    def without_units(robot, params):
+        return (
+            params.step_width / robot.leg_length,
+            params.lowering_from**2 / (9.81 * robot.leg_length),  # the Froude number
+            params.max_normal_force / (9.81 * robot.mass),
+            params.force_regularisation * robot.mass**2,
+            params.momentum_weight[0] * (robot.mass * robot.leg_length**2) ** 2,
+            params.cop_gain,
+        )
+
+    assert without_units(g1, small) == pytest.approx(without_units(h1, params))

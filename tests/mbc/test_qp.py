@@ -5,11 +5,13 @@ import pinocchio as pin
 import pytest
 import qpsolvers
 
-from hugwbc import load_robot
+from hugwbc import Command, Gait, UpperBody, load_robot
+from hugwbc.mbc import WholeBodyController
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus, WholeBodyQp, friction_pyramid
+from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus, WholeBodyQp, friction_pyramid, proxqp
 from hugwbc.mbc.tasks import TaskTerms
+from hugwbc.sim import Simulation
 
 ROBOT = load_robot()
 ALL = np.ones(4, dtype=bool)
@@ -155,3 +157,24 @@ def test_another_algorithm_agrees_where_limits_bind(random_state):
         assert abs(mine - best) < 1e-6 * abs(best)
         bound += bool(np.any(np.abs(solution.torque) > 0.999 * 0.95 * ROBOT.torque_limit))
     assert bound > 10
+
+
+def test_the_build_is_the_one_for_any_processor():
+    assert "avx" not in proxqp.__name__
+
+
+def test_controllers_whose_memory_lies_elsewhere_give_the_same_torques():
+    between, controllers = [], []
+    for index in range(4):
+        between.append(bytearray(17 * index + 1))
+        controllers.append(WholeBodyController(load_robot()))
+    simulation = Simulation()
+    state, command = simulation.state(), Command(v_x=0.5, gait=Gait.WALKING)
+    for controller in controllers:
+        controller.reset(state)
+    for _ in range(60):
+        outputs = [controller.act(state, command, UpperBody.none()) for controller in controllers]
+        for output in outputs[1:]:
+            np.testing.assert_array_equal(output.tau, outputs[0].tau)
+            np.testing.assert_array_equal(output.dq, outputs[0].dq)
+        state = simulation.step(outputs[0], controllers[0].period)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait, UpperBody, load_robot, rotations
+from hugwbc.hand_wrench import HandWrench
 from hugwbc.mbc import Output, WholeBodyController
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.sim import HeightField, Simulation, rough_terrain
@@ -159,7 +160,7 @@ def _random_loads(rng, absurd):
     payload, force = scale * rng.uniform(0.0, 3.0, 2), 30.0 * scale * rng.normal(size=(2, 3))
     if absurd:
         (payload if rng.integers(2) else force.reshape(-1))[0] = rng.choice([np.nan, np.inf, -np.inf, 0.0])
-    return dataclasses.replace(UpperBody.targets(q), payload=payload, hand_force=force)
+    return dataclasses.replace(UpperBody.targets(q), wrench=HandWrench(force, payload))
 
 
 def _broken(state, rng):

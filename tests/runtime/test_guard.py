@@ -9,9 +9,8 @@ import pytest
 from hugwbc import Command, JointCommand, UpperBody, load_robot
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.guard import Guard
-from hugwbc.runtime.safety import SafetyFilter
+from hugwbc.runtime.safety import SafetyFilter, StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
-from hugwbc.runtime.state_check import StateCheck
 from tests.conftest import Recorder, bad_state, make_state
 
 ROBOT = load_robot()

@@ -144,7 +144,7 @@ def test_the_body_stays_for_a_lost_target_and_comes_back_when_the_stream_of_targ
         loop.simulation.data.time += loop.period  # the robot stays as it is: this is about commands
     second = round(1.0 / loop.period)
     assert heights[second] < -0.1
-    assert np.all(np.diff(heights[: second + 1]) <= 1e-9), "no way back for targets that are not usable for a moment"
+    assert np.all(np.diff(heights[: second + 1]) <= 1e-9), "no way back for targets that are not usable for a snapshot"
     assert heights[-1] == 0.0, "the request has ended"
 
 
@@ -203,7 +203,7 @@ def test_hand_targets_of_two_numbers_move_no_arm_and_can_be_shown():
     loop.reset()
     for tick in range(3):
         assert loop.decide(tick * loop.period).q == pytest.approx(ROBOT.nominal)
-        assert np.isnan(loop.moment().hand_target_world[0]).all()
+        assert np.isnan(loop.snapshot().hand_target_world[0]).all()
 
 
 class _Unruly(HoldController):
@@ -218,8 +218,8 @@ def test_plans_that_raise_or_have_another_form_are_none_and_are_told():
     loop = ControlLoop(_Unruly(load_robot()), Constant(Command()), Simulation())
     loop.reset()
     loop.step(loop.decide(0.0), loop.period)
-    moment = loop.moment()
-    assert np.isnan(moment.phase) and moment.foothold.shape == (2, 2) and np.isnan(moment.foothold).all()
+    snapshot = loop.snapshot()
+    assert np.isnan(snapshot.phase) and snapshot.foothold.shape == (2, 2) and np.isnan(snapshot.foothold).all()
     assert loop.control.log.report().failures > 0
     assert loop.control.log.report().messages[0].startswith("planned_acceleration of hold raised CommandError: no plan")
 

@@ -315,3 +315,13 @@ def test_loco_manipulation_does_what_the_comparison_needs():
         command = script.command_at(t)
         if command.gait is Gait.STANDING:
             assert all(getattr(command, name) == 0.0 for name in VELOCITY_NAMES)
+
+
+def test_a_script_with_orientations_is_refused_for_arms_without_wrists(tmp_path):
+    path = tmp_path / "level.yaml"
+    hands = "{left: {hold: [0.3, 0.2, 0.1]}, right: mirror, left_orientation: level, right_orientation: [1, 0, 0, 0]}"
+    path.write_text(f"segments:\n  - {{label: a, duration: 1}}\n  - {{label: b, duration: 1, hands: {hands}}}\n")
+    hands = load_script(path, load_robot("g1")).hands_at(1.5)
+    assert hands is not None and not hands.left_orientation.any() and hands.right_orientation.tolist() == [1, 0, 0, 0]
+    with pytest.raises(ConfigError, match=r"level.yaml:3:\d+: .*left_orientation takes an arm of 5 joints .* h1 has 4"):
+        load_script(path, load_robot("h1"))

@@ -57,6 +57,9 @@ def test_commands_and_hands_arrive(line):
     hands = line.source.hands_at(0.0)
     np.testing.assert_array_equal(hands.left, [0.3, 0.2, 0.2])
     assert hands.right is None and hands.frame == "world"
+    line.send({"hands": {"left": [0.3, 0.2, 0.2], "left_orientation": "level", "orientation_weight": 0.1}})
+    hands = line.source.hands_at(0.0)
+    assert hands.left_orientation.tolist() == [0.0] * 4 and hands.orientation_weight == 0.1
     assert line.send({}) == Command() and line.source.hands_at(0.0) is None
 
 

@@ -289,7 +289,7 @@ def test_a_controller_walks_in_both_engines_alike(controller: str) -> None:
     speeds = []
     for simulation in (Simulation(sensing="exact", ground=FIRM), PhysxSimulation(sensing="exact")):
         source = Constant(Command(v_x=0.5, gait=Gait.WALKING))
-        trace = rollout(ControllerSpec(controller).build(), source, simulation, duration=3.0)
+        trace = rollout(ControllerSpec(controller).build(), source, simulation, duration=2.5)
         assert not trace.fell
         speeds.append(trace.measured[trace.time > 1.5, 0].mean())
         assert min(len(times) for times in trace.touch_downs) >= 3

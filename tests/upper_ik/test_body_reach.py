@@ -9,7 +9,6 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.body_reach import on_column
-from hugwbc.upper_ik.workspace import measure_workspace
 from tests.conftest import make_state
 
 DT = 0.02
@@ -121,9 +120,3 @@ def test_frames_agree_with_the_whole_robot(robot):
     reach.start(robot.nominal[robot.arms], values)
     reach.solve(np.stack((points[0][0],) * 2), np.array([True, False]), values, values, DT)  # type: ignore[index]
     assert reach.hands()[0] == pytest.approx(points[0][0], abs=2e-3)  # type: ignore[index]
-
-
-def test_the_whole_body_reaches_more_than_the_arms():
-    space = measure_workspace(load_robot(), 0.5)
-    assert space.points == 125
-    assert 0.0 < space.arms < space.whole_body < 0.6

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc.robot import load_robot
-from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal
 
 CONFIG = ArmIKConfig()

@@ -6,7 +6,7 @@ import pytest
 from hugwbc import rotations
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik import ArmIK
-from hugwbc.upper_ik.config import ArmIKConfig
+from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent
 from hugwbc.upper_ik.detour import Detours, Scout, posture_table, seeds, ways
 

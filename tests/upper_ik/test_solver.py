@@ -35,6 +35,31 @@ def ik():
     return ArmIK(load_robot())
 
 
+TURN = rotations.from_yaw_pitch_roll(0.3, -0.3, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("orientation", "frame"), [(TURN, "pelvis"), (TURN, "heading"), (-TURN, "heading"), ("level", "pelvis")]
+)
+def test_an_arm_of_seven_joints_brings_its_hand_to_a_place_and_an_orientation(orientation, frame):
+    """Checked with Pinocchio on the whole robot, whose pelvis leans."""
+    robot = load_robot("g1")
+    state = make_state(robot.nominal, dq=0.0 * robot.nominal, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3))
+    ik, kinematics = ArmIK(robot), Kinematics(robot)
+    targets = HandTargets.of((0.26, 0.15, 0.1), (0.26, -0.15, 0.15), frame, left_orientation=orientation)
+    solution = converge(ik, targets, state)
+    assert solution.residual.max() < 0.001 and solution.ok
+    q = robot.nominal.copy()
+    q[robot.arms] = solution.q
+    kinematics.update(make_state(q, dq=0.0 * q, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3)))
+    hand = kinematics.rotation("left_hand")
+    if isinstance(orientation, str):
+        assert hand[2, 2] > math.cos(0.01), "its z axis points up"
+    else:
+        axes = rotations.to_matrix(state.orientation) if frame == "pelvis" else rotations.rotation_z(0.5)
+        assert np.trace((axes @ rotations.to_matrix(TURN)).T @ hand) > 1.0 + 2.0 * math.cos(0.01)
+
+
 @pytest.mark.parametrize("name", ["h1", "g1"])
 def test_hands_stay_where_they_are_while_the_trunk_turns_to_and_fro(name):
     """By 0.2 rad at 12 rad/s, as a trunk may in a walk: a braking hand alone lags by v^2 / (2 * 6 m/s^2), some 5 cm."""
@@ -134,7 +159,7 @@ def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_sta
     rng = np.random.default_rng(3)
     speed = 0.5 * robot.velocity_limit[robot.arms]
     q, dq, clearance = ik.q, np.zeros(8), []
-    postures = [q for q in rng.uniform(ik.lower, ik.upper, (120, 8)) if probe.clearance(q).min() > 0.02][:40]
+    postures = [q for q in rng.uniform(ik.lower, ik.upper, (120, 8)) if probe.clearance(q).min() > 0.02][:25]
     for posture in postures:
         targets = HandTargets(*probe.hands(posture, 0.0))
         for tick in range(150):
@@ -145,8 +170,8 @@ def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_sta
             if tick % 5 == 0:
                 clearance.append(probe.clearance(q).min())
         assert np.all(solution.residual < 0.025)
-    assert len(postures) == 40
-    assert ik.detours > 10, "the sample must contain dead ends"
+    assert len(postures) == 25
+    assert ik.detours > 5, "the sample must contain dead ends"
     assert min(clearance) > -0.02, "soft: a moving forearm may graze the trunk, not go through it"
     assert ik.failures == ik.without_collisions == 0
 
@@ -247,13 +272,13 @@ def test_a_stretched_arm_does_not_jitter(nominal_state):
     assert np.sqrt(np.mean(jerk**2)) < 50.0
 
 
-def test_limits_hold_over_2000_random_targets_half_of_them_out_of_reach(ik, robot):
+def test_limits_hold_over_1000_random_targets_half_of_them_out_of_reach(ik, robot):
     rng = np.random.default_rng(2)
     margin = ik.config.limit_margin
     lower, upper = robot.lower[robot.arms] + margin, robot.upper[robot.arms] - margin
     speed, dt = 0.5 * robot.velocity_limit[robot.arms], 0.02
     q, dq, far = ik.q, np.zeros(8), 0
-    for _ in range(2000):
+    for _ in range(1000):
         state = make_state(rng.uniform(robot.lower - 0.1, robot.upper + 0.1))
         targets = rng.uniform([-1.0, -1.2, -0.6], [1.0, 1.2, 1.4], (2, 3))
         far += np.sum(np.linalg.norm(shoulder_to_targets(targets), axis=1) > 0.65)
@@ -267,7 +292,7 @@ def test_limits_hold_over_2000_random_targets_half_of_them_out_of_reach(ik, robo
         q, dq = solution.q, solution.dq
     assert ik.failures == 0
     assert ik.rejected == 0
-    assert far > 2000
+    assert far > 1000
 
 
 def test_unusable_numbers_are_counted_and_hold(ik, robot, nominal_state):

@@ -131,7 +131,7 @@ def test_source_never_jumps(source, robot):
     rng = np.random.default_rng(0)
     command = robot.nominal[robot.arms].copy()
     hands = None
-    for tick in range(3000):
+    for tick in range(1500):
         if tick % 40 == 0:
             hands = None if rng.random() < 0.3 else HandTargets(*rng.uniform(-0.8, 0.8, (2, 3)))
             if hands is not None and rng.random() < 0.2:
@@ -251,3 +251,19 @@ def test_targets_of_the_arms_alone_leave_the_command_as_it_is(nominal_state):
     source, command = UpperBodySource(load_robot()), Command(h=-0.1)
     assert source.update(nominal_state, None, command, DT)[1] is command
     assert source.update(nominal_state, HANDS, command, DT)[1] is command
+
+
+def test_an_arm_without_wrists_refuses_an_orientation_and_goes_back(robot):
+    """It is counted in every period, with the robot, its arm and the joints in the reason; nothing raises."""
+    source, state = UpperBodySource(robot), make_state(time=1.0)
+    good = HandTargets.of((0.35, 0.2, 0.15), None)
+    level = HandTargets.of((0.35, 0.2, 0.15), None, left_orientation="level")
+    for hands, ticks in ((good, 5), (level, 60)):
+        for _ in range(ticks):
+            arms, _ = source.update(state, hands, Command(), 0.02)
+    assert source.takeover.phase.name == "RETURNING" and arms.indicator
+    assert source.watch.tally.counts["bad"] == 60
+    for word in ("left_orientation", "h1", "has 4", "left_elbow_joint", "5 joints"):
+        assert word in source.watch.refusal
+    source.update(state, good, Command(), 0.02)
+    assert source.watch.refusal == "" and source.takeover.phase.name == "TAKEN"

@@ -49,9 +49,8 @@ def swing(world):
     return max(np.abs(column - np.polyval(np.polyfit(line, column, 1), line)).max() for column in last.T)
 
 
-@pytest.mark.parametrize("yaw", [0.0, 2.0])
-def test_a_sway_that_repeats_is_cancelled(yaw):
-    world, _ = run(6.0, lambda t: swaying(t, yaw))
+def test_a_sway_that_repeats_is_cancelled():
+    world, _ = run(6.0, lambda t: swaying(t, 2.0))
     assert swing(world[: round(0.6 / DT)]) > 0.015
     assert swing(world) < 0.002
 

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
-from hugwbc.runtime.moment import Moment
+from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.sim.robot_model import load_model
 from hugwbc.viz.marks import FORCE_SCALE, HAND_FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_shapes
 from hugwbc.viz.shapes import shapes_of
@@ -26,13 +26,13 @@ def kinematics():
     return kinematics
 
 
-def moment(**values):
+def snapshot(**values):
     fields = {
         "qpos": QPOS, "gait": int(Gait.WALKING), "phase": 0.25, "foot_contact": np.array([True, True]),
         "foot_force": np.zeros((2, 3)), "pressure_centre": np.full((2, 3), np.nan), "foothold": np.full((2, 2), np.nan),
         "hand_target_world": np.full((2, 3), np.nan), "arm_target": np.full(8, np.nan),
     }  # fmt: skip
-    return Moment(**{**fields, **values})
+    return Snapshot(**{**fields, **values})
 
 
 def tip(mark):
@@ -44,7 +44,7 @@ def tip(mark):
 
 def test_a_force_is_an_arrow_from_its_centre(model):
     force, point = np.array([[0, 0, 0], [-60.0, 80.0, 300.0]]), np.array([[np.nan] * 3, [1.1, 1.8, 0.0]])
-    marks = Marks(model, load_robot()).at(moment(foot_force=force, pressure_centre=point))
+    marks = Marks(model, load_robot()).at(snapshot(foot_force=force, pressure_centre=point))
     assert not marks["forces/left"].visible
     arrow = marks["forces/right"]
     assert arrow.visible
@@ -53,7 +53,7 @@ def test_a_force_is_an_arrow_from_its_centre(model):
 
 
 def test_the_balance_shows_the_centre_of_mass_above_the_support(model, kinematics):
-    marks = Marks(model, load_robot()).at(moment())
+    marks = Marks(model, load_robot()).at(snapshot())
     centre = kinematics.centre_of_mass()
     np.testing.assert_allclose(marks["balance/centre"].position, centre, atol=1e-6)
     np.testing.assert_allclose(tip(marks["balance/plumb"]), centre, atol=1e-6)
@@ -66,19 +66,19 @@ def test_the_balance_shows_the_centre_of_mass_above_the_support(model, kinematic
 
 
 def test_on_one_foot_the_support_is_a_line_and_in_flight_there_is_none(model, kinematics):
-    marks = Marks(model, load_robot()).at(moment(foot_contact=np.array([False, True])))
+    marks = Marks(model, load_robot()).at(snapshot(foot_contact=np.array([False, True])))
     line = marks["balance/edge_0"]
     ends = sorted([line.position[0], tip(line)[0]])
     assert ends == pytest.approx([kinematics.position("right_heel")[0], kinematics.position("right_toe")[0]], abs=1e-6)
     assert not any(marks[f"balance/edge_{i}"].visible for i in (1, 2, 3))
-    marks = Marks(model, load_robot()).at(moment(foot_contact=np.array([False, False])))
+    marks = Marks(model, load_robot()).at(snapshot(foot_contact=np.array([False, False])))
     assert [name for name, mark in marks.items() if name.startswith("balance") and mark.visible] == ["balance/centre"]
 
 
 def test_ghosts_show_the_arms_as_the_inverse_kinematics_wants_them(model, kinematics):
-    assert not Marks(model, load_robot()).at(moment())["hands/ghost_left"].visible
+    assert not Marks(model, load_robot()).at(snapshot())["hands/ghost_left"].visible
     wanted = QPOS[7:][ROBOT.arms] + 0.3
-    ghost = Marks(model, load_robot()).at(moment(arm_target=wanted))["hands/ghost_left"]
+    ghost = Marks(model, load_robot()).at(snapshot(arm_target=wanted))["hands/ghost_left"]
     q = QPOS[7:].copy()
     q[ROBOT.arms] = wanted
     other = Kinematics(load_robot())
@@ -89,7 +89,7 @@ def test_ghosts_show_the_arms_as_the_inverse_kinematics_wants_them(model, kinema
 
 def test_planned_steps_and_footprints_lie_on_the_ground(model):
     marks = Marks(model, load_robot())
-    planned = marks.at(moment(foothold=np.array([[1.3, 2.1], [np.nan, np.nan]])))
+    planned = marks.at(snapshot(foothold=np.array([[1.3, 2.1], [np.nan, np.nan]])))
     assert planned["steps/planned_left"].position[:2] == pytest.approx([1.3, 2.1])
     assert planned["steps/planned_left"].position[2] == pytest.approx(0.0, abs=0.003)
     assert not planned["steps/planned_right"].visible
@@ -115,13 +115,13 @@ def test_the_hull_is_convex_and_goes_round_once():
 def test_every_mark_has_a_look_and_a_layer(model):
     marks = Marks(model, load_robot())
     parts = mark_shapes(shapes_of(model), "#112233", load_robot())
-    for name in marks.at(moment()):
+    for name in marks.at(snapshot()):
         assert name.split("/")[0] in LAYERS
         assert name in parts or any(part.startswith(f"{name}/") for part in parts), name
 
 
 def test_a_force_on_a_hand_is_an_arrow_that_ends_at_the_hand(model, kinematics):
-    marks = Marks(model, load_robot()).at(moment(hand_force=np.array([[-20.0, 10.0, 0.0], [0.0, 0.0, 0.5]])))
+    marks = Marks(model, load_robot()).at(snapshot(hand_force=np.array([[-20.0, 10.0, 0.0], [0.0, 0.0, 0.5]])))
     hand = kinematics.position("left_hand")
     np.testing.assert_allclose(tip(marks["forces/left_hand"]), hand, atol=1e-5)
     np.testing.assert_allclose(

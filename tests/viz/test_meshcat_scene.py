@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hugwbc import load_robot
-from hugwbc.viz.framing import moment
+from hugwbc.viz.framing import snapshot
 from hugwbc.viz.meshcat_scene import Scene
 from hugwbc.viz.server import open_visualizer
 
@@ -54,8 +54,8 @@ def test_live_scene_takes_poses(make_run, live, capsys):
     scene = Scene(visualizer, ["qp", "learned"], load_robot())
     run = make_run()
     for view in scene.robots:
-        view.show(moment(run, 0))
-        view.show(moment(run, -1))
+        view.show(snapshot(run, 0))
+        view.show(snapshot(run, -1))
     scene.look_at(np.array([1.0, 2.0]))
     page = visualizer.static_html()
     # 20 links and their marks, and the floor.

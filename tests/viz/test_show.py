@@ -36,11 +36,15 @@ def test_the_clock_keeps_real_time_and_slows_evenly_where_the_computer_is_slow(m
 def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path):
     told, drawn, simulation = [], [], Simulation(sensing="exact")
     page = tmp_path / "out" / "hold.html"
-    outputs = {"live": lambda moment: drawn.append((simulation.data.time, moment)), "replay": page, "tell": told.append}
+    outputs = {
+        "live": lambda shown: drawn.append((simulation.data.time, shown)),
+        "replay": page,
+        "tell": told.append,
+    }
     trace = show.watch(HoldController(load_robot()), Constant(Command(w=0.3)), simulation, duration=0.4, **outputs)
     times = np.array([time for time, _ in drawn])
     assert times == pytest.approx(np.arange(0.0, 0.4, show.FRAME_PERIOD), abs=1e-6)
-    assert np.stack([moment.qpos for _, moment in drawn]) == pytest.approx(trace.qpos[::2])
+    assert np.stack([snapshot.qpos for _, snapshot in drawn]) == pytest.approx(trace.qpos[::2])
     assert told == [f"replay in {page}"]
     assert "set_animation" in page.read_text(encoding="utf-8")
     assert show.fate(trace) == "stayed up for 0.4 s"

@@ -224,7 +224,7 @@ class PressSource(Source):
             return None
         pressing = t >= BEGIN
         target = (WALL - (0.02 if pressing else 0.05), HANDS[0][1], HEIGHT)
-        return HandTargets.of(target, None, "world", left_force=(self.force, 0.0, 0.0) if pressing else None)
+        return HandTargets.of(target, None, "world", left_force=(-self.force, 0.0, 0.0) if pressing else None)
 
 
 def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -> Row:

@@ -23,7 +23,6 @@ from hugwbc.settings import Count, NotNegative, settings
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, UpperBodySource
-from hugwbc.upper_ik.workspace import arm_length
 
 # Targets of the left hand in the pelvis frame [m] for an arm of this length [m]; for others in proportion. The right
 # hand's are drawn from the mirror image.
@@ -86,7 +85,7 @@ class _Recording(UpperBodySource):
 def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.ndarray:
     """Draw pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
     state = RobotState(robot.nominal, np.zeros_like(robot.nominal), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    ik, pairs, size = ArmIK(robot), [], round(arm_length(robot) / ARM, 3)
+    ik, pairs, size = ArmIK(robot), [], round((robot.upper_arm + robot.forearm) / ARM, 3)
     while len(pairs) < count:
         pair = size * rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
         ik.reset(robot.nominal[robot.arms])

@@ -12,8 +12,7 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.env import environment_state, terminations
-from hugwbc.learned.env.arm_gains import ArmGains
-from hugwbc.learned.env.arm_intervention import Intervention, make_arm_targets
+from hugwbc.learned.env.arm_intervention import ArmGains, Intervention, make_arm_targets
 from hugwbc.learned.env.command_sampling import draw_commands
 from hugwbc.learned.env.curriculum import Curriculum
 from hugwbc.learned.env.loads import Loads

@@ -18,9 +18,8 @@ from hugwbc.learned.config.environment import same_robots
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.random_numbers import restore as restore_generator
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
-from hugwbc.learned.policy.networks import Actor, ActorCritic
+from hugwbc.learned.policy.networks import Actor, ActorCritic, load_into
 from hugwbc.learned.policy.records import check_robot, settings_record, versions
-from hugwbc.learned.policy.snapshots import load_into
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.run_log import append_row, append_session, begin_log

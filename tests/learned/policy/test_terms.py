@@ -12,8 +12,7 @@ from hugwbc.learned.config import EnvConfig, PPOConfig, RandomizationConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy import critic_observations as obs, load_policy
 from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS
-from hugwbc.learned.policy.networks import ActorCritic
-from hugwbc.learned.policy.snapshots import load_into
+from hugwbc.learned.policy.networks import ActorCritic, load_into
 from hugwbc.learned.policy.terms import TERMS, ObservationTerm, _made_up, check_term, observe
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.trainer import save_product

@@ -3,6 +3,7 @@
 import json
 import math
 import pathlib
+import shutil
 from typing import Any
 
 import numpy as np
@@ -69,12 +70,26 @@ def recipe(tmp_path: pathlib.Path) -> pathlib.Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> pathlib.Path:
+    """The folder of a run of the recipe."""
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "walk.yaml").write_text(RECIPE)
+    assert run_recipe(load_recipe(folder / "walk.yaml"), folder / "a", Services())
+    return folder / "a"
+
+
+@pytest.fixture
+def made(finished, tmp_path: pathlib.Path) -> pathlib.Path:
+    """A copy of it in the test's own folder, as `a`."""
+    return shutil.copytree(finished, tmp_path / "a")
+
+
 def tensors(path: pathlib.Path, kind: str) -> dict[str, Any]:
     return checkpoint.load_file(path, kind)[0]
 
 
-def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, tmp_path, monkeypatch, capsys) -> None:
-    assert run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, made, tmp_path, monkeypatch, capsys) -> None:
     iterate, count = Trainer.iterate, 0
 
     def killed(trainer: Trainer) -> dict[str, float]:
@@ -112,7 +127,7 @@ def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, tmp_p
     assert problems == [] and [one.stage for one in records] == ["starts", "walk", "more", "further"]
 
 
-def test_the_calibration_keeps_the_best_value_at_each_knot(recipe, tmp_path) -> None:
+def test_the_calibration_keeps_the_best_value_at_each_knot(made, tmp_path) -> None:
     """Walks of .9 of what is asked for, which fall when more than the largest command is, and jumps that all fall."""
 
     def executed(policy, commands, config):
@@ -121,9 +136,8 @@ def test_the_calibration_keeps_the_best_value_at_each_knot(recipe, tmp_path) -> 
         asked = dict(map(tuple, load_policy(policy).contract.feed_forward["walking"]["v_x"]))
         return [{"v_x": 0.9 * v if (v := asked[one["v_x"]]) < 2.0 else math.nan} for one in commands]
 
-    assert run_recipe(load_recipe(recipe), tmp_path / "a", Services())
     gaits = ("walking", "jumping")
-    config = CalibrationConfig(policy=tmp_path / "a", gaits=gaits, commands=("v_x",), knots=3, rounds=3)
+    config = CalibrationConfig(policy=made, gaits=gaits, commands=("v_x",), knots=3, rounds=3)
     figures = calibrate(config, tmp_path, executed, lambda number, error: None)
     curves = load_policy(tmp_path / "policy.safetensors").contract.feed_forward
     knots, asked = np.array(curves["walking"]["v_x"]).T
@@ -134,10 +148,9 @@ def test_the_calibration_keeps_the_best_value_at_each_knot(recipe, tmp_path) -> 
     assert figures["jumping/v_x/calibrated"] is None
 
 
-def test_a_policy_that_was_changed_does_not_pass(recipe, tmp_path, capsys) -> None:
-    assert run_recipe(load_recipe(recipe), tmp_path / "a", Services())
-    path = tmp_path / "a" / "policy.safetensors"
-    (tmp_path / "a" / "snapshot.safetensors").write_bytes((tmp_path / "a/walk/snapshot.safetensors").read_bytes())
+def test_a_policy_that_was_changed_does_not_pass(made, capsys) -> None:
+    path = made / "policy.safetensors"
+    (made / "snapshot.safetensors").write_bytes((made / "walk/snapshot.safetensors").read_bytes())
     assert verify(path)[1] == [], "the snapshot of an ancestor belongs to it"
     values, metadata = checkpoint.load_file(path, "policy")
     metadata["training"][KEY]["stages"][2]["parents"]["start_from"]["digest"] = "0" * 32

@@ -3,8 +3,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from hugwbc.robot import load_robot
-from hugwbc.runtime.moment import PlanView
 from hugwbc.runtime.safety_report import SafetyLog
+from hugwbc.runtime.snapshot import PlanView
 
 
 def test_a_controller_may_show_its_gait_or_not():

@@ -10,7 +10,7 @@ from hugwbc.runtime.safety_report import SafetyLog
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Moment:
+class Snapshot:
     """One robot at one time, in the world frame.
 
     Attributes:
@@ -43,7 +43,7 @@ class Moment:
     object_pose: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 7)))
 
 
-MOMENT_FIELDS = tuple(field.name for field in dataclasses.fields(Moment))
+SNAPSHOT_FIELDS = tuple(field.name for field in dataclasses.fields(Snapshot))
 SCENE_FIELDS = ("hand_force", "object_pose")  # which a record has only of a robot among objects
 
 
