@@ -12,6 +12,7 @@ from hugwbc.mbc.reach import (
     fastest_walk,
     highest_clearance,
     highest_leap_clearance,
+    highest_leaping_height,
     lowest_leaping_height,
     lowest_walking_height,
 )
@@ -199,6 +200,9 @@ class CommandFilter:
         if gait in _HOPS and wanted > -params.hop_lowering:
             wanted, why = -params.hop_lowering, "is too high for a leg that leans"
         if gait in _LEAPS:
+            highest = highest_leaping_height(params, self._robot)
+            if wanted > highest:
+                wanted, why = highest, "leaves straight legs nothing to push off with"
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait in _HOPS else 2))
             travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
             least = -params.hop_lowering if gait in _HOPS else -params.jump_lowering
