@@ -1,11 +1,9 @@
 """Each example runs, headless and short, its printed figures are right, and it leaves a replay."""
 
 import json
-import os
 import pathlib
 import re
 import runpy
-import subprocess
 import sys
 
 import nbclient
@@ -20,29 +18,29 @@ EXAMPLES = pathlib.Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture
-def run(tmp_path):
-    """The function that runs an example in an empty folder and returns what it printed."""
+def start(tmp_path, monkeypatch, capsys):
+    """The function that runs an example in an empty folder, in this process, and returns what it printed."""
+    monkeypatch.chdir(tmp_path)
+
+    def start(name, *arguments):
+        monkeypatch.setattr(sys, "argv", [name, *arguments])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        return capsys.readouterr().out
+
+    return start
+
+
+@pytest.fixture
+def run(tmp_path, start):
+    """`start` of an example that leaves a replay."""
 
     def run(name, *arguments):
-        result = _run(name, *arguments, folder=tmp_path)
-        assert result.returncode == 0, result.stderr
+        out = start(name, *arguments)
         replay = (tmp_path / "out" / f"{name[:2]}.html").read_text(encoding="utf-8")
         assert 'id="meshcat-pane"' in replay and "set_animation" in replay
-        return result.stdout
+        return out
 
     return run
-
-
-def _run(name, *arguments, folder):
-    return subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *arguments],
-        capture_output=True,
-        text=True,
-        timeout=400,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        cwd=folder,
-        check=False,
-    )
 
 
 def number(pattern, text):
@@ -134,12 +132,11 @@ def test_write_a_controller(run, h, w, push):
     assert "stayed up for 5.0 s" in out
 
 
-def test_in_your_own_simulator(tmp_path):
-    result = _run("13_in_your_own_simulator.py", "--duration", "12", folder=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert "found h1 under 'lab/': 59.3 kg, beside lamp" in result.stdout
-    assert number(r"The left hand is ([\d.]+) cm from the lamp", result.stdout) < 3
-    assert "The behaviour is done" in result.stdout
+def test_in_your_own_simulator(start):
+    out = start("13_in_your_own_simulator.py", "--duration", "12")
+    assert "found h1 under 'lab/': 59.3 kg, beside lamp" in out
+    assert number(r"The left hand is ([\d.]+) cm from the lamp", out) < 3
+    assert "The behaviour is done" in out
 
 
 @pytest.mark.slow
@@ -161,13 +158,12 @@ def test_the_notebook_comes_without_outputs():
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
 
 
-def test_onnx_only(tmp_path):
+def test_onnx_only(tmp_path, start):
     path = tmp_path / "h1.onnx"
     export_onnx(load_policy(), path)
     words = ("--policy", str(path), "--model", str(load_robot().xml_path), "--v-x", "0.5", "--duration", "4")
-    result = _run("11_onnx_only.py", *words, folder=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert 1.5 < number(r"walked ([\d.]+) m in 4.0 s and stayed up", result.stdout) < 2.5
+    out = start("11_onnx_only.py", *words)
+    assert 1.5 < number(r"walked ([\d.]+) m in 4.0 s and stayed up", out) < 2.5
     assert "hugwbc" not in re.findall(
         r"^\s*(?:import|from) (\w+)", (EXAMPLES / "11_onnx_only.py").read_text(), re.MULTILINE
     )
@@ -202,16 +198,14 @@ def test_every_example_is_tested_and_short():
     here = pathlib.Path(__file__).read_text(encoding="utf-8")
     assert {path.name for path in EXAMPLES.glob("*.py")} == set(BAD_VALUES)
     for name in BAD_VALUES:
-        assert re.search(rf'run\("{re.escape(name)}"', here), f"{name} has no test"
+        assert re.search(rf'(run|start)\("{re.escape(name)}"', here), f"{name} has no test"
         assert len((EXAMPLES / name).read_text(encoding="utf-8").splitlines()) <= 115
 
 
 @pytest.mark.parametrize("name", BAD_VALUES)
-def test_a_bad_value_ends_every_example_with_a_message(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [name, *BAD_VALUES[name]])
+def test_a_bad_value_ends_every_example_with_a_message(name, tmp_path, start, capsys):
     with pytest.raises(SystemExit) as info:
-        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        start(name, *BAD_VALUES[name])
     assert info.value.code == 2
     lines = capsys.readouterr().err.splitlines()
     assert any(line.startswith(f"{name}: ") for line in lines), lines

@@ -18,8 +18,8 @@ def folder(tmp_path: pathlib.Path) -> pathlib.Path:
 
 @pytest.fixture
 def package(tmp_path: pathlib.Path) -> pathlib.Path:
-    """A copy of the package that a page may change."""
+    """A copy of the package, and of what Python compiled of it, that a page may change."""
     copy = tmp_path / "copy"
     for name in ("hugwbc", "models"):
-        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("*.pyc.*"))
     return copy

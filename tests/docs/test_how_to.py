@@ -38,7 +38,7 @@ def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
 
 
 def test_change_the_training(folder: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
-    follow(HOW_TO / "change-the-training.md", folder, in_processes=True)
+    follow(HOW_TO / "change-the-training.md", folder)
     policy = folder / "runs" / "apart" / "policy.safetensors"
     assert main(["check", "--policy", str(policy)]) == CHECK_FAILED
     written = digest((folder / "apart.py").read_bytes())
@@ -53,7 +53,7 @@ def test_add_a_task(folder: pathlib.Path) -> None:
 
 @pytest.mark.parametrize("page", ["add-an-observation", "add-an-object", "use-gymnasium", "use-your-own-simulator"])
 def test_a_page_is_followed(folder: pathlib.Path, page: str) -> None:
-    follow(HOW_TO / f"{page}.md", folder, in_processes=page == "add-an-observation")
+    follow(HOW_TO / f"{page}.md", folder)
 
 
 @pytest.mark.slow
@@ -66,7 +66,7 @@ def test_add_a_behaviour(folder: pathlib.Path, package: pathlib.Path) -> None:
 
 
 def test_add_an_experiment(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "add-an-experiment.md", folder, in_processes=True)
+    follow(HOW_TO / "add-an-experiment.md", folder)
     assert [row["speed"] for row in json.loads((folder / "stopping.json").read_text())["rows"]] == [0.4, 0.8]
 
 
