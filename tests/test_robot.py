@@ -72,10 +72,10 @@ def test_a_robot_of_ones_own_is_the_path_of_its_table(tmp_path) -> None:
 
 
 def test_parts_of_the_g1() -> None:
-    """29 joints: two legs of six, a waist of three, two arms of seven, of which four are led and the wrists held."""
+    """29 joints: two legs of six, two arms of seven, and a waist of three, whose roll and pitch are held."""
     robot = load_robot("g1")
     assert len(robot.joint_names) == 29 and robot.mass == pytest.approx(33.34, abs=0.01)
-    assert (robot.legs.size, robot.arms.size, robot.held.size) == (12, 8, 8)
+    assert (robot.legs.size, robot.arms.size, robot.held.size) == (12, 14, 2)
     assert [robot.joint_names[i] for i in robot.pair("ankle_roll")] == [
         "left_ankle_roll_joint",
         "right_ankle_roll_joint",
@@ -141,7 +141,7 @@ def test_dimensions_follow_from_the_joints(name, ankle, leg) -> None:
     assert sum(knee) == pytest.approx(robot.leg_length)
     assert at(ankle)[2] - at("left_sole")[2] == pytest.approx(robot.sole_depth)
     for posture in robot.arm_postures.values():
-        arm = robot.arms[:4]
+        arm = robot.arms[: robot.arms.size // 2]
         assert np.all((robot.lower[arm] <= posture) & (posture <= robot.upper[arm]))
 
 

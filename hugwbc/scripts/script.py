@@ -131,9 +131,9 @@ class HandMotion:
     @functools.cached_property
     def _still(self) -> HandTargets:
         """The targets without what moves, checked."""
-        paths = ("left", "right")
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return HandTargets.of(**{name: v and (0, 0, 0) if name in paths else v for name, v in fields.items()})
+        fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        fields |= {side: fields[side] and (0, 0, 0) for side in SIDES}
+        return HandTargets.of(**fields)
 
 
 def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:

@@ -120,6 +120,11 @@ class UpperBodySource:
         self._by_joints = False
         self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
 
+    @property
+    def refusal(self) -> str:
+        """Why the hand targets that arrived last are refused; empty if they are not."""
+        return self.watch.refusal
+
     def reset(self) -> None:
         """Release the arms at once, for a new episode."""
         self.takeover.reset()
@@ -182,8 +187,8 @@ class UpperBodySource:
             q, dq, ddq = self.solution.q, self.solution.dq, self.solution.ddq
         else:
             self.solution = None
-            still = hands.joint_velocity is None
-            q, dq, ddq = hands.joints, np.zeros_like(hands.joints) if still else hands.joint_velocity, None
+            q, dq, ddq = hands.joints, hands.joint_velocity, None
+            dq = np.zeros_like(q) if dq is None else dq
         arms = self.takeover.follow(q, dq, dt, start, ddq)
         if hands.wrench is FREE or not state.is_usable:
             return arms
