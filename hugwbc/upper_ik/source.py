@@ -120,6 +120,11 @@ class UpperBodySource:
         self._by_joints = False
         self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
 
+    @property
+    def refusal(self) -> str:
+        """Why the hand targets that arrived last are refused; empty if they are not."""
+        return self.watch.refusal
+
     def reset(self) -> None:
         """Release the arms at once, for a new episode."""
         self.takeover.reset()
