@@ -9,13 +9,16 @@ import numpy as np
 
 from hugwbc.errors import HugwbcError
 from hugwbc.robot import load_robot, robot_table
-from hugwbc.table_defaults import SIDES, mirrored, other_side, placement
+from hugwbc.table_defaults import is_left, mirrored, other_side, placement
 
 _SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
 _JOINT = ("xyz", "rpy", "axis", "range", "effort", "velocity", "armature", "corner_speed", "kp", "kd", "nominal")
 _LINK = ("mass", "com", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _ABOVE_ZERO = ("effort", "velocity", "armature", "corner_speed", "kp", "kd")
 _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the right joint
+# Axes of legs and waist in the base's frame, by part; the others turn about y.
+_AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
+_ALONG = 0.8  # part of an axis along its own
 _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at heel and toe
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
@@ -66,6 +69,15 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
             link = above[link]["parent"]
         return names[::-1]
 
+    for part, name in {**roles["leg"], **roles["waist"]}.items():
+        joint = next(joint for joint in table["joints"] if joint["name"] == name)
+        axis = placement(table["joints"], joint["child"], roles["base"])[1] @ joint["axis"]
+        wanted = _AXES.get(part, "y")
+        if not axis["xyz".index(wanted)] > _ALONG:
+            yield (
+                f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; give one that "
+                f"turns about +{wanted}"
+            )
     for limb, end, top in (("leg", "foot", "base"), ("arm", "hand", "trunk"), ("waist", "trunk", "base")):
         joints, parts = chain(roles[end], roles[top]), list(roles[limb].values())
         if joints is None:
@@ -114,7 +126,7 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
         if (other := joints.get(other_side(name))) is None:
             yield f"{name} has no joint {other_side(name)} on the other side; names differ in left and right only"
             continue
-        if SIDES[0] not in name.lower():
+        if not is_left(name):
             continue
         if np.abs(reflection * joint["xyz"] - other["xyz"]).max() > _APART:
             yield f"{name} is at {joint['xyz']} and {other['name']} at {other['xyz']}; give mirror images"
@@ -129,7 +141,7 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             yield f"{', '.join(differ)} of {name} and {other['name']} differ; give both the same"
     for name, link in links.items():
         other = links.get(other_side(name), link)
-        if SIDES[0] in name.lower() and (
+        if is_left(name) and (
             abs(link["mass"] - other["mass"]) > _LIGHTER * link["mass"]
             or np.abs(reflection * link["com"] - other["com"]).max() > _SHIFTED
         ):

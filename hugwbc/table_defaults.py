@@ -12,7 +12,9 @@ from hugwbc import rotations
 from hugwbc.errors import ModelError, UnknownNameError
 
 SIDES = ("left", "right")
-_OTHER = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
+_OTHER = {"left": "right", "Left": "Right", "l": "r", "L": "R"}
+_OTHER |= {right: left for left, right in _OTHER.items()}
+_SIDE = re.compile("[Ll]eft|[Rr]ight|(?<![A-Za-z])[lrLR](?![A-Za-z])")
 Joints = Sequence[Mapping[str, Any]]
 # What a drive is taken for where neither table nor description says it, after the drives of the H1 and the G1: armature
 # [s^2/rad] and Coulomb friction by torque limit, viscous friction by the latter [s/rad], corner speed by highest speed.
@@ -43,7 +45,12 @@ _COLOURS = {"dark": [0.11, 0.12, 0.14, 1], "light": [0.80, 0.82, 0.84, 1]}
 
 def other_side(name: str) -> str:
     """Return the name of the joint, link or frame on the other side; the same name where it says no side."""
-    return re.sub("|".join(_OTHER), lambda side: _OTHER[side[0]], name, count=1)
+    return _SIDE.sub(lambda side: _OTHER[side[0]], name, count=1)
+
+
+def is_left(name: str) -> bool:
+    """Return whether a joint, link or frame is on the left side, by its name."""
+    return (side := _SIDE.search(name)) is not None and side[0][0] in "lL"
 
 
 def mirrored(joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:

@@ -8,7 +8,7 @@ from hugwbc import load_robot
 from hugwbc.errors import ModelError, UnknownNameError
 from hugwbc.robot import robot_table
 from hugwbc.robot_check import problems
-from hugwbc.table_defaults import complete
+from hugwbc.table_defaults import complete, is_left, other_side
 
 G1, TABLE = load_robot("g1"), robot_table("g1")
 NOMINAL = {
@@ -82,6 +82,15 @@ def test_the_makers_file_is_never_written_over(tmp_path) -> None:
     with pytest.raises(ModelError, match=r"mine.urdf is the maker's description, .*; rename it or the table"):
         _robot(tmp_path, {**SHORT, "description": "mine.urdf"})
     assert maker.read_bytes() == G1.urdf_path.read_bytes()
+
+
+def test_sides_by_word_or_letter() -> None:
+    pairs = {"left_knee": "right_knee", "Left_Hip": "Right_Hip", "l_knee_fe": "r_knee_fe", "foot_L": "foot_R"}
+    for left, right in pairs.items():
+        assert (other_side(left), other_side(right)) == (right, left)
+        assert is_left(left) and not is_left(right)
+    for neither in ("waist_roll_joint", "pelvis", "AL1", "imu_link"):
+        assert other_side(neither) == neither and not is_left(neither)
 
 
 @pytest.mark.parametrize("name", ["h1-2023", "g1"])

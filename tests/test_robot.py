@@ -72,7 +72,7 @@ def test_a_robot_of_ones_own_is_the_path_of_its_table(tmp_path) -> None:
 
 
 def test_parts_of_the_g1() -> None:
-    """29 joints: two legs of six, two arms of seven, and a waist of three, of which roll and pitch are held."""
+    """29 joints: two legs of six, two arms of seven, and a waist of three, whose roll and pitch are held."""
     robot = load_robot("g1")
     assert len(robot.joint_names) == 29 and robot.mass == pytest.approx(33.34, abs=0.01)
     assert (robot.legs.size, robot.arms.size, robot.held.size) == (12, 14, 2)

@@ -88,6 +88,10 @@ BROKEN = {
         lambda table: table["roles"].update(hand="left_ankle_roll_link"),
         ["left_ankle_roll_link (hand) does not hang below torso_link (trunk)"],
     ),
+    "a waist turns the other way": (
+        _set("waist_yaw_joint", axis=[0, 0, -1]),
+        ["waist_yaw_joint (yaw) turns about [0.0, 0.0, -1.0] of the base with all joints at 0"],
+    ),
     "a shape is missing": (
         lambda table: table["collision_pairs"].append(["pelvis", "torso_link"]),
         ["collision_pairs name pelvis, which has no collision_box; valid: left_ankle_roll_link, left_elbow_link"],

@@ -9,7 +9,9 @@ import numpy as np
 
 from hugwbc.behaviours.course import Behaviour, Course
 from hugwbc.commands import Command
+from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import changed
+from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, SeenObjects, View
 from hugwbc.targets import HandTargets
 
@@ -63,8 +65,16 @@ def _command(command: Command, size: float) -> Command:
 
 
 def _hands(hands: HandTargets, size: float) -> HandTargets:
-    powers = {"left": 1, "right": 1, "left_force": 3, "right_force": 3, "payload": 3, "stiffness": 2}
-    return changed(
-        hands,
-        **{name: size**power * value for name, power in powers.items() if (value := getattr(hands, name)) is not None},
+    points = {name: size * point for name in SIDES if (point := getattr(hands, name)) is not None}
+    return changed(hands, **points, wrench=_wrench(hands.wrench, size))
+
+
+def _wrench(wrench: HandWrench, size: float) -> HandWrench:
+    if wrench is FREE:
+        return wrench
+    payload, stiffness = wrench.payload, wrench.stiffness
+    return HandWrench(
+        size**3 * wrench.force,
+        None if payload is None else size**3 * payload,
+        None if stiffness is None else size**2 * stiffness,
     )

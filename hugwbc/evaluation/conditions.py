@@ -185,7 +185,7 @@ class ArmIntervention:
         """Play a source of arm targets for one robot."""
         self._source, self._robot = source, robot
         self._nominal = robot.nominal[robot.arms]
-        self.postures: list[np.ndarray] = []  # since `reset` at 50 Hz [rad], each (8,)
+        self.postures: list[np.ndarray] = []  # since `reset` at 50 Hz [rad], each (k,)
         self.reset()
 
     def reset(self) -> None:

@@ -12,6 +12,7 @@ from hugwbc.mbc.reach import (
     fastest_walk,
     highest_clearance,
     highest_leap_clearance,
+    highest_leaping_height,
     lowest_leaping_height,
     lowest_walking_height,
 )
@@ -197,6 +198,9 @@ class CommandFilter:
         if gait.hops and wanted > -params.hop_lowering:
             wanted, why = -params.hop_lowering, "is too high for a leg that leans"
         if gait.flight:
+            highest = highest_leaping_height(params, self._robot)
+            if wanted > highest:
+                wanted, why = highest, "leaves straight legs nothing to push off with"
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
             travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
             least = -params.hop_lowering if gait.hops else -params.jump_lowering

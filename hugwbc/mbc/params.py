@@ -244,6 +244,9 @@ class ControllerParams:
     """Lowest h at the bottom of the stance of a jump [m]."""
     hop_depth: float = -0.17
     """Lowest h at the bottom of the stance of a hop [m]."""
+    leap_reserve: float = 0.0615
+    """Length that the legs keep in reserve between hip and ankle at the take-off of a leap [m]: what the push-off
+    needs, whatever the size of the robot. An H1 has as much in its nominal pose."""
     leap_tuck: float = 0.95
     """Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]."""
 

@@ -183,6 +183,11 @@ def lowest_leaping_height(params: ControllerParams, f: float, legs: int) -> floa
     return (params.hop_depth if legs == 1 else params.leap_depth) + leap_rise(f)
 
 
+def highest_leaping_height(params: ControllerParams, robot: Robot) -> float:
+    """Return the highest h at take-off from which bent legs still push [m]: straight ones run out before the flight."""
+    return robot.leg_length - params.leap_reserve - _leg(robot).hip_height
+
+
 def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> float:
     """Return the highest apex of the feet in a leap [m].
 

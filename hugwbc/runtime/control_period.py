@@ -195,7 +195,7 @@ class ControlPeriod:
         self.ik_s = time.perf_counter() - begin
         if moved is None:
             return self._free_arms, command
-        if self.hands is not None and source.watch.refusal:
-            self.log.count("hands_refused", f"hand targets: {source.watch.refusal}")
+        if self.hands is not None and (refusal := getattr(source, "refusal", "")):  # not every source has it
+            self.log.count("hands_refused", f"hand targets: {refusal}")
         arms, adapted = moved
         return arms, adapted

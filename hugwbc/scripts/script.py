@@ -155,8 +155,7 @@ class HandMotion:
     def _still(self) -> HandTargets:
         """The targets without what moves, checked."""
         fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        for side in SIDES:
-            fields[side] = fields[side] and (0.0, 0.0, 0.0)
+        fields |= {side: fields[side] and (0, 0, 0) for side in SIDES}
         return HandTargets.of(**fields)
 
 

@@ -106,6 +106,7 @@ class UpperBodySource:
         ik: the solver, with its counts of rejected targets and failures.
         takeover: the hand-over of the arms, with its phase.
         watch: the watch on the stream of targets, with the counts of unusable ones.
+        refusal: why the hand targets that arrived last were refused; empty if they were not.
         solution: the solver's last answer; None while the arms are released or follow joint targets.
     """
 
@@ -116,6 +117,7 @@ class UpperBodySource:
         self.watch, self._held = TargetWatch(robot), HeldTargets()
         self._steady = SteadyHands(self.ik.robot)
         self.solution: IKSolution | None = None
+        self.refusal = ""
         self._own: np.ndarray | None = None
         self._by_joints = False
         self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
@@ -158,6 +160,7 @@ class UpperBodySource:
             self.watch.forget()
         else:
             hands = self.watch.admit(hands, state.time, dt)
+            self.refusal = self.watch.refusal
         if hands is None:
             self._held = HeldTargets()
         else:

@@ -116,11 +116,6 @@ class Takeover:
         self._limiter.place(self._rest)
         self._elapsed = 0.0
 
-    @property
-    def settled(self) -> bool:
-        """Whether the arms are taken over and the blend is complete."""
-        return self.phase is Phase.TAKEN and self._elapsed >= TAKE_TIME
-
     def reset(self) -> None:
         """Release the arms at once, at the nominal pose, for a new episode."""
         self.phase = Phase.RELEASED

@@ -25,7 +25,7 @@ def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
     def behaviour(view: View):
         while True:
             seen.append(view)
-            targets = HandTargets(view.hands[0] + 0.1, None, left_force=np.array([8.0, 0, 0]), stiffness=400.0)
+            targets = HandTargets.of(view.hands[0] + 0.1, None, left_force=(8.0, 0, 0), stiffness=400.0, frame="world")
             command = Command(v_x=0.4, omega=0.3, h=-0.2, p=0.1, l=0.2, gait=Gait.WALKING)
             view = yield Action(command, targets, (Grip("left", "box", breaking_force=80.0),), "walk")
 
@@ -33,8 +33,8 @@ def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
     action = next(course)
     assert action.command == Command(v_x=0.2, omega=0.3, h=-0.1, p=0.1, l=0.1, gait=Gait.WALKING)
     np.testing.assert_allclose(action.hands.left, [0.25, 0.15, 0.65])
-    assert action.hands.right is None and action.hands.stiffness == 100.0 and action.doing == "walk"
-    assert action.hands.left_force[0] == 1.0 and action.grips[0].breaking_force == 10.0
+    assert action.hands.right is None and action.hands.wrench.stiffness == 100.0 and action.doing == "walk"
+    assert action.hands.wrench.force[0, 0] == 1.0 and action.grips[0].breaking_force == 10.0
     course.send(_view(last=action))
     first, second = seen
     np.testing.assert_allclose(first.position, [2.0, 4.0, 1.0])

@@ -131,6 +131,14 @@ def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
     assert len(report) == 2
 
 
+def test_a_robot_that_stands_on_nearly_straight_legs_bends_them_to_jump():
+    """The H1's knees are bent by 0.8 rad where it stands, the G1's by 0.3: 0.035 m of leg are left to push off with."""
+    jump = Command(gait=Gait.JUMPING)
+    for name, lowered in (("h1", 0.0), ("g1", -0.0266)):
+        last = _history(jump, 1.0, robot=load_robot(name))[-1]
+        assert last.h == pytest.approx(lowered, abs=1e-3)
+
+
 def test_jumps_are_slower_than_a_walk():
     jump = Command(v_x=1.8, gait=Gait.JUMPING)
     command, report = _after(2000, jump, GaitState(running=Gait.JUMPING))

@@ -13,7 +13,7 @@ from hugwbc.sim import Ground, Simulation
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.scenes import Box, Scene, Uniform
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import IKSolution
+from hugwbc.upper_ik import IKSolution, UpperBodySource
 
 ROBOT = load_robot()
 
@@ -267,3 +267,13 @@ def test_hand_targets_that_nothing_follows_are_told_once(simulation):
     with pytest.warns(UserWarning, match="give an UpperBodySource") as told:
         rollout(HoldController(load_robot()), Reaching(), simulation, duration=0.4)
     assert len(told) == 1
+
+
+def test_hand_targets_that_the_arms_cannot_follow_are_reported_and_end_a_strict_run():
+    source = Constant(Command(), HandTargets.of((0.35, 0.2, 0.15), None, left_orientation="level"))
+    arms = UpperBodySource(load_robot())
+    trace = rollout(HoldController(load_robot()), source, Simulation(), arms, duration=0.1, strict=False)
+    assert trace.safety.hands_refused == trace.safety.ticks
+    assert any("an arm of h1 has 4: left_shoulder_pitch_joint" in message for message in trace.safety.messages)
+    with pytest.raises(ConfigError, match="left_orientation takes an arm of 5 joints"):
+        rollout(HoldController(load_robot()), source, Simulation(), arms, duration=0.1)
