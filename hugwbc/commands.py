@@ -29,7 +29,7 @@ class CommandRange:
 
 
 # The paper's table of command ranges, for every gait except hopping, and the leg that it belongs to [m].
-_PAPER_LEG = 0.8
+PAPER_LEG = 0.8
 _PAPER = {
     "v_x": CommandRange(0.0, (-0.6, 0.6), (-0.6, 2.0)),
     "v_y": CommandRange(0.0, (-0.6, 0.6), (-0.6, 0.6)),
@@ -69,8 +69,13 @@ def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, Comma
     )
 
 
+def highest_swing(robot: Robot) -> float:
+    """Return the highest l that knee and ankle of a robot allow at h = 0 [m]; a squat takes away what it lowers."""
+    return command_ranges(Gait.WALKING, robot)["l"].finishing[1]
+
+
 def _of(robot: Robot, name: str) -> CommandRange:
-    size, paper = (robot.leg_length / _PAPER_LEG) ** _GROWTH.get(name, 0.0), _PAPER[name]
+    size, paper = (robot.leg_length / PAPER_LEG) ** _GROWTH.get(name, 0.0), _PAPER[name]
     scaled = {kind: tuple(round(size * end, 2) for end in getattr(paper, kind)) for kind in ("initial", "finishing")}
     return CommandRange(paper.default, **{**scaled, **robot.commands.get(name, {})})
 

@@ -164,7 +164,7 @@ class CommandFilter:
         self._follow((h, pitch, waist), self._leap_limits[limiting.hops] if leaping else self._limits, dt)
         height = self._posture[0]
         if limiting.flight:
-            apex = highest_leap_clearance(params, height, self._frequency)
+            apex = highest_leap_clearance(params, height, self._frequency, self._robot)
         else:
             apex = highest_clearance(params, height, self._frequency, speed, self._robot)
         apex = min(command.l, apex)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from hugwbc.commands import PAPER_LEG
 from hugwbc.robot import Robot
 from hugwbc.settings import Count, Positive, settings
 
@@ -263,8 +264,8 @@ class ControllerParams:
     swing_torque: Positive = 0.63
     """Share of the hips' torque limit that swinging a leg along the ground may take; the rest holds the trunk upright
     and folds the leg. It bounds the speed of a walk."""
-    clearance_at_nominal: float = 0.31
-    """Highest sole clearance that knee and ankle allow at h = 0 [m]; it shrinks with h one to one."""
+    clearance_reserve: float = 0.04
+    """Part of the highest swing that the legs allow (`commands.highest_swing`) which is left to rounder swings [m]."""
     clearance_speed: float = 1.0
     """Speed above which the apex is lowered [m/s]."""
     clearance_per_speed: float = 0.08
@@ -322,7 +323,7 @@ class ControllerParams:
         Lengths grow with its legs, speeds with the root of their length, at the same Froude number; what weighs forces
         and angular momenta, with its weight.
         """
-        leg, mass = robot.leg_length / _LEG, robot.mass / _MASS
+        leg, mass = robot.leg_length / PAPER_LEG, robot.mass / _MASS
         sized = {}
         for (by_leg, by_mass), names in _GROWTH.items():
             growth = leg**by_leg * mass**by_mass
@@ -332,14 +333,14 @@ class ControllerParams:
         return dataclasses.replace(self, **sized)
 
 
-_LEG, _MASS = 0.8, 59.338  # [m], [kg], of the H1, whose figures the defaults are
+_MASS = 59.338  # [kg], of the H1, whose figures the defaults are
 # How parameters grow: the power of the leg's length and of the mass, which follow from the unit.
 _GROWTH = {
     (1.0, 0.0): (
         *("step_width", "min_foot_distance", "max_foot_distance", "max_step", "long_step", "long_step_clearance"),
         *("leg_reserve", "max_crouch", "capture_distance", "capture_margin", "leap_width", "jump_calm"),
         *("hop_shift_tolerance", "hop_overshoot", "hop_lowering", "jump_lowering", "leap_depth", "hop_depth"),
-        *("balance_ahead", "balance_margin", "clearance_at_nominal", "min_clearance", "walking_room"),
+        *("clearance_reserve", "min_clearance", "walking_room"),
     ),
     (0.5, 0.0): (
         "lowering_from",

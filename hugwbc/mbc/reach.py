@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from hugwbc.commands import SWING_REACTION
+from hugwbc.commands import SWING_REACTION, highest_swing
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.swing import PEAK
@@ -80,7 +80,7 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
         robot: gives torque, geometry and inertia of the legs.
     """
     excess = max(abs(speed) - params.clearance_speed, 0.0)
-    reach = params.clearance_at_nominal + h - params.clearance_per_speed * excess
+    reach = highest_swing(robot) - params.clearance_reserve + h - params.clearance_per_speed * excess
     reaction = SWING_REACTION / f**2 * (1.0 - params.swing_reaction_per_speed * excess)
     return max(params.min_clearance, min(reach, reaction, highest_lift(params, h, f, robot, speed=speed)))
 
@@ -188,7 +188,7 @@ def highest_leaping_height(params: ControllerParams, robot: Robot) -> float:
     return robot.leg_length - params.leap_reserve - _leg(robot).hip_height
 
 
-def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> float:
+def highest_leap_clearance(params: ControllerParams, h: float, f: float, robot: Robot) -> float:
     """Return the highest apex of the feet in a leap [m].
 
     The feet rise with the body and cannot be drawn in further than in a walk.
@@ -197,9 +197,11 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float) -> floa
         params: bounds.
         h: pelvis height above nominal at take-off [m].
         f: stride frequency [Hz].
+        robot: gives the reach of the legs.
     """
     rise = leap_rise(f)
-    return max(params.min_clearance, min(params.clearance_at_nominal + h + rise, rise + params.leap_tuck / f**2))
+    reach = highest_swing(robot) - params.clearance_reserve + h
+    return max(params.min_clearance, min(reach + rise, rise + params.leap_tuck / f**2))
 
 
 def toe_down(shank_pitch: float, shank_rate: float, slope: float, robot: Robot) -> float:

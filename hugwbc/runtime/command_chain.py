@@ -2,13 +2,22 @@
 
 import math
 
-from hugwbc.commands import SWING_REACTION, Command, CommandChange, changed_command, command_ranges
+from hugwbc.commands import (
+    PAPER_LEG,
+    SWING_REACTION,
+    Command,
+    CommandChange,
+    changed_command,
+    command_ranges,
+    highest_swing,
+)
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
 from hugwbc.runtime.braking import Braking
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import RobotState
 
+# Of a leg of `PAPER_LEG`; those of others are as their lengths, and their frequencies as at an equal Froude number.
 LEAST_REACH = 0.15  # [m], highest swing that is allowed at any height
 SLOW_STEP = 0.3  # [m], longest step below BRISK; the robot falls sideways for as long as a step lasts
 BRISK = 2.0  # [Hz], stride frequency that is enough for every commanded speed
@@ -26,8 +35,7 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
 
     Args:
         command: each value finite and within its range (`Command.clamp`).
-        robot: whose ranges are the semi-axes of the ellipse, and the highest swing at h = 0; a squat reduces that by as
-            much as it lowers the pelvis (knee and ankle).
+        robot: whose ranges are the semi-axes of the ellipse, and whose legs allow so much (`highest_swing`).
 
     Returns:
         The command, and one record for each value that was changed.
@@ -41,8 +49,9 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     v_y = _within(command.v_y, aside * math.sqrt(1.0 - share**2))
     speed = math.hypot(v_x, v_y)
     omega = _within(command.omega, SIDEWAYS / speed if speed > 0.0 else math.inf)
-    f = max(command.f, min(speed / (2.0 * SLOW_STEP), BRISK))
-    reach = max(ranges["l"].finishing[1] + command.h, LEAST_REACH)
+    size = robot.leg_length / PAPER_LEG
+    f = max(command.f, min(speed / (2.0 * SLOW_STEP * size), BRISK / math.sqrt(size)))
+    reach = max(highest_swing(robot) + command.h, LEAST_REACH * size)
     # The free leg of a hop does not swing, and its frequency is not commanded.
     reaction = math.inf if command.gait.hops else SWING_REACTION / f**2
     l = min(command.l, reach, reaction)  # noqa: E741  the paper's symbol

@@ -197,7 +197,7 @@ def test_a_robot_with_ankle_rolls_and_held_joints_walks():
     """The G1: six rows for a foot, and a waist roll and pitch that stay where they are."""
     robot = load_robot("g1")
     walk = Command(v_x=0.5, gait=Gait.WALKING, l=0.1)
-    trace = rollout(WholeBodyController(robot), walk, Simulation(sensing="exact", robot=robot), duration=3.0)
+    trace = rollout(WholeBodyController(robot), walk, Simulation(sensing="exact", robot=robot), duration=4.0)
     assert not trace.fell and trace.measured[len(trace.time) // 2 :, 0].mean() == pytest.approx(0.5, abs=0.03)
     held = trace.qpos[:, 7:][:, robot.held] - robot.nominal[robot.held]
     assert robot.held.size == 2 and np.abs(held).max() < 0.1
