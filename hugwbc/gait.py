@@ -74,9 +74,10 @@ class Gait(enum.IntEnum):
             raise UnknownNameError("gait", label, [gait.label for gait in cls]) from None
 
     def mirrored(self) -> "Gait":
-        """Return the gait seen in a mirror: hopping changes legs, the others stay."""
-        others = (gait for gait in Gait if gait.feet == tuple(1 - foot for foot in self.feet) and self.hops)
-        return next(others, self)
+        """Return the gait seen in a mirror, at a phase that is ahead by the offset: a hop changes legs."""
+        image = tuple(sorted(1 - foot for foot in self.feet)), -self.offset % 1.0, self.flight, self.travels
+        rows = ((gait, (gait.feet, gait.offset, gait.flight, gait.travels)) for gait in (self, *Gait))
+        return next((gait for gait, row in rows if row == image), self)
 
 
 # Numbers of the gaits for the functions of arrays below.

@@ -31,6 +31,13 @@ def test_unknown_gait_names_the_valid_ones(label: str) -> None:
         Gait.parse(label)
 
 
+@pytest.mark.parametrize("gait", list(Gait))
+def test_the_feet_of_the_mirrored_gait_change_places(gait: Gait) -> None:
+    phase = np.arange(0.0, 1.0, 0.125)
+    image = foot_phases((phase + gait.offset) % 1.0, np.full(8, gait.mirrored()))
+    np.testing.assert_allclose(image, foot_phases(phase, np.full(8, gait))[:, ::-1], atol=1e-12)
+
+
 def test_mirrored_gait_swaps_the_hopping_leg() -> None:
     assert Gait.HOPPING_LEFT.mirrored() is Gait.HOPPING_RIGHT
     assert all(gait.mirrored().mirrored() is gait for gait in Gait)

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from hugwbc import rotations
 from hugwbc.kinematics import Kinematics, in_place
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY, RobotState
 
@@ -92,7 +93,7 @@ class Predictor:
         self._accelerations.append(acceleration)
 
     def predict(self, state: RobotState, delay: float = 0.0) -> RobotState:
-        """Return the state `state.age` and a delay later, without raw readings; one that is not old stays as it is.
+        """Return the state `state.age` and a delay later; one that is not old stays as it is.
 
         Args:
             state: complete reading, with position and velocity.
@@ -121,16 +122,13 @@ class Predictor:
             duration = self._period
         q = pin.integrate(self._model, q, way)
         orientation = q[[6, 3, 4, 5]]
-        return RobotState(
+        return changed(
+            state,
             q=q[self._q_joints],
             dq=v[self._v_joints],
             orientation=orientation,
             angular_velocity=v[3:6],
             position=q[:3],
             velocity=rotations.rotate(orientation, v[:3]),
-            foot_force=state.foot_force,
-            hand_force=state.hand_force,
-            untold_inertia=state.untold_inertia,
-            time=state.time,
             age=age - carried,
         )

@@ -11,7 +11,7 @@ from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.tables import INTERVAL_NOTE, Cell, Table, cell_text
 from hugwbc.files import write_whole
 from hugwbc.report.figure_tables import figures_csv
-from hugwbc.viz.charts import Bar, interval_bars
+from hugwbc.viz.evaluation_plots import Bar, interval_bars
 
 PAIRED_NOTE = (
     f"{INTERVAL_NOTE}. Differences from {{}} are over the episodes that both have: of means with a paired bootstrap "

@@ -21,7 +21,7 @@ from hugwbc.report import page
 from hugwbc.report.figure_tables import comparison_sentence, comparison_table, figures_csv
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.state import RobotState
-from hugwbc.viz import charts
+from hugwbc.viz import evaluation_plots
 from hugwbc.viz.framing import LABEL_COLOURS
 
 LEVELS = (0.25, 0.5, 0.75, 1.0)  # of the curriculum's alpha
@@ -132,8 +132,8 @@ def _clouds(robot: Robot) -> str:
         "Positions of the hands under the noise of the training's intervention, seen from behind, by the level of its "
         "curriculum: the arms follow level × noise + (1 - level) × policy; the nominal posture stands for the policy."
     )
-    drawn = [charts.hand_cloud(f"level {level:g}", *hand_clouds(robot, level)) for level in LEVELS]
-    return f"{text}\n{page.legend(charts.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
+    drawn = [evaluation_plots.hand_cloud(f"level {level:g}", *hand_clouds(robot, level)) for level in LEVELS]
+    return f"{text}\n{page.legend(evaluation_plots.FEET, LABEL_COLOURS)}\n{page.pictures(drawn)}"
 
 
 def hand_clouds(robot: Robot, level: float, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:

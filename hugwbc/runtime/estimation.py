@@ -404,20 +404,18 @@ class StateEstimator:
 
     def _estimate(self, state: RobotState) -> RobotState:
         """Return the estimate at the time of a reading."""
-        return RobotState(
-            self._joints.q,  # the filter makes new arrays at every update, as the observer does
-            self._joints.dq,
-            *self._pelvis(),
+        orientation, angular_velocity, position, velocity = self._pelvis()
+        return changed(
+            state,
+            q=self._joints.q,  # the filter makes new arrays at every update, as the observer does
+            dq=self._joints.dq,
+            orientation=orientation,
+            angular_velocity=angular_velocity,
+            position=position,
+            velocity=velocity,
             foot_force=self._observer.force,
             hand_force=self._observer.hands.force,
-            imu_gyro=state.imu_gyro,
-            imu_accelerometer=state.imu_accelerometer,
-            torque=state.torque,
             untold_inertia=self._observer.inertia.untold,
-            time=state.time,
-            age=state.age,
-            coasted=state.coasted,
-            lost=state.lost,
         )
 
 

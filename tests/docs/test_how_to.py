@@ -37,6 +37,10 @@ def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-gait.md", folder, package)
 
 
+def test_add_a_sensor(folder: pathlib.Path, package: pathlib.Path) -> None:
+    follow(HOW_TO / "add-a-sensor.md", folder, package)
+
+
 def test_change_the_training(folder: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
     follow(HOW_TO / "change-the-training.md", folder)
     policy = folder / "runs" / "apart" / "policy.safetensors"

@@ -18,7 +18,7 @@ from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import NotNegative, Positive, settings
-from hugwbc.viz import charts
+from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
 
 _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
@@ -112,7 +112,7 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[P
             clock = gaits.clock(clock_phases(Gait.parse(row["gait"]), row["frequency"], row["offset"], len(contact)))
             time = RECORD_PERIOD * np.arange(len(contact))
             number = list(controllers).index(controller)
-            drawn.append(charts.gait_diagram(title, time, contact, clock, number, _SHOWN_S))
+            drawn.append(evaluation_plots.gait_diagram(title, time, contact, clock, number, _SHOWN_S))
     return drawn
 
 

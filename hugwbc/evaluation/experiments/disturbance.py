@@ -26,7 +26,7 @@ from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.plans import Plan
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Force
-from hugwbc.viz import charts
+from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
 
 KINDS = {"constant": None, "second": 1.0}  # how long the force acts [s]
@@ -221,7 +221,7 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[P
     angles = [math.radians(direction) for direction in DIRECTIONS]
     # Controllers without a result keep their place, so that the colours are the same on the whole page.
     return [
-        charts.polar(
+        evaluation_plots.polar(
             f"Tolerated force, {name}",
             angles,
             {c: [found[c][kind, d].tolerated if c in found else None for d in DIRECTIONS] for c in controllers},

@@ -23,7 +23,7 @@ from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.settings import Count, NotNegative, Positive, settings
-from hugwbc.viz import charts
+from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
 
 RAMPED = ("p", "w")
@@ -117,7 +117,7 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[P
             series = {name: found.get(name, (np.zeros(0), np.zeros(0))) for name in controllers}
             line = np.unique(np.concatenate([x for x, _ in series.values()]))
             labels = (f"commanded {command} [rad]", "measured [rad]")
-            drawn.append(charts.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
+            drawn.append(evaluation_plots.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
     return drawn
 
 

@@ -24,7 +24,7 @@ from hugwbc.evaluation.metrics import executed_means
 from hugwbc.evaluation.plans import Plan
 from hugwbc.robot import load_robot
 from hugwbc.settings import settings
-from hugwbc.viz import charts
+from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
 
 SLOW = (0.1, 0.2)  # [m/s], [rad/s], in both directions: velocities that are often ignored
@@ -125,7 +125,7 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[P
                 series[name] = rows["value"].to_numpy(), rows["executed"].to_numpy()
             line = np.unique(np.concatenate([x for x, _ in series.values()]))
             labels = (f"commanded {command} [{COMMAND_UNITS[command]}]", "executed")
-            drawn.append(charts.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
+            drawn.append(evaluation_plots.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
     return drawn
 
 

@@ -45,8 +45,9 @@ PRIVILEGED = (  # what the critic sees besides frame, command and terrain
 )
 CRITIC_CORE = (*FRAME, *COMMAND, *PRIVILEGED)  # what is left of what it sees without the terrain
 
-# Widths of the policy's layers.
+# Widths of the networks' layers.
 LATENT_SIZE = 32
 ENCODER_HIDDEN = (256, 128)
 ESTIMATOR_HIDDEN = (64, 32)
 POLICY_HIDDEN = (256, 128, 64)
+CRITIC_HIDDEN = (512, 256, 128)

@@ -17,6 +17,7 @@ from torch import nn
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.layout import (
+    CRITIC_HIDDEN,
     ENCODER_HIDDEN,
     ESTIMATE_SIZE,
     ESTIMATOR_HIDDEN,
@@ -28,7 +29,6 @@ from hugwbc.learned.policy.symmetry import EvenOdd
 from hugwbc.learned.policy.terms import Part
 from hugwbc.robot import Robot
 
-CRITIC_HIDDEN = (512, 256, 128)
 _OUTPUT_BOUND = 0.01  # of the last weights of the policy: it starts close to the nominal pose
 
 # Plain networks ------------------------------------------------------------------------------------------------------

@@ -124,8 +124,7 @@ class Sensed:
 
     def mirrored(self, robot: Robot) -> "Sensed":
         """Return what the mirror images of the robots sense."""
-        joints = load_mirror(robot).joints
-        walking = self.gait == Gait.WALKING  # whose feet are half a cycle apart
+        joints, asked = load_mirror(robot).joints, [Gait(int(gait)) for gait in self.gait]
         return dataclasses.replace(
             self,
             angular_velocity=self.angular_velocity * AXIAL_SIGNS,
@@ -134,8 +133,8 @@ class Sensed:
             dq=joints(self.dq),
             action=joints(self.action),
             command=self.command * COMMAND_SIGNS,
-            gait=np.array([int(Gait(int(gait)).mirrored()) for gait in self.gait]),
-            phase=(self.phase + 0.5 * walking) % 1.0,
+            gait=np.array([int(gait.mirrored()) for gait in asked]),
+            phase=(self.phase + [gait.offset for gait in asked]) % 1.0,  # the left foot's becomes the right one's
             velocity=None if self.velocity is None else self.velocity * VECTOR_SIGNS,
         )
 

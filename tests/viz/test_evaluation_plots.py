@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from hugwbc.viz.charts import curves, gait_diagram, hand_cloud, polar, spans
+from hugwbc.viz.evaluation_plots import curves, gait_diagram, hand_cloud, polar, spans
 from hugwbc.viz.framing import LABEL_COLOURS
 
 SVG = "{http://www.w3.org/2000/svg}"

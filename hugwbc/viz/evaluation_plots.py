@@ -1,4 +1,4 @@
-"""Pictures of evaluations: polar plots, gait diagrams, clouds of hand positions and curves."""
+"""Plots of evaluations: polar plots, gait diagrams, clouds of hand positions and curves."""
 
 import dataclasses
 import math
