@@ -28,7 +28,7 @@ def record_a_run(path: pathlib.Path, standing: Standing, *, fault: bool = False)
     assert run.side.pilot.mode is Mode.RUN
     run.slot(b"torn")
     if fault:
-        run.now += 0.03
+        run.now += 0.11
         run.side.publish(run.now)
         run.slot()
         assert run.side.pilot.mode is Mode.DAMPING

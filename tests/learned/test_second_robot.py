@@ -50,13 +50,13 @@ def test_sixteen_g1_step_with_finite_rewards(intervention) -> None:
 
 
 def test_joints_in_no_chain_are_held_by_their_drives_at_action_0() -> None:
-    """In a stand, waist roll and pitch and the wrists stay at their nominal positions, which are 0."""
+    """In a stand, waist roll and pitch stay at their nominal positions, which are 0."""
     config = EnvConfig(count=2, robot="g1", intervention="none", randomization=RandomizationConfig.off())
     env = HumanoidEnv(config, seed=1, threads=1)
     env.command[:], env.gait[:] = 0.0, int(Gait.STANDING)
     for _ in range(15):
         env.step(torch.zeros(2, 29))
-    assert len(G1.held) == 8 and float(env.readings.q[:, env.body.held].abs().max()) < 0.06
+    assert len(G1.held) == 2 and float(env.readings.q[:, env.body.held].abs().max()) < 0.06
 
 
 def test_a_policy_of_a_g1_is_learnt_saved_and_refused_for_an_h1(tmp_path) -> None:
@@ -92,17 +92,17 @@ def test_noise_of_the_arms_stays_within_their_range_and_mirrors() -> None:
     low, high = arm_noise_range(G1)
     assert (low >= G1.lower[G1.arms]).all() and (high <= G1.upper[G1.arms]).all()
     assert high[0] == 2.6 and high[2] == G1.upper[G1.arms][2] == 2.618, "the authors' or the limit"
-    np.testing.assert_allclose([low[5], high[5]], [-high[1], -low[1]])  # shoulder roll
-    np.testing.assert_allclose([low[4], high[4]], [low[0], high[0]])  # shoulder pitch
+    np.testing.assert_allclose([low[8], high[8]], [-high[1], -low[1]])  # shoulder roll
+    np.testing.assert_allclose([low[7], high[7]], [low[0], high[0]])  # shoulder pitch
     targets = NoiseTargets(G1, 50, 90, torch.Generator().manual_seed(0)).targets()
-    assert targets.shape == (50, 8)
+    assert targets.shape == (50, 14)
 
 
 def test_a_motion_file_is_read_for_the_robot_whose_arms_it_moves(tmp_path) -> None:
     (motion,) = generate_motions(G1, seed=0, count=1, duration=1.0)
     motion.save(tmp_path / "g1.npz")
     np.testing.assert_array_equal(load_motion(tmp_path / "g1.npz", G1).positions, motion.positions)
-    bent = np.full((51, 8), 0.0)
+    bent = np.zeros((51, 14))
     bent[:, 2] = 4.0  # shoulder yaw, within the H1's range alone
     np.savez(tmp_path / "h1.npz", fps=50.0, joint_names=np.array(G1.arm_names), positions=bent)
     with pytest.raises(MotionFileError, match=r"beyond joint limits.*the signs and zeros of the g1"):
