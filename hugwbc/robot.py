@@ -434,8 +434,17 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
         capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
         contact_links=tuple(table["contact_links"]),
-        commands={
-            name: {kind: (float(low), float(high)) for kind, (low, high) in ranges.items()}
-            for name, ranges in table.get("commands", {}).items()
-        },
+        commands={name: _ranges(name, ranges) for name, ranges in table.get("commands", {}).items()},
     )
+
+
+def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
+    """Return a table's own ranges of a command."""
+    checked = {}
+    for kind, (low, high) in ranges.items():
+        if kind not in (valid := ("initial", "finishing")):
+            raise UnknownNameError(f"range of the command {command}", kind, valid)
+        if not low <= high:
+            raise ModelError(f"commands has {command} from {low:g} to {high:g}; give the lower end first")
+        checked[kind] = float(low), float(high)
+    return checked

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.errors import HugwbcError
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.errors import HugwbcError, UnknownNameError
 from hugwbc.robot import load_robot, robot_table
 from hugwbc.table_defaults import is_left, mirrored, other_side, placement
 
@@ -208,14 +209,20 @@ def _motors(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that the messages' motor slots have each joint once."""
     if (interface := table.get("interface")) is None:
         return
-    slots, names = [name for name in interface["motors"] if name is not None], [row["name"] for row in table["joints"]]
+    motors, modes = (interface.get(part, []) for part in ("motors", "modes"))
+    slots, names = [name for name in motors if name is not None], [row["name"] for row in table["joints"]]
     for name in dict.fromkeys((*slots, *names)):
         if name not in names:
             yield f"interface.motors has {name}, which is no joint; leave an unused slot null"
         elif slots.count(name) != 1:
             yield f"interface.motors has {name} {slots.count(name)} times; give each joint one slot"
-    if len(interface["modes"]) != len(interface["motors"]):
-        yield f"interface has {len(interface['motors'])} motors and {len(interface['modes'])} modes; give as many"
+    if len(modes) != len(motors):
+        yield f"interface has {len(motors)} motors and {len(modes)} modes; give as many"
 
 
-_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _shapes, _motors)
+def _commands(table: Mapping[str, Any]) -> Iterator[str]:
+    for name in set(table.get("commands", {})).difference(COMMAND_NAMES):
+        yield str(UnknownNameError("command under `commands`", name, COMMAND_NAMES))
+
+
+_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _shapes, _motors, _commands)

@@ -65,6 +65,9 @@ def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
         ({"imu": "imu_lin"}, "unknown frame of .*'imu_lin'. Did you mean 'imu'"),
         ({"nominal": {"left_kne_joint": 0.3}}, "unknown joint under nominal 'left_kne_joint'. Did you mean"),
         ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
+        ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown range of the command v_x 'final'"),
+        ({"commands": {"v_x": {"finishing": [1, 0]}}}, "commands has v_x from 1 to 0; give the lower end first"),
+        ({"commands": {"v_x": 1.0}}, "mine.yaml has a field of another form"),
         ({"description": "none.urdf"}, "none.urdf is no URDF or MJCF that MuJoCo reads"),
         ({"description": "mine.urdf"}, "mine.urdf is no URDF"),
         ({"sole": None}, "has no shape of left_ankle_roll_link; give the field sole"),
@@ -93,7 +96,7 @@ def test_no_file_of_another_origin_is_written_over(tmp_path, maker, description)
 
 def test_a_folder_that_cannot_be_written_and_missing_sections_are_named(tmp_path) -> None:
     (tmp_path / "mine.xml").mkdir()
-    with pytest.raises(ConfigError, match="cannot write .*mine.xml"):
+    with pytest.raises(ConfigError, match=r"cannot write .*mine.xml"):
         _robot(tmp_path, SHORT)
     other = tmp_path / "other.yaml"
     other.write_text(yaml.safe_dump({key: value for key, value in TABLE.items() if key not in ("name", "visuals")}))

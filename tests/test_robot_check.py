@@ -144,6 +144,13 @@ def test_what_is_no_table_is_refused(tmp_path, text, message) -> None:
     assert message in found
 
 
+def test_a_motor_slot_for_each_joint_and_ranges_of_commands_only() -> None:
+    table = {**G1, "interface": {}, "commands": {"vx": {"finishing": [0, 1]}}}
+    found = table_problems(table)
+    assert "interface.motors has left_knee_joint 0 times; give each joint one slot" in found
+    assert any("unknown command under `commands` 'vx'. Did you mean 'v_x'" in text for text in found)
+
+
 def test_a_base_below_the_feet_is_refused(tmp_path) -> None:
     table = copy.deepcopy(G1)
     table["roles"]["base"] = "torso_link"
