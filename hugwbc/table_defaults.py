@@ -178,9 +178,9 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
 
 def complete_drive(joint: dict[str, Any]) -> None:
     """Give a joint of a description the figures of its drive that neither it nor the table says."""
-    joint["armature"] = joint["armature"] or _ARMATURE * joint["effort"]
-    joint["friction"] = joint["friction"] or _FRICTION * joint["effort"]
-    joint["viscous"] = joint["viscous"] or _VISCOUS * joint["friction"]
+    joint.setdefault("armature", _ARMATURE * joint["effort"])
+    joint.setdefault("friction", _FRICTION * joint["effort"])
+    joint.setdefault("viscous", _VISCOUS * joint["friction"])
     joint.setdefault("corner_speed", _CORNER * joint["velocity"])
     joint.setdefault("kp", joint["armature"] * _FREQUENCY**2)
     joint.setdefault("kd", 2.0 * _DAMPING * joint["armature"] * _FREQUENCY)

@@ -59,6 +59,12 @@ def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
     assert mine.sole_z == G1.sole_z
 
 
+def test_drives_without_friction_stay_so(tmp_path) -> None:
+    drives = [{**drive, "friction": 0.0, "viscous": 0.0} for drive in TABLE["drives"]]
+    mine = _robot(tmp_path, {**SHORT, "drives": drives})
+    assert not np.any((mine.friction, mine.viscous))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
