@@ -240,11 +240,8 @@ def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -
         if truth.hand_force is not None and truth.time > BEGIN + rising + STEADY:
             misses.append(abs(-float(truth.hand_force[0, 0]) - settings.force))
 
-    source, simulation = (
-        PressSource(None, force=settings.force),
-        simulation_of(settings, plan, duration, Scene((wall,))),
-    )
-    trace = play(controller, settings, plan, source, simulation, duration, on_step)
+    simulation = simulation_of(settings, plan, duration, Scene((wall,)))
+    trace = play(controller, settings, plan, PressSource(None, force=settings.force), simulation, duration, on_step)
     error = float(np.mean(misses)) if misses and not trace.fell else None
     return {"error": error, **errors.row(), **ending(trace)}
 
