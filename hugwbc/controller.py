@@ -93,9 +93,9 @@ class UpperBody:
                 object.__setattr__(self, name, np.zeros_like(self.q))
 
     @classmethod
-    def none(cls) -> "UpperBody":
-        """Return no external control."""
-        return cls(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
+    def none(cls, joints: int = 0) -> "UpperBody":
+        """Return no external control, as controllers get it with the number of arm joints, k."""
+        return cls(np.zeros(joints), np.zeros(joints), np.zeros(joints, dtype=bool))
 
     @classmethod
     def targets(
