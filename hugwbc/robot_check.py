@@ -220,9 +220,18 @@ def _motors(table: Mapping[str, Any]) -> Iterator[str]:
         yield f"interface has {len(motors)} motors and {len(modes)} modes; give as many"
 
 
-def _commands(table: Mapping[str, Any]) -> Iterator[str]:
-    for name in set(table.get("commands", {})).difference(COMMAND_NAMES):
-        yield str(UnknownNameError("command under `commands`", name, COMMAND_NAMES))
+def _names(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that no field is misspelt: it would say nothing. The H1's table has them all."""
+    known = robot_table()
+    rows = [("commands", table.get("commands", {}), COMMAND_NAMES)]
+    rows += [("the table", table, (*known, "description", "nominal", "commands"))]
+    for kind in ("joints", "links"):
+        fields = tuple({field: None for row in known[kind] for field in row})
+        rows += [(row["name"], row, fields) for row in table[kind]]
+    for name, row, fields in rows:
+        for field in row:
+            if field not in fields:
+                yield str(UnknownNameError(f"field of {name},", field, fields))
 
 
-_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _shapes, _motors, _commands)
+_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _shapes, _motors, _names)

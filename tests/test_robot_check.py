@@ -80,6 +80,18 @@ BROKEN = {
         _twice,
         ["right_knee_joint 2 times; give each joint one slot", "left_hip_pitch_joint 0 times"],
     ),
+    "the interface has nothing": (
+        lambda table: table.update(interface={}),
+        [f"interface.motors has {row['name']} 0 times; give each joint one slot" for row in G1["joints"]],
+    ),
+    "fields are misspelt": (
+        lambda table: (table.update(commands={"vx": {}}, soles={}), _row(table, LEFT_KNEE).update(efort=1.0)),
+        [
+            "unknown field of commands, 'vx'. Did you mean 'v_x'",
+            "unknown field of the table, 'soles'. Did you mean 'sole'",
+            "unknown field of left_knee_joint, 'efort'. Did you mean 'effort'",
+        ],
+    ),
     "a role is another joint's": (
         lambda table: table["roles"]["leg"].update(knee="left_elbow_joint"),
         ["roles `leg` are left_hip_pitch_joint, left_hip_roll_joint, left_hip_yaw_joint, left_elbow_joint,"],
@@ -142,13 +154,6 @@ def test_what_is_no_table_is_refused(tmp_path, text, message) -> None:
     (tmp_path / "mine.yaml").write_text(text)
     (found,) = problems(str(tmp_path / "mine.yaml"))
     assert message in found
-
-
-def test_a_motor_slot_for_each_joint_and_ranges_of_commands_only() -> None:
-    table = {**G1, "interface": {}, "commands": {"vx": {"finishing": [0, 1]}}}
-    found = table_problems(table)
-    assert "interface.motors has left_knee_joint 0 times; give each joint one slot" in found
-    assert any("unknown command under `commands` 'vx'. Did you mean 'v_x'" in text for text in found)
 
 
 def test_a_base_below_the_feet_is_refused(tmp_path) -> None:
