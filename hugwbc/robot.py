@@ -440,11 +440,13 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
 
 def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
     """Return a table's own ranges of a command."""
-    checked = {}
+    checked, least = {}, 0.0 if command == "f" else -math.inf
     for kind, (low, high) in ranges.items():
         if kind not in (valid := ("initial", "finishing")):
             raise UnknownNameError(f"range of the command {command}", kind, valid)
-        if not low <= high:
-            raise ModelError(f"commands has {command} from {low:g} to {high:g}; give the lower end first")
+        if not least < low <= high < math.inf:
+            raise ModelError(
+                f"commands has {command} from {low:g} to {high:g}; give finite ends, the lower one first, f above 0"
+            )
         checked[kind] = float(low), float(high)
     return checked
