@@ -198,6 +198,17 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
+def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that gains and postures of a limb have a number for each joint."""
+    for section, limb in (("arm_servo", "arm"), ("arm_postures", "arm"), ("leg_postures", "leg")):
+        parts = table["roles"][limb]
+        for name, values in table[section].items():
+            if len(values) != len(parts):
+                yield f"{section} has {len(values)} numbers for {name}; give one for each of {', '.join(parts)}"
+            elif section == "arm_servo" and not min(values) > 0.0:
+                yield f"{section} has {name} from {min(values):g} on; give figures above 0"
+
+
 def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
     shapes = {link["name"] for link in table["links"] if "collision_box" in link}
     shapes |= {table["roles"]["foot"], other_side(table["roles"]["foot"])}
@@ -234,4 +245,4 @@ def _names(table: Mapping[str, Any]) -> Iterator[str]:
                 yield str(UnknownNameError(f"field of {name},", field, fields))
 
 
-_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _shapes, _motors, _names)
+_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _limbs, _shapes, _motors, _names)

@@ -80,6 +80,10 @@ BROKEN = {
         _twice,
         ["right_knee_joint 2 times; give each joint one slot", "left_hip_pitch_joint 0 times"],
     ),
+    "gains of a forearm are left out": (
+        lambda table: table["arm_servo"].update(kp=[80, 80, 80, 80], kd=[3, 3, 3, 3, 0, 1.5, 1.5]),
+        ["arm_servo has 4 numbers for kp; give one for each of shoulder_pitch,", "arm_servo has kd from 0 on"],
+    ),
     "the interface has nothing": (
         lambda table: table.update(interface={}),
         [f"interface.motors has {row['name']} 0 times; give each joint one slot" for row in G1["joints"]],
