@@ -69,6 +69,9 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
     ("change", "message"),
     [
         ({"imu": "imu_lin"}, "unknown frame of .*'imu_lin'. Did you mean 'imu'"),
+        ({"hand": "left_foot"}, "unknown frame of .*'left_foot'"),
+        ({"hand": "left_sole"}, "hand is on left_ankle_roll_link; give a frame of left_wrist_yaw_link"),
+        ({"imu": "left_hand"}, "imu is on left_wrist_yaw_link; give a frame of pelvis or torso_link"),
         ({"nominal": {"left_kne_joint": 0.3}}, "unknown joint under nominal 'left_kne_joint'. Did you mean"),
         ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
         ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown range of the command v_x 'final'"),
