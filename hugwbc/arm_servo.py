@@ -168,9 +168,10 @@ class ArmServo:
         springs = np.zeros((self._arms.size, self._arms.size))
         for own, jacobian in zip(np.arange(self._arms.size).reshape(len(SIDES), -1), jacobians, strict=True):
             spring = stiffness * jacobian[:, own].T @ jacobian[:, own]
-            room = self.robot.arm_kp[own] - POSTURE_STIFFNESS
+            posture = np.minimum(self.robot.arm_kp[own], POSTURE_STIFFNESS)
+            room = self.robot.arm_kp[own] - posture
             spring = spring * min(1.0, float((room / np.maximum(spring.diagonal(), 1e-9)).min()))
-            springs[np.ix_(own, own)] = spring + POSTURE_STIFFNESS * np.eye(own.size)
+            springs[np.ix_(own, own)] = spring + np.diag(posture)
         return springs
 
     def torque(

@@ -93,9 +93,9 @@ class UpperBody:
                 object.__setattr__(self, name, np.zeros_like(self.q))
 
     @classmethod
-    def none(cls) -> "UpperBody":
-        """Return no external control."""
-        return cls(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
+    def none(cls, joints: int = 0) -> "UpperBody":
+        """Return no external control, as controllers get it with the number of arm joints, k."""
+        return cls(np.zeros(joints), np.zeros(joints), np.zeros(joints, dtype=bool))
 
     @classmethod
     def targets(
@@ -154,7 +154,7 @@ class Controller(Protocol):
     """A whole-body controller.
 
     These four members are all that simulation, deployment, evaluation, viewer and command line require; a class need
-    not inherit from this one. Properties that a controller may have beyond them (`hugwbc.runtime.moment.PlanView`):
+    not inherit from this one. Properties that a controller may have beyond them (`hugwbc.runtime.snapshot.PlanView`):
 
     - `phase`: the common phase of the gait (`hugwbc.gait`) in the current control period, in [0, 1), for pictures.
     - `footholds`: where the sole centre of each swing foot will land, world x and y [m], shape (2, 2); NaN for other

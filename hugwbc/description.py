@@ -52,11 +52,9 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
             "range": model.jnt_range[j].tolist(),
             "effort": float(model.jnt_actfrcrange[j, 1]),
             "velocity": 0.0 if limit is None else float(limit.get("velocity", 0.0)),
-            "armature": float(model.dof_armature[dof]),
-            "friction": float(model.dof_frictionloss[dof]),
-            "viscous": float(model.dof_damping[dof]),
         }
-        joints.append(joint)
+        drive = {"armature": model.dof_armature, "friction": model.dof_frictionloss, "viscous": model.dof_damping}
+        joints.append(joint | {name: float(of_dofs[dof]) for name, of_dofs in drive.items() if of_dofs[dof]})
     frames = {
         model.site(i).name: {"parent": model.body(model.site_bodyid[i]).name, "xyz": model.site_pos[i].tolist()}
         for i in range(model.nsite)

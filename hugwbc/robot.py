@@ -260,14 +260,13 @@ def _tables() -> dict[str, pathlib.Path]:
 
 def table_file(name: str) -> pathlib.Path:
     """Return the file that describes a robot, given its name, the file's own path, or that of its folder."""
+    if name in (tables := _tables()):
+        return tables[name]
     path = pathlib.Path(name)
     path = path / f"{path.resolve().name}.yaml" if path.is_dir() else path
     if path.suffix == ".yaml" and path.is_file():
         return path.resolve()
-    try:
-        return _tables()[name]
-    except KeyError:
-        raise UnknownNameError("robot", name, (*robot_names(), "the path of a table, NAME/NAME.yaml")) from None
+    raise UnknownNameError("robot", name, (*tables, "the path of a table, NAME/NAME.yaml"))
 
 
 def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
@@ -355,88 +354,99 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
 @functools.cache
 def _load_robot(name: str) -> Robot:
     table, file = robot_table(name), table_file(name)
-    robot = _robot_of(name, table, file)
-    if models_dir() not in file.parents:
-        runpy.run_path(str(models_dir() / "build.py"))["write"](name)
+    try:
+        robot = _robot_of(name, table, file)
+        if models_dir() not in file.parents:
+            runpy.run_path(str(models_dir() / "build.py"))["write"](name)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        raise _missing(file, error) from error
     return robot
 
 
 def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
-    try:
-        joints, roles = table["joints"], table["roles"]
-        names = [joint["name"] for joint in joints]
-        feet, hands = ((roles[part], other_side(roles[part])) for part in ("foot", "hand"))
-        parts = {**roles["leg"], **roles["arm"]}
-        links = {joint["name"]: joint["child"] for joint in joints}
-        links = {part: links[name] for part, name in parts.items()}
+    joints, roles = table["joints"], table["roles"]
+    names = [joint["name"] for joint in joints]
+    feet, hands = ((roles[part], other_side(roles[part])) for part in ("foot", "hand"))
+    parts = {**roles["leg"], **roles["arm"]}
+    links = {joint["name"]: joint["child"] for joint in joints}
+    links = {part: links[name] for part, name in parts.items()}
 
-        def indices(of: Sequence[str]) -> np.ndarray:
-            return np.array([names.index(name) for name in of])
+    def indices(of: Sequence[str]) -> np.ndarray:
+        return np.array([names.index(name) for name in of])
 
-        def seen_from(part: str, link: str) -> np.ndarray:
-            return placement(joints, link, links[part])[0]
+    def seen_from(part: str, link: str) -> np.ndarray:
+        return placement(joints, link, links[part])[0]
 
-        def column(key: str) -> np.ndarray:
-            return _frozen([joint[key] for joint in joints])
+    def column(key: str) -> np.ndarray:
+        return _frozen([joint[key] for joint in joints])
 
-        ranges = column("range")
-        return Robot(
-            name=name,
-            xml_path=file.with_name(f"{table['name']}.xml"),
-            urdf_path=file.with_name(f"{table['name']}.urdf"),
-            mass=math.fsum(link["mass"] for link in table["links"]),
-            joint_names=tuple(names),
-            lower=_frozen(ranges[:, 0]),
-            upper=_frozen(ranges[:, 1]),
-            velocity_limit=column("velocity"),
-            torque_limit=_frozen(np.minimum(column("effort"), column("policy_torque_limit"))),
-            kp=column("kp"),
-            kd=column("kd"),
-            nominal=column("nominal"),
-            axes=column("axis"),
-            armature=column("armature"),
-            damping=_frozen([table["damping"]] * len(joints)),
-            friction=column("friction"),
-            viscous=column("viscous"),
-            corner_speed=column("corner_speed"),
-            command_delay=float(table["command_delay"]),
-            nominal_height=float(table["nominal_height"]),
-            base=roles["base"],
-            trunk=roles["trunk"],
-            imu_link=table["imu"]["parent"],
-            camera=_frozen(table["camera"]["xyz"]),
-            foot_links=feet,
-            hand_links=hands,
-            legs=indices([side(name) for side in (str, other_side) for name in roles["leg"].values()]),
-            arms=indices([side(name) for side in (str, other_side) for name in roles["arm"].values()]),
-            waist=names.index(roles["waist"]["yaw"]),
-            pairs={part: indices([name, other_side(name)]) for part, name in parts.items()},
-            moved={part: (link, other_side(link)) for part, link in links.items()},
-            sole_x=tuple(table["sole"]["x"]),
-            sole_y=tuple(table["sole"]["y"]),
-            sole_z=float(table["sole"]["z"]),
-            sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
-            thigh=math.hypot(*seen_from("hip_pitch", links["knee"])[::2].tolist()),
-            shank=math.hypot(*seen_from("knee", links["ankle_pitch"])[::2].tolist()),
-            shoulder=_frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
-            upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
-            forearm=math.hypot(*placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
-            hand=_frozen(table["hand"]["xyz"]),
-            leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
-            arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
-            arm_kp=_frozen(2 * table["arm_servo"]["kp"]),
-            arm_kd=_frozen(2 * table["arm_servo"]["kd"]),
-            squat_heights=tuple(table["squat"]["heights"]),
-            squat_reach=tuple(table["squat"]["reach"]),
-            squat_reach_per_pitch=float(table["squat"]["reach_per_pitch"]),
-            level_shank=float(table["squat"]["level_shank"]),
-            collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
-            capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
-            contact_links=tuple(table["contact_links"]),
-            commands={
-                name: {kind: (float(low), float(high)) for kind, (low, high) in ranges.items()}
-                for name, ranges in table.get("commands", {}).items()
-            },
-        )
-    except (IndexError, KeyError, TypeError, ValueError) as error:
-        raise _missing(file, error) from error
+    ranges = column("range")
+    return Robot(
+        name=name,
+        xml_path=file.with_name(f"{table['name']}.xml"),
+        urdf_path=file.with_name(f"{table['name']}.urdf"),
+        mass=math.fsum(link["mass"] for link in table["links"]),
+        joint_names=tuple(names),
+        lower=_frozen(ranges[:, 0]),
+        upper=_frozen(ranges[:, 1]),
+        velocity_limit=column("velocity"),
+        torque_limit=_frozen(np.minimum(column("effort"), column("policy_torque_limit"))),
+        kp=column("kp"),
+        kd=column("kd"),
+        nominal=column("nominal"),
+        axes=column("axis"),
+        armature=column("armature"),
+        damping=_frozen([table["damping"]] * len(joints)),
+        friction=column("friction"),
+        viscous=column("viscous"),
+        corner_speed=column("corner_speed"),
+        command_delay=float(table["command_delay"]),
+        nominal_height=float(table["nominal_height"]),
+        base=roles["base"],
+        trunk=roles["trunk"],
+        imu_link=table["imu"]["parent"],
+        camera=_frozen(table["camera"]["xyz"]),
+        foot_links=feet,
+        hand_links=hands,
+        legs=indices([side(name) for side in (str, other_side) for name in roles["leg"].values()]),
+        arms=indices([side(name) for side in (str, other_side) for name in roles["arm"].values()]),
+        waist=names.index(roles["waist"]["yaw"]),
+        pairs={part: indices([name, other_side(name)]) for part, name in parts.items()},
+        moved={part: (link, other_side(link)) for part, link in links.items()},
+        sole_x=tuple(table["sole"]["x"]),
+        sole_y=tuple(table["sole"]["y"]),
+        sole_z=float(table["sole"]["z"]),
+        sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
+        thigh=math.hypot(*seen_from("hip_pitch", links["knee"])[::2].tolist()),
+        shank=math.hypot(*seen_from("knee", links["ankle_pitch"])[::2].tolist()),
+        shoulder=_frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
+        upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
+        forearm=math.hypot(*placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
+        hand=_frozen(table["hand"]["xyz"]),
+        leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
+        arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
+        arm_kp=_frozen(2 * table["arm_servo"]["kp"]),
+        arm_kd=_frozen(2 * table["arm_servo"]["kd"]),
+        squat_heights=tuple(table["squat"]["heights"]),
+        squat_reach=tuple(table["squat"]["reach"]),
+        squat_reach_per_pitch=float(table["squat"]["reach_per_pitch"]),
+        level_shank=float(table["squat"]["level_shank"]),
+        collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
+        capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
+        contact_links=tuple(table["contact_links"]),
+        commands={name: _ranges(name, ranges) for name, ranges in table.get("commands", {}).items()},
+    )
+
+
+def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
+    """Return a table's own ranges of a command."""
+    checked, least = {}, 0.0 if command == "f" else -math.inf
+    for kind, (low, high) in ranges.items():
+        if kind not in (valid := ("initial", "finishing")):
+            raise UnknownNameError(f"range of the command {command}", kind, valid)
+        if not least < low <= high < math.inf:
+            raise ModelError(
+                f"commands has {command} from {low:g} to {high:g}; give finite ends, the lower one first, f above 0"
+            )
+        checked[kind] = float(low), float(high)
+    return checked

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.errors import HugwbcError
+from hugwbc.commands import COMMAND_NAMES
+from hugwbc.errors import HugwbcError, UnknownNameError
 from hugwbc.robot import load_robot, robot_table
 from hugwbc.table_defaults import is_left, mirrored, other_side, placement
 
@@ -197,6 +198,17 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
+def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that gains and postures of a limb have a number for each joint."""
+    for section, limb in (("arm_servo", "arm"), ("arm_postures", "arm"), ("leg_postures", "leg")):
+        parts = table["roles"][limb]
+        for name, values in table[section].items():
+            if len(values) != len(parts):
+                yield f"{section} has {len(values)} numbers for {name}; give one for each of {', '.join(parts)}"
+            elif section == "arm_servo" and not min(values) > 0.0:
+                yield f"{section} has {name} from {min(values):g} on; give figures above 0"
+
+
 def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
     shapes = {link["name"] for link in table["links"] if "collision_box" in link}
     shapes |= {table["roles"]["foot"], other_side(table["roles"]["foot"])}
@@ -208,14 +220,29 @@ def _motors(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that the messages' motor slots have each joint once."""
     if (interface := table.get("interface")) is None:
         return
-    slots, names = [name for name in interface["motors"] if name is not None], [row["name"] for row in table["joints"]]
+    motors, modes = (interface.get(part, []) for part in ("motors", "modes"))
+    slots, names = [name for name in motors if name is not None], [row["name"] for row in table["joints"]]
     for name in dict.fromkeys((*slots, *names)):
         if name not in names:
             yield f"interface.motors has {name}, which is no joint; leave an unused slot null"
         elif slots.count(name) != 1:
             yield f"interface.motors has {name} {slots.count(name)} times; give each joint one slot"
-    if len(interface["modes"]) != len(interface["motors"]):
-        yield f"interface has {len(interface['motors'])} motors and {len(interface['modes'])} modes; give as many"
+    if len(modes) != len(motors):
+        yield f"interface has {len(motors)} motors and {len(modes)} modes; give as many"
 
 
-_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _shapes, _motors)
+def _names(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that no field is misspelt: it would say nothing. The H1's table has them all."""
+    known = robot_table()
+    rows = [("commands", table.get("commands", {}), COMMAND_NAMES)]
+    rows += [("the table", table, (*known, "description", "nominal", "commands"))]
+    for kind in ("joints", "links"):
+        fields = tuple({field: None for row in known[kind] for field in row})
+        rows += [(row["name"], row, fields) for row in table[kind]]
+    for name, row, fields in rows:
+        for field in row:
+            if field not in fields:
+                yield str(UnknownNameError(f"field of {name},", field, fields))
+
+
+_CHECKS = (_tree, _bodies, _drives, _sides, _stance, _limbs, _shapes, _motors, _names)

@@ -110,11 +110,14 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
             if name not in (names := [row["name"] for row in read[kind]]):
                 raise UnknownNameError(f"name under {kind}", name, names)
         table[kind] = [{**row, **changes.get(row["name"], {})} for row in read[kind]]
-    for part, default in (("imu", "base"), ("camera", "trunk"), ("hand", "hand")):
-        if isinstance(name := table.setdefault(part, table["roles"][default]), str):
+    for part, carriers in (("imu", ("base", "trunk")), ("camera", ("trunk",)), ("hand", ("hand",))):
+        links = [table["roles"][carrier] for carrier in carriers]
+        if isinstance(name := table.setdefault(part, links[0]), str):
             if name not in frames:
                 raise UnknownNameError(f"frame of {description}", name, frames)
             table[part] = frames[name]
+        if (parent := table[part].get("parent", links[0])) not in links:
+            raise ModelError(f"{part} is on {parent}; give a frame of {' or '.join(links)}")
     by_name, pose = {joint["name"]: joint for joint in table["joints"]}, table.get("nominal", {})
     for name in pose:
         if name not in by_name:
@@ -178,9 +181,9 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
 
 def complete_drive(joint: dict[str, Any]) -> None:
     """Give a joint of a description the figures of its drive that neither it nor the table says."""
-    joint["armature"] = joint["armature"] or _ARMATURE * joint["effort"]
-    joint["friction"] = joint["friction"] or _FRICTION * joint["effort"]
-    joint["viscous"] = joint["viscous"] or _VISCOUS * joint["friction"]
+    joint.setdefault("armature", _ARMATURE * joint["effort"])
+    joint.setdefault("friction", _FRICTION * joint["effort"])
+    joint.setdefault("viscous", _VISCOUS * joint["friction"])
     joint.setdefault("corner_speed", _CORNER * joint["velocity"])
     joint.setdefault("kp", joint["armature"] * _FREQUENCY**2)
     joint.setdefault("kd", 2.0 * _DAMPING * joint["armature"] * _FREQUENCY)

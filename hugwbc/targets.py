@@ -186,12 +186,13 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the frame is known, and all numbers that are given are finite."""
+        """Whether the frame is known, all numbers that are given are finite, and a weight is above 0."""
         fields = vars(self)
         given = [value for name in _SHAPES if (value := fields[name]) is not None]
         finite = all(np.isfinite(value).all() for value in given)
         finite = finite and (self.wrench is FREE or (isinstance(self.wrench, HandWrench) and self.wrench.is_finite))
-        return finite and isinstance(self.frame, str) and self.frame in HAND_FRAMES
+        weighed = self.orientation_weight is None or self.orientation_weight > 0.0
+        return finite and weighed and isinstance(self.frame, str) and self.frame in HAND_FRAMES
 
 
 _SHAPES: dict[str, Shape] = {

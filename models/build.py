@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from hugwbc.errors import ModelError
-from hugwbc.files import write_whole
+from hugwbc.files import write_whole, writing
 from hugwbc.robot import SIDES, other_side, robot_names, robot_table, table_file
 
 # The spheres at the corners of the sole are small, so that the robot tips over within 5 mm of the sole's edges.
@@ -255,17 +255,25 @@ def _pretty(root: ET.Element) -> str:
 
 
 def write(name: str) -> None:
-    """Write the descriptions of a robot beside its table, where they are not there yet."""
+    """Write the descriptions of a robot beside its table, where they are not there yet.
+
+    Raises:
+        ModelError: if a file of another origin is there.
+        ConfigError: if they cannot be written.
+    """
     table, file = robot_table(name), table_file(name)
-    for suffix, text in (("xml", mjcf(table)), ("urdf", urdf(table))):
-        path = file.with_name(f"{table['name']}.{suffix}")
-        if path == file.parent / table.get("description", ""):
+    texts = {file.with_name(f"{table['name']}.xml"): mjcf(table), file.with_name(f"{table['name']}.urdf"): urdf(table)}
+    present = {path: path.read_text(errors="replace") for path in texts if path.is_file()}
+    for path, text in present.items():
+        if NOTICE not in text:
             raise ModelError(
-                f"{path} is the maker's description, which the one written from the table would replace; "
+                f"{path} is not from hugwbc, and the description written from the table would replace it; "
                 "rename it or the table"
             )
-        if not path.is_file() or path.read_text() != text:
-            write_whole(path, text)
+    for path, text in texts.items():
+        if present.get(path) != text:
+            with writing(path):
+                write_whole(path, text)
 
 
 def main() -> None:

@@ -237,6 +237,12 @@ def test_a_soft_hand_is_a_spring_of_its_stiffness(robot, stiffness):
     assert sunk[:, 2] == pytest.approx([6.0 / stiffness] * 2, rel=0.2)
 
 
+def test_a_servo_softer_than_a_soft_hand_s_elbow_keeps_its_gains(robot, nominal_state):
+    soft = dataclasses.replace(robot, arm_kp=np.full(8, 4.0))
+    body = dataclasses.replace(UpperBody.targets(REACHING), wrench=HandWrench(stiffness=300.0))
+    assert np.array(ArmServo(soft)(body, nominal_state, DT).kp) == pytest.approx(soft.arm_kp)
+
+
 def test_more_stiffness_than_the_servo_has_is_the_servos(robot, nominal_state):
     body = dataclasses.replace(UpperBody.targets(REACHING), wrench=HandWrench(stiffness=1e5))
     command = ArmServo(robot)(body, nominal_state, DT)

@@ -6,7 +6,7 @@ import pytest
 from hugwbc import robot as robot_module
 from hugwbc.errors import ModelError, UnknownNameError
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import load_robot, robot_names, robot_table
+from hugwbc.robot import load_robot, models_dir, robot_names, robot_table, table_file
 from hugwbc.state import RobotState
 
 LEG = ["hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle"]
@@ -69,6 +69,13 @@ def test_a_robot_of_ones_own_is_the_path_of_its_table(tmp_path) -> None:
     assert (mine.xml_path, mine.mass) == (tmp_path / "mine.xml", load_robot("g1").mass)
     with pytest.raises(UnknownNameError, match=r"unknown robot '.*Valid: h1, h1-2023, g1, the path of a"):
         load_robot(str(tmp_path / "other.yaml"))
+
+
+def test_a_folder_of_the_same_name_does_not_hide_a_robot(tmp_path, monkeypatch) -> None:
+    (tmp_path / "g1").mkdir()
+    (tmp_path / "g1" / "g1.yaml").write_text("roles: {}")
+    monkeypatch.chdir(tmp_path)
+    assert table_file("g1") == models_dir() / "g1" / "g1.yaml"
 
 
 def test_parts_of_the_g1() -> None:

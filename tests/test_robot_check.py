@@ -80,6 +80,22 @@ BROKEN = {
         _twice,
         ["right_knee_joint 2 times; give each joint one slot", "left_hip_pitch_joint 0 times"],
     ),
+    "gains of a forearm are left out": (
+        lambda table: table["arm_servo"].update(kp=[80, 80, 80, 80], kd=[3, 3, 3, 3, 0, 1.5, 1.5]),
+        ["arm_servo has 4 numbers for kp; give one for each of shoulder_pitch,", "arm_servo has kd from 0 on"],
+    ),
+    "the interface has nothing": (
+        lambda table: table.update(interface={}),
+        [f"interface.motors has {row['name']} 0 times; give each joint one slot" for row in G1["joints"]],
+    ),
+    "fields are misspelt": (
+        lambda table: (table.update(commands={"vx": {}}, soles={}), _row(table, LEFT_KNEE).update(efort=1.0)),
+        [
+            "unknown field of commands, 'vx'. Did you mean 'v_x'",
+            "unknown field of the table, 'soles'. Did you mean 'sole'",
+            "unknown field of left_knee_joint, 'efort'. Did you mean 'effort'",
+        ],
+    ),
     "a role is another joint's": (
         lambda table: table["roles"]["leg"].update(knee="left_elbow_joint"),
         ["roles `leg` are left_hip_pitch_joint, left_hip_roll_joint, left_hip_yaw_joint, left_elbow_joint,"],

@@ -21,7 +21,6 @@ ERROR_UNITS = {
     "E_p": "rad",
     "E_w": "rad",
 }
-ERROR_NAMES = tuple(ERROR_UNITS)
 TRAININGS = ("noise", "motion", "none")  # what moved the arms in training, in the paper's ablation
 HIGH_SPEED = 1.0  # [m/s]; a faster v_x counts towards E_vx_high
 

@@ -115,7 +115,7 @@ class WholeBodyController:
             params: gains, weights and limits of an H1, which a robot of another size gets in its own; None for the
                 defaults.
             period: time between two calls of `act` [s]: 0.002 to 0.01, or 0.02 with reduced tracking.
-            dynamics: robot model; None for the shared one of `robot`.
+            dynamics: robot model; None for that of `robot`.
         """
         if not 0.0 < period < math.inf:
             raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")

@@ -35,13 +35,13 @@ class ArmDrive:
         """Set up for arms that nothing but the controller moves."""
         self._robot, self._log = robot, log
         self._limits = robot.lower[robot.arms], robot.upper[robot.arms]
-        self._payload = PayloadObserver()
+        self._payload, self._free = PayloadObserver(), UpperBody.none(robot.arms.size)
         self._servo: ArmServo | None = None  # built by the first external control of the arms
         self.reset()
 
     def reset(self) -> None:
         """Forget targets, wrench and payload."""
-        self._last, self._wrench = UpperBody.none(), FREE
+        self._last, self._wrench = self._free, FREE
         self._payload.reset()
 
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
@@ -80,8 +80,8 @@ class ArmDrive:
             )
             return self._last
         if not upper_body.indicator:
-            self._last = upper_body
-            return upper_body
+            self._last = self._free
+            return self._last
         q = np.minimum(np.maximum(upper_body.q, low), high)
         if ((q != upper_body.q) & upper_body.mask).any():
             self._log.count("upper_body_limited", "external arm targets outside the joint limits: clamped")

@@ -45,7 +45,7 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     ranges = command_ranges(Gait.WALKING, robot)
     (backward, forward), (_, aside) = ranges["v_x"].finishing, ranges["v_y"].finishing
     v_x = command.v_x
-    share = min(abs(v_x / (forward if v_x > 0.0 else backward)), 1.0)
+    share = min(abs(v_x / (forward if v_x > 0.0 else backward)), 1.0) if v_x else 0.0
     v_y = _within(command.v_y, aside * math.sqrt(1.0 - share**2))
     speed = math.hypot(v_x, v_y)
     omega = _within(command.omega, SIDEWAYS / speed if speed > 0.0 else math.inf)

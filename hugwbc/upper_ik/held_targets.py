@@ -39,8 +39,13 @@ class HeldTargets:
         given = [name for name in _VECTORS if getattr(hands, name) is not None]
         if not given or not 0.0 < dt < math.inf:
             return hands
-        point = np.concatenate([getattr(hands, name) for name in given], dtype=float)
-        if self._shape != (hands.frame, *given):
+        vectors = [getattr(hands, name) for name in given]
+        begins = self._shape != (hands.frame, *given)
+        if not begins:  # of the two quaternions of an orientation, the nearer one leads there
+            rows = zip(given, vectors, self._vectors, strict=True)
+            vectors = [-x if name in ORIENTATIONS and x @ last < 0.0 else x for name, x, last in rows]
+        self._vectors, point = vectors, np.concatenate(vectors, dtype=float)
+        if begins:
             self._shape = (hands.frame, *given)
             self._begin(point, hands, dt)
         self._now += dt

@@ -219,12 +219,14 @@ class ArmIK:
             return q
         expected = np.where(self._reachable, np.minimum(self._scout.direct, self._residual), self._residual)
         better = self._scout.done & (self._scout.residual < expected - self.config.detour_gain)
-        for arm in np.flatnonzero(better & ~detours.active):
+        looking = np.flatnonzero(better & ~detours.active)
+        for arm in looking:
             detours.look(arm, self._limiter.q, self._scout.q, self._body)
-        if not detours.active.any():
+        if detours.active.any():
+            self._reachable = self._reachable | detours.active
+            q = detours.follow(self._limiter.q, q, self._scout.q, self._body, dt)
+        elif not looking.size:
             return q
-        self._reachable = self._reachable | detours.active
-        q = detours.follow(self._limiter.q, q, self._scout.q, self._body, dt)
         self._residual = lengths(goal.points - self._descent.forward(q, self._body))
         return q
 

@@ -6,7 +6,7 @@ from hugwbc.evaluation import paper
 
 def test_figures_of_single_commands_and_of_others():
     walking, noise = paper.single_command_errors(Gait.WALKING), paper.single_command_errors(Gait.WALKING, "noise")
-    assert tuple(walking) == paper.ERROR_NAMES and (walking["E_vx_low"], walking["E_l"]) == (0.030, 0.011)
+    assert tuple(walking) == tuple(paper.ERROR_UNITS) and (walking["E_vx_low"], walking["E_l"]) == (0.030, 0.011)
     assert set(paper.single_command_errors(Gait.STANDING)) == {"E_h", "E_p", "E_w"}
     assert paper.single_command_errors(Gait.HOPPING_LEFT) == paper.single_command_errors(Gait.HOPPING_RIGHT)
     assert noise["E_vx_low"] == 0.0483 and noise["E_w"] == 0.0552 and "E_vx_high" not in noise

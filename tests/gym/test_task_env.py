@@ -189,7 +189,7 @@ def reach_out(view):
             (0.4, -0.3, 1.1),
             "world",
             left_direction=(1.0, 0.0, 0.2),
-            left_force=(0.0, -5.0 * share, 0.0),
+            left_force=(0.0, 5.0 * share, 0.0),
             stiffness=400.0,
         )
         view = yield Action(Command(f=1.7, l=0.2, w=0.3, gait=Gait.WALKING), hands, doing="reach")

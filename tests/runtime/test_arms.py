@@ -33,6 +33,13 @@ def test_external_arm_targets_are_checked():
     assert (log.report().upper_body_rejected, log.report().upper_body_limited) == (3, 1)
 
 
+def test_free_arms_have_as_many_targets_as_joints():
+    """A controller may mix them with its own by the mask: `np.where(upper_body.mask, upper_body.q, own)`."""
+    free = ArmDrive(ROBOT, SafetyLog())(UpperBody.none(), make_state(), 0.02)
+    assert not free.indicator
+    assert free.q.shape == free.dq.shape == free.mask.shape == free.ddq.shape == ROBOT.arms.shape
+
+
 def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():
     handover = Handover(ROBOT.arms)
     swing = 0.3 * np.sin(np.arange(100) * 0.1)

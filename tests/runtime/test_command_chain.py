@@ -56,6 +56,15 @@ def test_limits_by_hand():
     assert feasible(Command(v_x=-0.6, v_y=0.6, gait=Gait.WALKING), ROBOT)[0].v_y == 0.0
 
 
+def test_a_robot_that_does_not_walk_backward_or_aside():
+    only_ahead = {name: {"finishing": (0.0, end)} for name, end in (("v_x", 1.0), ("v_y", 0.0))}
+    robot = dataclasses.replace(ROBOT, commands=only_ahead)
+    for speed in (0.0, 0.6):
+        command, _ = Command(v_x=speed, v_y=0.3, gait=Gait.WALKING).clamp(robot)
+        assert feasible(command, robot)[0] == Command(v_x=speed, gait=Gait.WALKING)
+    assert Command(v_x=-0.2, gait=Gait.WALKING).clamp(robot)[0] == Command(gait=Gait.WALKING)
+
+
 def test_the_guard_is_the_same_in_a_mirror():
     rng = np.random.default_rng(2)
     for row in sample_all(Gait.WALKING, rng, 100):

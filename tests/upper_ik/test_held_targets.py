@@ -74,6 +74,18 @@ def test_joint_targets_are_interpolated_with_their_velocity():
     np.testing.assert_allclose([hands.joint_velocity for hands in out[200:]], 0.5, rtol=0.02)
 
 
+def test_an_orientation_is_the_same_by_either_of_its_quaternions():
+    """A hand that turns at 0.5 rad/s, by messages at 50 Hz whose quaternions change their signs, lags by 60 ms."""
+    held = HeldTargets()
+    for tick in range(1500):
+        number = tick // 10
+        half = 0.5 * 0.5 * number / 50
+        turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+        targets = HandTargets(circle(number / 50), None, sequence=number, left_orientation=turn * (-1) ** (number // 3))
+        followed = held.follow(targets, 0.002).left_orientation
+        assert 2.0 * np.arccos(min(abs(followed @ turn), 1.0)) < 0.03
+
+
 def test_what_is_not_held_passes_at_once_and_unchanged():
     rng, held = np.random.default_rng(1), HeldTargets()
     path = [HandTargets(circle(0.02 * k), circle(-0.03 * k)) for k in range(200)]

@@ -190,6 +190,20 @@ def test_a_detour_ends_once(ik, nominal_state):
     assert solution.residual[0] < np.linalg.norm(samples - targets.left, axis=1).min() + 0.02
 
 
+def test_a_way_round_that_is_refused_is_not_taken_for_a_motion_of_the_hand(nominal_state, monkeypatch):
+    """Looking along it moves virtual arms; the body at rest has carried the hands nowhere."""
+    ik, carried = ArmIK(load_robot()), []
+    looked, speed = [], ik._carried
+    monkeypatch.setattr(
+        ik._detours, "look", lambda arm, *rest: looked.append(type(ik._detours).look(ik._detours, arm, *rest))
+    )
+    monkeypatch.setattr(ik, "_carried", lambda *args: carried.append(speed(*args)) or carried[-1])
+    while len(looked) < 3:
+        ik.solve(HandTargets(np.array([-0.04, -0.04, -0.13]), None), nominal_state, 0.01)
+    assert ik.detours == 1
+    assert not np.any(carried)
+
+
 def test_a_search_that_fails_costs_the_arm_no_step(nominal_state, monkeypatch):
     def fail(*_):
         raise RuntimeError

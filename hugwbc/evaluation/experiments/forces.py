@@ -94,7 +94,7 @@ class Source:
         return None if t < TAKEN else self.hands
 
 
-class EstimateErrors:
+class HandForceErrors:
     """Errors of the estimated forces on the hands after each physics step, from when a force has risen."""
 
     def __init__(self, force: Callable[[RobotState], np.ndarray | None]) -> None:
@@ -162,7 +162,7 @@ def pull_episode(controller: Controller, settings: PullSettings, plan: Plan) -> 
     duration = BEGIN + RISE + PULLED
     simulation = simulation_of(settings, plan, duration)
     pull = HandPull(simulation, settings.force * heading(float(plan.tags["direction"])), BEGIN, RISE)
-    errors = EstimateErrors(lambda truth: np.asarray(pull.force))
+    errors = HandForceErrors(lambda truth: np.asarray(pull.force))
 
     def on_step(truth: RobotState, estimate: RobotState) -> None:
         pull.update(truth)
@@ -233,18 +233,15 @@ def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -
     duration = BEGIN + rising + PRESSED
     wall = Wall(name="wall", position=(WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
     misses: list[float] = []
-    errors = EstimateErrors(lambda truth: truth.hand_force)
+    errors = HandForceErrors(lambda truth: truth.hand_force)
 
     def on_step(truth: RobotState, estimate: RobotState) -> None:
         errors(truth, estimate)
         if truth.hand_force is not None and truth.time > BEGIN + rising + STEADY:
             misses.append(abs(-float(truth.hand_force[0, 0]) - settings.force))
 
-    source, simulation = (
-        PressSource(None, force=settings.force),
-        simulation_of(settings, plan, duration, Scene((wall,))),
-    )
-    trace = play(controller, settings, plan, source, simulation, duration, on_step)
+    simulation = simulation_of(settings, plan, duration, Scene((wall,)))
+    trace = play(controller, settings, plan, PressSource(None, force=settings.force), simulation, duration, on_step)
     error = float(np.mean(misses)) if misses and not trace.fell else None
     return {"error": error, **errors.row(), **ending(trace)}
 
@@ -287,7 +284,7 @@ def carry_plan(settings: CarrySettings) -> list[Plan]:
 def carry_episode(controller: Controller, settings: CarrySettings, plan: Plan) -> Row:
     """Return how far both hands are below their targets on average [m], and the error of the estimated load [N]."""
     weight = np.tile((0.0, 0.0, -GRAVITY * settings.load), (2, 1))
-    errors, simulation = EstimateErrors(lambda truth: weight), simulation_of(settings, plan, CARRIED)
+    errors, simulation = HandForceErrors(lambda truth: weight), simulation_of(settings, plan, CARRIED)
     trace = play(controller, settings, plan, Source.of(settings), simulation, CARRIED, errors)
     return {"sag": sag(trace), **errors.row(), **ending(trace)}
 

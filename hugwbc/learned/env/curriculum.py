@@ -67,7 +67,8 @@ class Curriculum:
     @property
     def max_yaw_rate(self) -> float:
         """Largest |omega| of the agile group [rad/s], which grows in proportion to the speed."""
-        progress = (self.max_speed - self.speeds[0]) / (self.speeds[1] - self.speeds[0])
+        growth = self.speeds[1] - self.speeds[0]
+        progress = (self.max_speed - self.speeds[0]) / growth if growth > 0.0 else 1.0
         return self.yaw_rates[0] + progress * (self.yaw_rates[1] - self.yaw_rates[0])
 
     def update(self, agile: tuple[float, float] | None, intervened: tuple[float, float] | None) -> None:

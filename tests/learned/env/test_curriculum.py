@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 
 from hugwbc.learned.config import CurriculumConfig
@@ -52,6 +54,12 @@ def test_speed_grows_to_the_paper_s_limit() -> None:
     assert curriculum.max_yaw_rate == pytest.approx(1.0)
     curriculum.update((0.1, 0.9), (0.0, 0.0))
     assert "0.10 < 0.70" in curriculum.gates["speed"]
+
+
+def test_a_robot_that_cannot_get_faster_turns_at_once() -> None:
+    ranges = {"v_x": {"initial": (-0.5, 0.5), "finishing": (-0.5, 0.5)}}
+    curriculum = Curriculum(CONFIG, dataclasses.replace(load_robot(), commands=ranges))
+    assert (curriculum.max_speed, curriculum.max_yaw_rate) == (0.5, 1.0)
 
 
 def test_without_intervention_alpha_rests() -> None:
