@@ -40,7 +40,7 @@ ACTION_NAMES = (
     *_of_hands(*_AXES),
     *_of_hands("given"),
     *_of_hands(*(f"direction_{axis}" for axis in _AXES)),
-    *_of_hands(*(f"force_{axis}" for axis in _AXES)),
+    *_of_hands(*(f"force_on_{axis}" for axis in _AXES)),  # with `force_` they would be what the hands do to others
     *_of_hands("grip"),
     *_BOTH,
     "frame",

@@ -326,10 +326,14 @@ def read_episodes(folder: pathlib.Path) -> list[dict[str, Any]]:
     path = folder / _EPISODES.format(**_place(0))
     try:
         rows = pq.read_table(path).to_pylist()
-    except (OSError, pa.ArrowInvalid) as error:
+        names = json.loads((folder / "meta/info.json").read_text())["features"]["action"]["names"]
+    except (OSError, pa.ArrowInvalid, ValueError, LookupError, TypeError) as error:
         raise ConfigError(f"{folder} is no data set of `hugwbc tasks --record`: {error}; give its folder") from error
     if any("settings" not in row for row in rows):
         raise ConfigError(f"{folder} does not say with what settings it was recorded; record it again")
+    if names != list(ACTION_NAMES):
+        other = ", ".join(sorted(set(names) ^ set(ACTION_NAMES))) or "their order"
+        raise ConfigError(f"{folder} is of another version of hugwbc, whose actions differ: {other}; record it again")
     return rows
 
 

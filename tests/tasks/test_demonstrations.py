@@ -358,6 +358,10 @@ def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys, sta
     assert "the same outcome in 1 of 1" in out
     assert main(["tasks", *task, "--replay", "d/demos", "--episode", "2"]) == USAGE_ERROR
     assert "episode is 2; d/demos has 0 to 1" in capsys.readouterr().err
+    info = pathlib.Path("d/demos/meta/info.json")
+    info.write_text(info.read_text().replace(".force_on_", ".force_"))  # as before forces acted on the hands
+    assert main(["tasks", *task, "--replay", "d/demos"]) == USAGE_ERROR
+    assert "whose actions differ: left_hand.force_on_x" in capsys.readouterr().err
 
 
 def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch, standing_task):
