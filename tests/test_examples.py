@@ -71,6 +71,7 @@ def test_reach_while_walking(run):
     assert "stayed up for 3.5 s" in out
 
 
+@pytest.mark.slow
 def test_walk_with_a_cup(run):
     out = run("04_walk_with_a_cup.py", "--duration", "12")
     assert number(r"The cup rose by ([\d.]+) cm", out) > 3
@@ -79,6 +80,7 @@ def test_walk_with_a_cup(run):
     assert "fetching the cup: done" in out
 
 
+@pytest.mark.slow
 def test_pick_from_the_floor(run):
     out = run("05_pick_from_the_floor.py", "--duration", "5")
     alone, helped = out.split("whole body:")
