@@ -5,6 +5,7 @@ import contextlib
 import functools
 import pathlib
 import subprocess
+from collections.abc import Iterator
 
 import yaml
 
@@ -41,16 +42,16 @@ def _last_change(paths: tuple[str, ...]) -> str:
     last = ""
     with contextlib.suppress(subprocess.CalledProcessError):  # a shallow clone ends before the parent
         for last, *parents in map(str.split, commits):
-            if not parents or _changed([parents[0], last], paths):
+            if not parents or any(_changed([parents[0], last], paths)):
                 break
     return last
 
 
-def _changed(commits: list[str], paths: tuple[str, ...]) -> list[str]:
-    """Return the files whose meaning differs between two commits, or between one and the working tree."""
+def _changed(commits: list[str], paths: tuple[str, ...]) -> Iterator[str]:
+    """Yield the files whose meaning differs between two commits, or between one and the working tree."""
     names = _names(_git("diff", "--name-only", "--no-renames", "-z", *commits, "--", *paths))
     before, after = commits[0], commits[1] if len(commits) > 1 else ""
-    return [name for name in names if _meaning(before, name) != _meaning(after, name)]
+    return (name for name in names if _meaning(before, name) != _meaning(after, name))
 
 
 def _meaning(commit: str, name: str) -> object:
