@@ -133,6 +133,7 @@ def placo_s(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
         joints.configure("joints", "soft", POSTURE)
         place.kp = place.kd = turn.kp = turn.kd = joints.kp = 0.0
         joints.kd = 1.0
+        joints.set_joints(dict.fromkeys(names, 0.0))  # without stiffness, any
         swing = []
         for foot, stands in enumerate(pattern):
             if stands:
@@ -159,7 +160,6 @@ def placo_s(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
             task.ddtarget_world = wished[6:9]
         speeds = v[6:] + wished[9:]
         joints.set_joints_velocities(dict(zip(names, speeds.tolist(), strict=True)))
-        joints.set_joints(dict.fromkeys(names, 0.0))
         result = solver.solve(False)
         times.append(time.perf_counter() - begin)
         torques.append(np.array(result.tau)[6:])
