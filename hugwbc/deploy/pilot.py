@@ -120,7 +120,7 @@ class Pilot:
             behind: whether a newer state waits, for which the controller is called instead.
         """
         state = message.state
-        self._estimate(state)
+        self._estimate(state, behind)
         fault = fault or self._fault(message)
         if fault is not None:
             self.machine.fail(fault, state)
@@ -134,10 +134,10 @@ class Pilot:
         self._last = self.machine.command(state.time)
         return Decision(state.time, self._last, new=True)
 
-    def _estimate(self, state: RobotState) -> None:
+    def _estimate(self, state: RobotState, behind: bool) -> None:
         control = self.control
         if self._estimating and state.time >= self._last_time:
-            control.observe(state, state.time, driven=self.mode is Mode.RUN)
+            control.observe(state, state.time, driven=self.mode is Mode.RUN, behind=behind)
         elif state.is_usable:  # the first one, also of a robot that was restarted: its clock is back at 0
             self._estimating = True
             control.locate(state, state.time)

@@ -128,20 +128,21 @@ class ControlPeriod:
         if self.upper_body is not None:
             self.upper_body.reset()
 
-    def observe(self, reading: RobotState, now: float, *, driven: bool = True) -> None:
+    def observe(self, reading: RobotState, now: float, *, driven: bool = True, behind: bool = False) -> None:
         """Take a reading. The estimator is updated once a period, or every `LONGEST_UPDATE`.
 
         Args:
             reading: newer than all before.
             now: time at which it arrives, on the robot's clock [s]; the stamp of a reading may be wrong.
             driven: whether the controller's last command acts, so that its plan tells of the motion.
+            behind: whether a newer reading waits.
         """
         if self.estimator is None:
             self.estimate = reading
             return
         self._unseen.append(reading)
         if driven and not self.estimate.coasted:  # what was replaced tells nothing of the motors
-            self.motors.see(reading, now)
+            self.motors.see(reading, now, behind=behind)
         if self._update_due(now):
             planned = self.plan.acceleration if driven else None
             self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)

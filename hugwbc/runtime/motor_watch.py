@@ -1,6 +1,7 @@
 """Detection of a dead motor in a leg: torque is asked of it for a while, and it gives none."""
 
 import collections
+import dataclasses
 import math
 
 from hugwbc.controller import JointCommand
@@ -21,6 +22,17 @@ _AVERAGED = 0.002  # [s] by which torques are older than their reading, since th
 _KEPT = 64  # commands, in case readings stop
 
 
+@dataclasses.dataclass
+class _Asked:
+    """What a command asks of the legs, and when it was sent: at the earliest and at the latest."""
+
+    kp: list[float]  # stiffness [N*m/rad]
+    kd: list[float]  # damping [N*m*s/rad]
+    constant: list[float]  # torque at zero angle and speed [N*m]
+    earliest: float  # [s]
+    latest: float  # [s]
+
+
 class MotorWatch:
     """A watch over the torques of the legs.
 
@@ -39,9 +51,8 @@ class MotorWatch:
         """Take all motors to work."""
         self.dead = ""
         self._missing = [0.0] * len(self._slope)
-        # Times of commands [s], and what they ask of the legs: stiffness, damping, and torque at zero angle and speed.
-        self._commands: collections.deque[tuple[float, tuple[list[float], ...]]] = collections.deque(maxlen=_KEPT)
-        self._now = math.inf  # [s]
+        self._commands: collections.deque[_Asked] = collections.deque(maxlen=_KEPT)
+        self._now, self._behind = math.inf, False  # time of the last reading [s]; whether a newer one waited
         self._torque = b""  # of the last reading
 
     def note(self, command: JointCommand) -> None:
@@ -49,15 +60,21 @@ class MotorWatch:
         legs = self._legs
         kp, kd = command.kp[legs], command.kd[legs]
         constant = command.tau[legs] + kp * command.q[legs] + kd * command.dq[legs]
-        self._commands.append((self._now, (kp.tolist(), kd.tolist(), constant.tolist())))
+        self._commands.append(_Asked(kp.tolist(), kd.tolist(), constant.tolist(), self._now, self._now))
 
-    def see(self, reading: RobotState, now: float) -> None:
-        """Compare the torques of a new reading, which arrives now [s], with what the commands of its time asked for."""
+    def see(self, reading: RobotState, now: float, *, behind: bool = False) -> None:
+        """Compare the torques of a new reading, which arrives now [s], with what the commands of its time asked for.
+
+        It is `behind` if a newer one waits: it arrived while the last command was computed, which may not be out yet.
+        """
         elapsed, self._now = min(max(now - self._now, 0.0), _LONGEST_STEP), now
+        if self._commands and (behind or self._behind):
+            self._commands[-1].latest = now
+        self._behind = behind
         acted = now - reading.age - self._robot.command_delay - _AVERAGED
-        while len(self._commands) > 1 and self._commands[1][0] <= acted - _LATE:
+        while len(self._commands) > 1 and self._commands[1].latest <= acted - _LATE:
             self._commands.popleft()
-        acting = [asks for issued, asks in self._commands if issued <= acted]
+        acting = [(asked.kp, asked.kd, asked.constant) for asked in self._commands if asked.earliest <= acted]
         if not acting or reading.torque is None:
             return
         last, self._torque = self._torque, reading.torque.tobytes()

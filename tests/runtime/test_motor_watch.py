@@ -53,3 +53,17 @@ def test_neither_a_gap_between_readings_nor_the_same_reading_again_is_evidence()
     for tick in range(100):
         watch.see(quiet, 0.2 + tick * PERIOD)
     assert watch.dead == "", "frozen readings"
+
+
+@pytest.mark.parametrize(("behind", "dead"), [(True, ""), (False, "left_knee_joint")])
+def test_a_command_still_being_computed_is_not_missed_by_the_readings_that_wait(behind, dead):
+    watch, rng = MotorWatch(H1), np.random.default_rng(0)
+    for tick in range(50):
+        quiet = make_state(torque=rng.normal(0.0, 1.0, 19), time=tick * PERIOD)
+        watch.see(quiet, tick * PERIOD, behind=behind and 10 <= tick < 40)
+        if tick < 10:  # the last of these commands takes 60 ms
+            tau = np.zeros(19)
+            tau[KNEE] = 25.0 * (tick == 9)
+            watch.note(JointCommand(H1.nominal, np.zeros(19), H1.kp, H1.kd, tau))
+        if tick == 40:
+            assert watch.dead == dead

@@ -12,6 +12,7 @@ from torch import nn
 from hugwbc.errors import PolicyFileError
 from hugwbc.learned.policy import checkpoint, self_test
 from hugwbc.learned.policy.contract import Contract, contract_of
+from hugwbc.learned.policy.network_files import TorchThreads
 from hugwbc.learned.policy.network_policy import NetworkPolicy, tried
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy_files import DEFAULT_POLICY, policy_file
@@ -22,11 +23,10 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
 
     Args:
         name_or_path: "h1", or a path.
-        threads: number of threads that torch may use in this process; None leaves torch's own choice. One robot gains
-            nothing from more: on a busy machine, threads waiting for each other stretched a tick of 0.4 ms to 55 ms.
+        threads: number of threads that torch may use where the policy is called; None leaves torch's own choice. One
+            robot gains nothing from more: on a busy machine, threads waiting for each other stretched a tick of 0.4 ms
+            to 55 ms.
     """
-    if threads is not None:
-        torch.set_num_threads(threads)
     path = policy_file(name_or_path)
     tensors, metadata = checkpoint.load_file(path, "policy")
     contract = contract_of(metadata, path)
@@ -38,8 +38,8 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
         raise PolicyFileError(f"{path} does not fit the policy network: {error}") from error
     if not all(bool(torch.isfinite(tensor).all()) for tensor in actor.state_dict().values()):
         raise PolicyFileError(f"{path} has weights that are not finite: its training failed; use an earlier file of it")
-    tried(BareActor(actor), contract, path)
-    controller = LearnedController(actor, contract, metadata.get("training", {}))
+    tried(BareActor(actor, threads), contract, path)
+    controller = LearnedController(actor, contract, metadata.get("training", {}), threads)
     _verify(controller, stored, path)
     return controller
 
@@ -81,17 +81,20 @@ class LearnedController(NetworkPolicy):
         training: record of its training.
     """
 
-    def __init__(self, actor: Actor, contract: Contract, training: dict[str, Any] | None = None) -> None:
-        """Set up a controller for a trained network."""
+    def __init__(
+        self, actor: Actor, contract: Contract, training: dict[str, Any] | None = None, threads: int | None = None
+    ) -> None:
+        """Set up a controller for a trained network, which runs on some threads of torch; None for torch's choice."""
         self.actor, self.training = actor.eval(), training or {}
-        super().__init__(contract, BareActor(self.actor))
+        super().__init__(contract, BareActor(self.actor, threads))
 
 
 class BareActor:
     """The functions of an `Actor` as a `network_files.Network`."""
 
-    def __init__(self, actor: Actor) -> None:
-        """Take the weights of a network."""
+    def __init__(self, actor: Actor, threads: int | None) -> None:
+        """Take the weights of a network, and the threads that torch may use; None for torch's choice."""
+        self._threads = TorchThreads(threads)
         self._frame_size = actor.frame_size
         self._parts = [
             [(layer.weight.detach(), layer.bias.detach()) for layer in part if isinstance(layer, nn.Linear)]
@@ -103,6 +106,7 @@ class BareActor:
 
     def __call__(self, inputs: Sequence[np.ndarray]) -> np.ndarray:
         """Return the mean action, shape (joints,), of `Actor.forward` for a history and a command."""
+        self._threads.keep()
         history, command = (torch.from_numpy(row)[None] for row in inputs)
         encoder, estimator, policy = self._parts
         with torch.inference_mode():
