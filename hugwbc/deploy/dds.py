@@ -86,7 +86,7 @@ class DdsEndpoint:
         unread = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         self._wait = WaitSet(self._participant)
         self._wait.attach(unread)
-        self._condition, self._error = unread, DDSException
+        self._condition, self._error, self._receiving = unread, DDSException, True
         self._rivals: Any = None  # a reader of what others send in this end's place
         self._service: Service | None = None
         self._calls: tuple[Any, Any] | None = None
@@ -138,6 +138,14 @@ class DdsEndpoint:
         with contextlib.suppress(self._error):
             return sum(isinstance(sample, _Raw) for sample in self._rivals.take(N=HISTORY))
         return 0
+
+    def stop_receiving(self) -> None:
+        """Leave the states and the rivals to another process of this end."""
+        # An entity of cyclonedds is deleted with its last reference; whatever depends on another one goes first.
+        self._wait.detach(self._condition)
+        del self._condition, self._wait
+        del self._reader, self._rivals
+        self._receiving = False
 
     def publish(self, topic: str, text: str) -> None:
         """Send a text on a topic besides states and commands."""
@@ -214,13 +222,12 @@ class DdsEndpoint:
 
     def close(self) -> None:
         """Leave the network."""
-        # An entity of cyclonedds is deleted with its last reference; whatever depends on another one goes first.
-        self._wait.detach(self._condition)
-        del self._condition, self._wait
+        if self._receiving:
+            self.stop_receiving()
         self._calls = None
         self._text_writers.clear()
         self._text_readers.clear()
-        del self._reader, self._writer, self._rivals
+        del self._writer
         del self._participant, self._domain
 
 

@@ -154,8 +154,19 @@ class Messages:
         message["wireless_remote"] = np.frombuffer(remote.pack(), dtype=np.uint8)
         return sealed(message)
 
-    def unpack_state(self, message: bytes, age: float = 0.0) -> StateMessage:
-        """Read a state message whose check sum is right, with an assumed age of the reading [s]."""
+    def adopt(self, state: bytes) -> None:
+        """Let commands repeat the variant of the robot that a state tells."""
+        if self._tells:
+            self.machine = int(record(self.state, state)["mode_machine"])
+
+    def unpack_state(self, message: bytes, age: float = 0.0, turns: int = 0) -> StateMessage:
+        """Read a state message whose check sum is right.
+
+        Args:
+            message: the state.
+            age: assumed age of the reading [s].
+            turns: how often the count of ticks has started again before it.
+        """
         content, slots = record(self.state, message), self.slots
         imu, motors = content["imu_state"], content["motor_state"][slots]
         q, dq, gyro = motors["q"].astype(float), motors["dq"].astype(float), imu["gyroscope"].astype(float)
@@ -164,8 +175,6 @@ class Messages:
         # A quaternion of single precision is a unit one to 1e-7; what is far from that stays as it is, to be seen.
         attitude = attitude / length if 0.9 < length < 1.1 else attitude
         orientation, rate = pelvis_from_torso_imu(attitude, gyro, *self._robot.imu_turn(q, dq))
-        if self._tells:
-            self.machine = int(content["mode_machine"])
         tick = int(content["tick"])
         state = RobotState(
             q=q,
@@ -175,7 +184,7 @@ class Messages:
             imu_gyro=gyro,
             imu_accelerometer=imu["accelerometer"].astype(float),
             torque=motors["tau_est"].astype(float),
-            time=tick * TICK,
+            time=(tick + turns * TICKS) * TICK,
             age=age,
         )
         remote = Remote.parse(content["wireless_remote"].tobytes())

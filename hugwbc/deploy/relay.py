@@ -8,6 +8,7 @@ import contextlib
 import dataclasses
 import functools
 import math
+import select
 import signal
 import struct
 import threading
@@ -20,7 +21,7 @@ from pydantic import Field
 
 from hugwbc.controller import JointCommand
 from hugwbc.deploy import recording
-from hugwbc.deploy.messages import Messages, StateMessage
+from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Decision
 from hugwbc.deploy.recording import Recorder
 from hugwbc.deploy.timing import Timing, keep_apart, real_time
@@ -50,6 +51,11 @@ class Settings:
     age: Share = 0.0  # assumed age of a reading when it arrives [s]
     # end after this time since the first state, on the robot's clock [s]; without it, the operator ends it
     duration: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] | None = None
+
+
+def arrives(link: Connection, timeout: float = 0.0) -> bool:
+    """Return whether something arrives on a link within a time [s]; exact to microseconds, unlike `Connection.poll`."""
+    return bool(select.select([link], [], [], timeout)[0])
 
 
 class Outlet:
@@ -152,14 +158,14 @@ class Line:
         if self._recorder is not None:
             self._recorder.add(kind, self.now() if when is None else when, content)
 
-    def accept(self, raw: bytes, now: float) -> StateMessage | None:
-        """Check a state that has arrived now [s]; None if it is refused."""
-        state = self.intake.accept(raw, now)
-        if state is None:
-            self._record(recording.REFUSED, raw, now)
+    def take(self, raw: bytes, now: float) -> bool:
+        """Check a state that has arrived now [s]; return whether it is accepted."""
+        fresh = self.intake.is_fresh(raw, now)
+        if fresh:
+            self._outlet.arrived(self.intake.time, now)
         else:
-            self._outlet.arrived(state.state.time, now)
-        return state
+            self._record(recording.REFUSED, raw, now)
+        return fresh
 
     def look_out(self) -> None:
         """Damp as long as another program commands the robot, too, and tell."""
@@ -223,7 +229,7 @@ class Relay(Line):
                 for raw in raws:
                     now = self.now()
                     self._link.send_bytes(NOTE.pack(recording.STATE, now) + raw)
-                    self.accept(raw, now)
+                    self.take(raw, now)
                 if self.fault is not None and not told:
                     self._notes.append(NOTE.pack(recording.FAULT, self.now()) + self.fault.encode())
                     told = True
@@ -237,7 +243,7 @@ class Relay(Line):
         while (now := time.perf_counter()) < end:
             slot = max(slot + period, now)  # slots that were missed are left out
             try:
-                while self._link.poll(max(slot - time.perf_counter(), 0.0)):
+                while arrives(self._link, max(slot - time.perf_counter(), 0.0)):
                     packed = self._link.recv_bytes()
                     if not packed:
                         return

@@ -16,7 +16,20 @@ from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
 from hugwbc.deploy.messages import TICK, StateMessage
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
-from hugwbc.deploy.relay import DECISION, END, FADE, NOTE, PERIOD, POLL, Line, LineSetup, Relay, Settings, relay
+from hugwbc.deploy.relay import (
+    DECISION,
+    END,
+    FADE,
+    NOTE,
+    PERIOD,
+    POLL,
+    Line,
+    LineSetup,
+    Relay,
+    Settings,
+    arrives,
+    relay,
+)
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.state_machine import Mode
 from hugwbc.deploy.timing import keep_apart, real_time
@@ -71,10 +84,10 @@ class RobotSide(Line):
 
     def accept(self, raw: bytes, now: float) -> StateMessage | None:
         """Check a state that has arrived now [s], and say why one is refused."""
-        state = super().accept(raw, now)
-        if state is None:
+        if not self.take(raw, now):
             self.states.note("refused", self.intake.refusal)
-        return state
+            return None
+        return self.intake.unpacked(raw)
 
     def ask(self, request: Request) -> None:
         """Pass on what the operator asks for; a second stop ends the program."""
@@ -163,6 +176,7 @@ class RobotSide(Line):
         worker.start()
         if self._connect is not None:
             self._far.close()  # so that this side sees when the other process is gone
+            self._endpoint.stop_receiving()
         self._apart, last = True, self._deadline()
         control = threading.Thread(target=self._control, name="control")
         control.start()
@@ -185,7 +199,7 @@ class RobotSide(Line):
             keep_apart(last=True)
             while not self._end.is_set():
                 notes = [self._link.recv_bytes()]
-                while self._link.poll():
+                while arrives(self._link):
                     notes.append(self._link.recv_bytes())
                 states = [state for note in notes if (state := self._hear(note)) is not None]
                 for index, state in enumerate(states, 1):
@@ -228,7 +242,7 @@ class RobotSide(Line):
         """Tell the relay that it is the end, and take what it still has to say."""
         try:
             self._link.send_bytes(b"")
-            while self._link.poll(_PATIENCE):
+            while arrives(self._link, _PATIENCE):
                 self._hear(self._link.recv_bytes())
         except (EOFError, OSError):  # the last note, or a relay that is gone
             pass

@@ -104,6 +104,7 @@ class Hoist:
     def release(self) -> None:
         """Let go."""
         self.attached = False
+        self._simulation.external_force[self._row] = 0.0
 
     @property
     def tension(self) -> float:
@@ -112,6 +113,8 @@ class Hoist:
 
     def update(self) -> None:
         """Move the winch for one physics step, and pull."""
+        if not self.attached:
+            return
         simulation, dt = self._simulation, self._simulation.timestep
         self.height += float(np.clip(self._target - self.height, -_SPEED * dt, _SPEED * dt))
         hook = self._hook()
@@ -120,7 +123,7 @@ class Hoist:
         speed, self._distance = (distance - self._distance) / dt, distance
         # At its height, the rope is stretched by the robot's weight.
         stretch = distance - (_ROPE - self.height - self._weight / _STIFFNESS)
-        pull = max(_STIFFNESS * stretch + _DAMPING * speed, 0.0) if self.attached and stretch > 0.0 else 0.0
+        pull = max(_STIFFNESS * stretch + _DAMPING * speed, 0.0) if stretch > 0.0 else 0.0
         force = pull * rope / distance
         simulation.external_force[self._row, :3] = force
         simulation.external_force[self._row, 3:] = np.cross(hook - simulation.data.xipos[self._body], force)

@@ -40,6 +40,10 @@ class Endpoint(Protocol):
         """
         ...
 
+    def stop_receiving(self) -> None:
+        """Leave the states and the rivals to another process of this end: what they cost here is for nothing."""
+        ...
+
     def publish(self, topic: str, text: str) -> None:
         """Send a text on a topic besides states and commands."""
         ...

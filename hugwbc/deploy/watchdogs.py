@@ -1,6 +1,5 @@
 """Watchdogs of a controlled robot: fresh messages, and a body within its limits."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -43,6 +42,7 @@ class Intake:
         received, torn, wrong_sum, old: messages in all, of a wrong size, with a wrong check sum, and with a tick that
             is not newer than the last one's.
         gap: longest time between two fresh states by their ticks [s].
+        time: of the last fresh state, continuous across a restart of the ticks [s].
         refusal: what was wrong since the last fresh state; empty if nothing was.
     """
 
@@ -50,14 +50,22 @@ class Intake:
         """Begin without a state; `age` is the assumed age of a reading at its arrival [s]."""
         self._messages, self._limits, self._age = messages, limits, age
         self.received = self.torn = self.wrong_sum = self.old = 0
-        self.gap = 0.0
+        self.gap = self.time = 0.0
         self._tick: int | None = None
         self._turns = 0
         self._fresh_at = math.inf
         self.refusal = ""
 
     def accept(self, message: bytes, now: float) -> StateMessage | None:
-        """Return a fresh, valid state with continuous time across a restart of the ticks; else None.
+        """Return a state that is fresh; else None; see `is_fresh`."""
+        return self.unpacked(message) if self.is_fresh(message, now) else None
+
+    def unpacked(self, message: bytes) -> StateMessage:
+        """Return the content of the last fresh state."""
+        return self._messages.unpack_state(message, self._age, self._turns)
+
+    def is_fresh(self, message: bytes, now: float) -> bool:
+        """Return whether a state is valid and newer than all before.
 
         The time `now` is that of this side's clock, at the robot's pace [s].
         """
@@ -67,20 +75,22 @@ class Intake:
             self.torn += refusal[0] == "size"
             self.wrong_sum += refusal[0] == "check sum"
             return self._refuse(f"states with a wrong {refusal[0]}: {refusal[1]}")
-        state = self._messages.unpack_state(message, self._age)
+        tick = self._messages.tick(message)
         if self._tick is not None and now - self._fresh_at < _RESTART:
-            ahead = (state.tick - self._tick) % TICKS
+            ahead = (tick - self._tick) % TICKS
             if not 0 < ahead < TICKS // 2:
                 self.old += 1
                 return self._refuse("states with an old tick")
-            self._turns += state.tick < self._tick
+            self._turns += tick < self._tick
             self.gap = max(self.gap, ahead * TICK)
-        self._tick, self._fresh_at, self.refusal = state.tick, now, ""
-        time = (state.tick + self._turns * TICKS) * TICK
-        return dataclasses.replace(state, state=dataclasses.replace(state.state, time=time))
+        self._tick, self._fresh_at, self.refusal = tick, now, ""
+        self.time = (tick + self._turns * TICKS) * TICK
+        self._messages.adopt(message)
+        return True
 
-    def _refuse(self, what: str) -> None:
+    def _refuse(self, what: str) -> bool:
         self.refusal = what
+        return False
 
     def fault(self, now: float) -> str | None:
         """Return the fault of the connection at time `now` [s]; None if a fresh state arrived in time."""

@@ -33,6 +33,9 @@ class LocalEndpoint:
         heard, self.heard_rivals = self.heard_rivals, 0
         return heard
 
+    def stop_receiving(self) -> None:
+        pass
+
     def publish(self, topic: str, text: str) -> None:
         self.other._texts[topic].append(text)
 
