@@ -71,7 +71,7 @@ def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, Comma
 
 def highest_swing(robot: Robot) -> float:
     """Return the highest l that knee and ankle of a robot allow at h = 0 [m]; a squat takes away what it lowers."""
-    return command_ranges(Gait.WALKING, robot)["l"].finishing[1]
+    return round(_PAPER["l"].finishing[1] * robot.leg_length / PAPER_LEG, 2)
 
 
 def _of(robot: Robot, name: str) -> CommandRange:
