@@ -16,7 +16,6 @@ from hugwbc.commands import (
     CommandChange,
     CommandRange,
     command_ranges,
-    default_command,
     sample_all,
 )
 from hugwbc.errors import CommandError, UnknownNameError
@@ -79,18 +78,6 @@ def test_a_table_may_have_ranges_of_its_own() -> None:
     assert np.all(sample_all(Gait.WALKING, np.random.default_rng(1), 50, own)[:, 0] <= 1.0)
 
 
-def test_standing_admits_no_velocity() -> None:
-    ranges = command_ranges(Gait.STANDING)
-    assert [ranges[n].finishing for n in ("v_x", "v_y", "omega")] == [(0.0, 0.0)] * 3
-    assert ranges["p"].finishing == (0.0, 0.4)
-
-
-def test_default_command_is_valid_for_every_gait() -> None:
-    for gait in Gait:
-        command = default_command(gait).validate()
-        np.testing.assert_array_equal(command.array(), [0, 0, 0, 2.0, 0.15, 0, 0, 0])
-
-
 def test_array_round_trip() -> None:
     command = Command(v_x=0.5, v_y=-0.1, omega=0.2, f=2.5, l=0.2, h=-0.1, p=0.3, w=-0.4, gait=Gait.WALKING)
     np.testing.assert_array_equal(command.array(), [0.5, -0.1, 0.2, 2.5, 0.2, -0.1, 0.3, -0.4])
@@ -120,13 +107,6 @@ def test_validate_says_what_is_wrong_what_is_valid_and_what_to_do() -> None:
     assert "clamp" not in message, "whoever writes a script cannot call anything"
     with pytest.raises(CommandError, match="standing gait; valid: 0 to 0 m/s"):
         Command(v_x=0.1, gait=Gait.STANDING).validate()
-
-
-def test_clamp_leaves_a_valid_command_alone() -> None:
-    command = Command(v_x=0.5, gait=Gait.WALKING)
-    clamped, report = command.clamp()
-    assert clamped is command
-    assert report == ()
 
 
 def test_clamp_moves_to_the_nearest_bound_and_nan_to_the_default() -> None:

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, JointCommand, RobotState, UpperBody, load_robot
-from hugwbc.controller import Controller, override_arms
+from hugwbc import JointCommand, UpperBody, load_robot
+from hugwbc.controller import override_arms
 from hugwbc.errors import HugwbcError, TargetError
 
 ROBOT = load_robot()
@@ -28,13 +28,6 @@ def test_one_bad_number_anywhere_is_noticed(field: str, bad: float) -> None:
     values = getattr(command, field).copy()
     values[7] = bad
     assert not dataclasses.replace(command, **{field: values}).is_finite
-
-
-def test_upper_body_indicator() -> None:
-    assert not UpperBody.none().indicator
-    assert UpperBody.targets(np.zeros(8)).indicator
-    one = UpperBody(np.zeros(8), np.zeros(8), np.arange(8) == 3)
-    assert one.indicator
 
 
 @pytest.mark.parametrize(
@@ -88,17 +81,3 @@ def test_override_passes_the_torque_and_the_gains_of_the_targets() -> None:
 def test_override_without_takeover_is_the_command_itself() -> None:
     command = JointCommand.position(ROBOT, ROBOT.nominal)
     assert override_arms(command, UpperBody.none(), ROBOT) is command
-
-
-def test_any_class_with_the_right_members_is_a_controller() -> None:
-    class Hold:
-        name = "hold"
-        period = 0.02
-
-        def reset(self, state: RobotState) -> None: ...
-
-        def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-            return JointCommand.position(ROBOT, ROBOT.nominal)
-
-    assert isinstance(Hold(), Controller)
-    assert not isinstance(object(), Controller)

@@ -179,36 +179,8 @@ def test_a_task_of_your_own(run):
     assert "the task is done" in out
 
 
-BAD_VALUES = {
-    "01_hold_and_reach.py": ("--duration", "0"),
-    "02_walk_with_qp.py": ("--v-x", "9"),
-    "03_reach_while_walking.py": ("--duration", "1"),
-    "04_walk_with_a_cup.py": ("--duration", "nan"),
-    "05_pick_from_the_floor.py": ("--height", "nan"),
-    "06_carry_a_box.py": ("--controller", "foo"),
-    "07_compare_controllers.py": ("--script", "none"),
-    "08_replay_a_motion.py": ("--file", "none.npz"),
-    "09_drive_live.py": ("--duration", "-1"),
-    "10_write_a_controller.py": ("--push", "inf"),
-    "11_onnx_only.py": ("--policy", "none.onnx"),
-    "12_a_task_of_your_own.py": ("--controller", "foo"),
-    "13_in_your_own_simulator.py": ("--controller", "foo"),
-}
-
-
 def test_every_example_is_tested_and_short():
     here = pathlib.Path(__file__).read_text(encoding="utf-8")
-    assert {path.name for path in EXAMPLES.glob("*.py")} == set(BAD_VALUES)
-    for name in BAD_VALUES:
-        assert re.search(rf'(run|start)\("{re.escape(name)}"', here), f"{name} has no test"
-        assert len((EXAMPLES / name).read_text(encoding="utf-8").splitlines()) <= 115
-
-
-@pytest.mark.parametrize("name", BAD_VALUES)
-def test_a_bad_value_ends_every_example_with_a_message(name, tmp_path, start, capsys):
-    with pytest.raises(SystemExit) as info:
-        start(name, *BAD_VALUES[name])
-    assert info.value.code == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert any(line.startswith(f"{name}: ") for line in lines), lines
-    assert not any(tmp_path.iterdir())
+    for path in EXAMPLES.glob("*.py"):
+        assert re.search(rf'(run|start)\("{re.escape(path.name)}"', here), f"{path.name} has no test"
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 115

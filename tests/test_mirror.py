@@ -19,12 +19,6 @@ def test_signs_are_the_papers() -> None:
         assert sign == (-1.0 if changes else 1.0), name
 
 
-def test_partners_by_hand() -> None:
-    left_knee, right_knee = ROBOT.index("left_knee_joint"), ROBOT.index("right_knee_joint")
-    assert MIRROR.joint_index[left_knee] == right_knee
-    assert MIRROR.joint_index[ROBOT.waist] == ROBOT.waist
-
-
 def test_mirror_is_an_involution_on_joints_and_arms() -> None:
     rng = np.random.default_rng(0)
     joints, arms = rng.normal(size=(7, 19)), rng.normal(size=(7, 8))
@@ -69,11 +63,6 @@ def test_mirrored_state_is_the_reflection_in_the_xz_plane() -> None:
         twice = MIRROR.state(mirrored)
         for name in ("q", "dq", "orientation", "angular_velocity", "position", "velocity", "foot_force"):
             np.testing.assert_array_equal(getattr(twice, name), getattr(state, name))
-
-
-def test_mirroring_a_state_without_an_estimator_keeps_it_without() -> None:
-    mirrored = MIRROR.state(RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0, 0, 0]), np.zeros(3)))
-    assert mirrored.position is None and mirrored.velocity is None and mirrored.foot_force is None
 
 
 def test_mirrored_command() -> None:

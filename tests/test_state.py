@@ -23,10 +23,6 @@ def test_gravity_in_the_pelvis_frame() -> None:
     np.testing.assert_allclose(leaning.projected_gravity, [math.sin(0.3), 0, -math.cos(0.3)], atol=1e-12)
 
 
-def test_heading() -> None:
-    assert _state(orientation=rotations.from_yaw_pitch_roll(2.0, 0.3, -0.2)).yaw == pytest.approx(2.0)
-
-
 def test_finiteness_ignores_what_is_absent() -> None:
     assert _state().is_finite
     assert _state(position=np.zeros(3)).is_finite

@@ -21,7 +21,7 @@ from hugwbc.cli.output import progress
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.store import Store
-from hugwbc.evaluation.study import Entry, run_study
+from hugwbc.evaluation.study import Entry, each_result
 from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
 
@@ -321,15 +321,13 @@ def main() -> int:
         name: [Run.of(label, part, options) for label, words in table.runs.items() for part in words.split("; ")]
         for name, table in tables.items()
     }
-    total, done, begin = sum(run.entry.work for part in runs.values() for run in part), 0.0, time.monotonic()
+    begin, entries = time.monotonic(), [run.entry for part in runs.values() for run in part]
     with Execution(options.workers, cluster=options.cluster) as execution, progress("results") as advance:
+        results = each_result(entries, execution=execution, store=Store(), on_progress=advance, tell=print)
         for name, table in tables.items():
             found: dict[str, list[Figure]] = {}
             for run in runs[name]:
-                (result,) = run_study([run.entry], execution=execution, store=Store())
-                found.setdefault(run.label, []).extend(result.figures)
-                done += run.entry.work
-                advance(done / total)
+                found.setdefault(run.label, []).extend(next(results).figures)
             body = markdown(lay_out(table, found), runs[name])
             for document in table.documents:
                 if options.quick:

@@ -86,8 +86,7 @@ def _measure(words: Sequence[str]) -> int:
         results = evaluate.measured(entries, place)
         tables = paired_tables(results)
         notes = [PAIRED_NOTE.format(results[0].controller), *evaluate.notes(entries, results)]
-        say("\n\n".join(format_table(table.columns, table.rows) for table in tables), place.json)
-        say("\n".join(["", *notes]), place.json)
+        evaluate.say_figures(tables, notes, place.json)
         output.write_json(place.json, [evaluate.to_json(result) for result in results])
         written = write_paper(chosen.out, results, tables, notes)
     say("\nwrote " + ", ".join(map(str, written)), place.json)

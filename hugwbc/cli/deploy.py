@@ -78,7 +78,7 @@ def run(words: Sequence[str]) -> int:
         raise ConfigError("--task gives the commands itself; leave --script out")
     header = {name: getattr(options, name) for name in _RECORDED} | {"age": settings.age}
     header["limits"] = dataclasses.asdict(Limits(tilt=options.tilt))
-    robot, pilot = _build(header)
+    robot, pilot, _ = _build(header)
     domain = options.domain if options.domain is not None else 1 if options.net == LOOPBACK else 0
     package = Messages(robot).package
     connect = functools.partial(DdsEndpoint, package=package, robot=False, net=options.net, domain=domain)
@@ -156,8 +156,8 @@ def summary(side: RobotSide, wall: float) -> str:
     return "\n".join(lines)
 
 
-def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
-    """Return robot and pilot of a deployment or of its recording."""
+def _build(header: dict[str, Any]) -> tuple[Robot, Pilot, float]:
+    """Return robot, pilot and the age of the readings [s], of a deployment or of its recording."""
     try:
         arena = Arena(header["robot"])
         robot = arena.known_robot
@@ -165,18 +165,16 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot]:
         source = _source(header, robot)
         arms = UpperBodySource(robot=robot)
         limits = Limits(**header["limits"])
-        return robot, Pilot(
-            controller, source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event))
-        )
-    except (KeyError, TypeError, AttributeError) as error:
+        pilot = Pilot(controller, source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event)))
+        return robot, pilot, float(header["age"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
 
 
 def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
-    name = header.get("task")  # which recordings from before tasks do not have
-    if name is not None:
-        task = load_task(name).sized(robot)
+    if header["task"] is not None:
+        task = load_task(header["task"]).sized(robot)
         return task.source(task.scene.draw(header["seed"]))
     return Sticks(robot) if header["script"] is None else load_script(header["script"], robot)
 
@@ -184,11 +182,8 @@ def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
 def _replay(path: pathlib.Path) -> int:
     """Replay a recording and compare its commands; return the exit code."""
     recording = Recording(path)
-    robot, pilot = _build(recording.header)
-    age = recording.header.get("age")
-    if not isinstance(age, int | float):
-        raise ConfigError(f"{path} does not say how old the readings were; record it again")
-    result = replay(recording, pilot, Messages(robot), float(age))
+    robot, pilot, age = _build(recording.header)
+    result = replay(recording, pilot, Messages(robot), age)
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
     say(f"{result.states} states, {result.decisions} commands: {same}")
     return FAULT if result.different else 0

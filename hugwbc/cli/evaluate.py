@@ -2,7 +2,9 @@
 
 import contextlib
 import dataclasses
+import functools
 import pathlib
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +17,8 @@ from hugwbc.evaluation.experiment import Experiment, Result
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
 from hugwbc.evaluation.study import Entry, remarks, run_study
-from hugwbc.evaluation.tables import figures_text
+from hugwbc.evaluation.tables import INTERVAL_NOTE, Table, format_table
+from hugwbc.report.paper_table import paired_tables
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.settings import seed_class
 from hugwbc.source import source_commit
@@ -52,10 +55,15 @@ def run(words: Sequence[str]) -> int:
     """Parse, run the experiment, print and write its figures."""
     entry, place = parse_entry(words)
     check_writable(place.json)
-    (result,) = measured([entry], place)
-    say("\n".join([figures_text(result.figures, result.controller), *notes([entry], [result])]), place.json)
-    write_json(place.json, to_json(result))
+    results = measured([entry], place)
+    say_figures(paired_tables(results), [INTERVAL_NOTE, *notes([entry], results)], place.json)
+    write_json(place.json, to_json(results[0]))
     return 0
+
+
+def say_figures(tables: Sequence[Table], lines: Sequence[str], json_path: pathlib.Path | None) -> None:
+    """Print tables, and lines below them."""
+    say("\n\n".join([*(format_table(table.columns, table.rows) for table in tables), "\n".join(lines)]), json_path)
 
 
 def parse_entry(words: Sequence[str]) -> tuple[Entry, ExecutionOptions]:
@@ -76,7 +84,8 @@ def measured(entries: Sequence[Entry], place: ExecutionOptions) -> list[Result]:
     results = contextlib.nullcontext() if place.results is None else output_folder(place.results)
     what = f"{', '.join(entry.label or entry.spec.label for entry in entries)}, {experiment.name}"
     with results, progress(what) as advance, execution:
-        return run_study(entries, execution=execution, store=store, on_progress=advance)
+        tell = functools.partial(print, f"{what}:", file=sys.stderr)
+        return run_study(entries, execution=execution, store=store, on_progress=advance, tell=tell)
 
 
 def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:

@@ -27,7 +27,8 @@ STDOUT = pathlib.Path("-")
 HELP_ALL = "--help-all"
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
 _QUIET = 2.0  # [s]; shorter work shows no progress
-_RECENT, _FEWEST = 600.0, 2  # [s], calls: from which the speed follows
+_RECENT, _TOGETHER = 600.0, 1.0  # [s], from which the speed follows, and within which steps count as one
+_FEWEST = 3  # steps from which a speed is known
 Options = TypeVar("Options")
 
 
@@ -56,14 +57,10 @@ def parse_settings(
         return parse(settings, ["--help"], verb, description, default)
     if not {"-h", "--help"} & set(words):
         return parse(settings, words, verb, description, default)
-    groups = [field for field in dataclasses.fields(_dataclass(settings)) if _is_group(field)]
+    groups = [field for field in dataclasses.fields(settings) if _group(field)]  # pyright: ignore[reportArgumentType]
     folded = [
-        (
-            field.name,
-            Annotated[field.type, tyro.conf.Suppress],
-            dataclasses.field(default_factory=field.default_factory),
-        )
-        for field in groups
+        (each.name, Annotated[each.type, tyro.conf.Suppress], dataclasses.field(default_factory=each.default_factory))
+        for each in groups
     ]
     short = dataclasses.make_dataclass(settings.__name__, folded, bases=(settings,), frozen=True)
     short.__module__ = settings.__module__  # where tyro looks for the comments beside the fields
@@ -76,19 +73,11 @@ def parse_settings(
     raise AssertionError("--help ends the process")
 
 
-def _dataclass(settings: type[Any]) -> type[Any]:
-    assert dataclasses.is_dataclass(settings)
-    return settings
-
-
-def _group(field: dataclasses.Field[Any]) -> type[Any]:
-    """Return the type of a field without its annotations, such as that its options have no prefix."""
+def _group(field: dataclasses.Field[Any]) -> type[Any] | None:
+    """Return the group of settings that a field holds, whatever annotates it; None for a single option."""
     kind: Any = field.type
-    return typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else kind
-
-
-def _is_group(field: dataclasses.Field[Any]) -> bool:
-    return dataclasses.is_dataclass(_group(field))
+    kind = typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else kind
+    return kind if dataclasses.is_dataclass(kind) else None
 
 
 def _list_groups(groups: Sequence[dataclasses.Field[Any]], command: str) -> str:
@@ -96,15 +85,15 @@ def _list_groups(groups: Sequence[dataclasses.Field[Any]], command: str) -> str:
     rows: list[tuple[str, str]] = []
 
     def visit(name: str, field: dataclasses.Field[Any]) -> None:
-        kind = _group(field)
+        kind: Any = _group(field)
         about = (inspect.getdoc(kind) or "").partition(". ")[0].partition("\n")[0].rstrip(".")
         fields = dataclasses.fields(kind)
-        own = [each.name for each in fields if not _is_group(each)]
+        own = [each.name for each in fields if not _group(each)]
         if kind is field.type:
             rows.append((f"--{name}.*".replace("_", "-"), f"{len(own):3} options  {about}"))
         else:
             rows.append((field.name, " ".join(f"--{each}".replace("_", "-") for each in own)))
-        for each in filter(_is_group, fields):
+        for each in filter(_group, fields):
             visit(f"{name}.{each.name}", each)
 
     for field in groups:
@@ -185,49 +174,78 @@ Advance = Callable[[float], None]
 
 @contextlib.contextmanager
 def progress(label: str) -> Iterator[Advance]:
-    """Show the progress of work that takes longer than two seconds, on standard error.
+    """Show the progress of work that takes longer than two seconds, on standard error: what is done, and the time left.
 
-    On a terminal this is a bar, elsewhere plain lines; both give the time left at the speed so far.
+    On a terminal this is a bar, elsewhere plain lines.
     """
     show = _bar if sys.stderr.isatty() else _lines
     with show(label) as advance:
         yield advance
 
 
+class Pace:
+    """Parts of some work that were done at some times, and how long the rest takes at that pace.
+
+    The first part, and the time up to the second one, do not count: reading what an earlier run has stored, and
+    starting, take other times than the work.
+    """
+
+    def __init__(self) -> None:
+        """Begin without a part."""
+        self._steps: list[tuple[float, float]] = []  # times [s], and what was done by then
+
+    def add(self, now: float, done: float) -> None:
+        """Take the part that is done by now [s]."""
+        if len(self._steps) > 1 and now < self._steps[-1][0] + _TOGETHER:
+            self._steps[-1] = self._steps[-1][0], done  # several processes finish together
+            return
+        self._steps.append((now, done))
+        while len(self._steps) > _FEWEST and self._steps[0][0] < now - _RECENT:
+            self._steps.pop(0)  # the speed may change
+
+    @property
+    def left(self) -> str:
+        """The time that the rest takes, for people; empty as long as nobody knows."""
+        if len(self._steps) < _FEWEST or self._steps[-1][1] <= self._steps[1][1]:
+            return ""
+        (begin, before), (end, done) = self._steps[1], self._steps[-1]
+        return f"about {_duration((1.0 - done) * (end - begin) / (done - before))} left"
+
+
 @contextlib.contextmanager
 def _bar(label: str) -> Iterator[Advance]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
-    console = Console(stderr=True)
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True, speed_estimate_period=600) as bars:
-        task = bars.add_task(label, total=1.0)
-        yield lambda fraction: bars.update(task, completed=fraction)
+    ending = TextColumn("{task.percentage:3.0f} % {task.fields[left]}")
+    columns = TextColumn("{task.description}"), BarColumn(), ending
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        task, pace = bars.add_task(label, total=1.0, left=""), Pace()
+
+        def advance(fraction: float) -> None:
+            pace.add(time.monotonic(), fraction)
+            bars.update(task, completed=fraction, left=pace.left)
+
+        yield advance
 
 
 @contextlib.contextmanager
 def _lines(label: str) -> Iterator[Advance]:
-    start = time.monotonic()
-    calls: list[tuple[float, float]] = []  # times and fractions of the last `_RECENT` seconds
+    start, pace, done = time.monotonic(), Pace(), 0.0
     over = threading.Event()
 
     def tell() -> None:
         # A thread prints, not `advance`: work may arrive in bursts, and the first call of one would print too early.
         told = 0.0
         while not over.wait(_LINE_INTERVAL):
-            (begin, before), (_, done) = (calls[0], calls[-1]) if calls else ((0.0, 0.0), (0.0, 0.0))
             if done > told:
-                told, rate = done, (done - before) / (time.monotonic() - begin)
-                left = f", about {_duration((1.0 - done) / rate)} left" if rate > 0.0 else ""
-                percent = f"{100.0 * done:.{0 if done > 0.1 else 1}f} %"
-                print(f"{label}: {percent}{left}", file=sys.stderr, flush=True)
+                told, percent = done, f"{100.0 * done:.{0 if done > 0.1 else 1}f} %"
+                print(f"{label}: {', '.join(filter(None, (percent, pace.left)))}", file=sys.stderr, flush=True)
 
     def advance(fraction: float) -> None:
-        # What was done before may have been read from earlier results in no time, and the speed may change.
-        calls.append((time.monotonic(), fraction))
-        while len(calls) > _FEWEST and calls[0][0] < calls[-1][0] - _RECENT:
-            calls.pop(0)
+        nonlocal done
+        pace.add(time.monotonic(), fraction)
+        done = fraction
 
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()

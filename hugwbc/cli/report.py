@@ -1,7 +1,9 @@
-"""`hugwbc report`: every table and figure of the paper, for any controllers, as a page, Markdown and CSV."""
+"""`hugwbc report`: every table and figure of the paper, for any controllers, as a page and CSV."""
 
 import dataclasses
+import functools
 import pathlib
+import sys
 from collections.abc import Sequence
 from typing import Literal
 
@@ -32,7 +34,7 @@ class ReportOptions:
     # Folder in which finished episodes are stored; those already stored are not run again
     results: pathlib.Path = DEFAULT_FOLDER
     fresh: bool = False  # Run all episodes again; the new rows take the place of the stored ones
-    out: pathlib.Path = pathlib.Path("out/report")  # Folder for report.html, report.md and figures.csv
+    out: pathlib.Path = pathlib.Path("out/report")  # Folder for report.html and figures.csv
 
 
 def run(words: Sequence[str]) -> int:
@@ -44,7 +46,8 @@ def run(words: Sequence[str]) -> int:
     execution, store = Execution(options.workers, cluster=options.cluster), Store(options.results, fresh=options.fresh)
     with output_folder(options.out), output_folder(options.results):
         with progress(f"report, {options.profile}") as advance, execution:
-            report = plan.run(execution, store, advance)
+            tell = functools.partial(print, "report:", file=sys.stderr)
+            report = plan.run(execution=execution, store=store, on_progress=advance, tell=tell)
         paths = report.write(options.out)
     say(report.summary)
     say(f"\nwrote {', '.join(map(str, paths))}")

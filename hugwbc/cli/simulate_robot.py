@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Literal
 
 import tyro
 
@@ -13,14 +12,12 @@ from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.relay import Slower
 from hugwbc.deploy.remote import listen
-from hugwbc.deploy.simulated_robot import HOIST_WORDS, LIFTED, Happening, Radio, Schedule, SimulatedRobot
+from hugwbc.deploy.simulated_robot import HOIST_WORDS, Happening, Radio, Schedule, SimulatedRobot
 from hugwbc.errors import ConfigError
 from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Simulation, load_scene
 from hugwbc.tasks import Ending, Task, load_task
 from hugwbc.tasks.record import TaskWatch
-
-STARTS = {"hoist": LIFTED, "ground": 0.0, "free": None}
 
 
 @settings
@@ -29,9 +26,6 @@ class SimulateRobotOptions:
 
     net: str = LOOPBACK  # Network interface; only lo, because on a real network it would answer for a real robot
     domain: int = 1  # DDS domain
-    # How it starts: hoist (lifted off the ground), ground (on its feet, held by the hoist), or free (without a hoist,
-    # so that it collapses)
-    start: Literal["hoist", "ground", "free"] = "hoist"
     # What its remote control and its hoist do, and when, from the first sound command on [s]: "1 Start, 4 lower, 7 A, 8
     # release, 9 ly=0.5, 30 Select"
     schedule: str = ""
@@ -68,7 +62,6 @@ def run(words: Sequence[str]) -> int:
         endpoint,
         radio=options.radio,
         schedule=schedule,
-        hoist=STARTS[options.start],
         mode=options.mode,
         latency=options.arena.profile.latency,
         seed=options.seed,

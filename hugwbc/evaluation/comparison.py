@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.behaviours import Behaviour, BehaviourSource
 from hugwbc.behaviours.source import LONGEST
 from hugwbc.commands import COMMAND_UNITS
@@ -214,26 +213,6 @@ _SCALES = np.array([0.5, 0.5, 0.8, 0.1, 0.2, 0.4])
 
 def _centimetres(value: float | None) -> float | None:
     return None if value is None else 100.0 * value
-
-
-def pose_table(traces: Sequence[Trace]) -> Table:
-    """Return a table of where each robot was at its last sample, in the world, and how far from the first one's."""
-    rows: list[list[Cell]] = []
-    first = _pose(traces[0])
-    for trace in traces:
-        x, y, yaw = _pose(trace)
-        apart = math.hypot(x - first[0], y - first[1])
-        turned = math.degrees(math.remainder(yaw - first[2], 2.0 * math.pi))
-        fate = f"fell after {trace.survived_s:.1f} s" if trace.fell else f"up for {trace.survived_s:.1f} s"
-        other: list[Cell] = [None, None] if trace is traces[0] else [apart, round(turned, 1)]
-        rows.append([trace.name, fate, round(x, 3), round(y, 3), round(math.degrees(yaw), 1), *other])
-    columns = ("", "fate", "x [m]", "y [m]", "heading [°]", f"from {traces[0].name} [m]", "turned against it [°]")
-    return Table("Where they ended", columns, rows)
-
-
-def _pose(trace: Trace) -> tuple[float, float, float]:
-    x, y = trace.qpos[-1, :2].tolist()
-    return x, y, float(rotations.yaw_of(trace.qpos[-1, 3:7]))
 
 
 def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:

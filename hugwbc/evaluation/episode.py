@@ -3,10 +3,9 @@
 import dataclasses
 from typing import Annotated, Any, ClassVar
 
-from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.conditions import ArmIntervention, Conditions
 from hugwbc.evaluation.metrics import SETTLE_S
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
@@ -67,21 +66,6 @@ class CountedSettings(Settings):
     episodes: Count = 1  # number of episodes
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Run:
-    """One episode that has been simulated."""
-
-    plan: Plan
-    trace: Trace
-    simulation: Engine  # as it was at the end
-    arm_error: float  # mean distance of the arms to their external targets after the settling time [rad]; NaN if free
-
-    @property
-    def command(self) -> Command:
-        """The command at the start; without a schedule, that of the whole episode."""
-        return self.plan.command
-
-
 def simulation_of(settings: Settings, plan: Plan, duration: float | None = None, scene: Scene | None = None) -> Engine:
     """Return the simulation of an episode, whose seed is that of the settings and the plan's draw."""
     conditions = plan.conditions or settings.conditions
@@ -95,21 +79,22 @@ def simulate(
     *,
     source: CommandSource | None = None,
     simulation: Engine | None = None,
-    upper_body: UpperBodySource | None = None,
+    upper_body: UpperBodySource | ArmIntervention | None = None,
     **options: Any,  # noqa: ANN401
-) -> Run:
-    """Run one episode in a simulation of its own.
+) -> Trace:
+    """Run one episode in a simulation of its own, and return its record.
 
     The commands are the plan's; the simulation, the estimator and what moves the arms are those of the conditions;
     unless others are given. Further options are those of `rollout`.
     """
     conditions = plan.conditions or settings.conditions
     simulation = simulation or simulation_of(settings, plan)
-    arms = conditions.arms((settings.seed, plan.draw)) if upper_body is None else None
     defaults: dict[str, Any] = {"duration": settings.duration, "forces": plan.forces, "strict": False}
-    defaults |= {"estimator": conditions.estimator(), "upper_body": upper_body or arms}
-    trace = rollout(controller, source or plan.source, simulation, **defaults | options)
-    return Run(plan, trace, simulation, float("nan") if arms is None else arms.error(trace, settings.settle))
+    defaults |= {
+        "estimator": conditions.estimator(),
+        "upper_body": upper_body or conditions.arms((settings.seed, plan.draw)),
+    }
+    return rollout(controller, source or plan.source, simulation, **defaults | options)
 
 
 def ending(trace: Trace) -> Row:

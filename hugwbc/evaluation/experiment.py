@@ -9,12 +9,11 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from hugwbc.controller import Controller
-from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.plans import Plan
-from hugwbc.evaluation.store import READ, Store, controller_digest
+from hugwbc.evaluation.store import READ, Store, StoredTable, controller_digest
 from hugwbc.files import noting
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.viz.plots import Panel
@@ -57,10 +56,8 @@ class Experiment(Generic[S]):
         settings: class of its settings, whose fields are the options of the command line.
         plan: returns the episodes.
         episode: runs one episode with a controller, and returns what it adds to the row beside the plan's tags.
-        figures: makes figures of the settings and the rows of all episodes, a polars data frame; and of the rows of
-            `beside`, a data frame or None, if there is such an experiment.
+        figures: makes figures of the settings and the rows of all episodes, a polars data frame.
         following: returns the next episodes of a search, given all rows so far; none ends it.
-        beside: another experiment whose stored rows of the same controller and settings `figures` takes.
         adapt: returns the settings for a controller.
         note: a sentence below the tables in the terminal.
         section: of the report; None leaves the experiment out.
@@ -71,10 +68,9 @@ class Experiment(Generic[S]):
     settings: type[S]
     plan: Callable[[S], Sequence[Plan]]
     episode: Callable[[Controller, S, Plan], Row]
-    figures: Callable[..., list[Figure]]
+    figures: Callable[[S, pl.DataFrame], list[Figure]]
     _: dataclasses.KW_ONLY
     following: Callable[[S, Sequence[Row]], Sequence[Plan]] = lambda settings, rows: ()
-    beside: "Experiment[Any] | None" = None
     adapt: Callable[[S, ControllerSpec], S] = lambda settings, spec: settings
     note: str = ""
     section: Section[S] | None = None
@@ -107,47 +103,49 @@ def run_experiment(
     Without a label the controller's own is shown, without an execution the episodes run in this process, and without a
     store the rows are kept in memory only. `on_progress` is called with the part of the planned episodes that is done.
     """
-    settings = experiment.adapt(settings, spec)
-    known, store = spec.told(settings.conditions.told_arena), store or Store(None)
-    table = store.table(experiment.name, experiment.episode, settings, known)
+    settings, table = _table(experiment, settings, spec, store)
+    known = spec.told(settings.conditions.told_arena)
     rows: list[Row] = []
     done: list[Plan] = []
-    measured = 0  # of the rows; the others were stored
     plans = list(experiment.plan(settings))
     while plans:
         found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
         missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
         for index, row in run_plans(experiment.episode, settings, known, missing, execution):
             found[index] = table.add(plans[index], row)
-            measured += 1
             on_progress((len(rows) + len(found)) / (len(rows) + len(plans)))
         rows += [found[index] for index in range(len(plans))]
         done += plans
         plans = list(experiment.following(settings, rows))
-    try:
-        summary = experiment.figures(settings, frame_of(rows), *_beside(experiment, settings, known, store))
-    except (pl.exceptions.PolarsError, TypeError, ValueError) as error:
-        if measured == len(rows):
-            raise
-        raise ResultFileError(
-            f"{table.path} has rows that experiment '{experiment.name}' did not write ({error}); remove it, and its "
-            "episodes run again"
-        ) from error
     figures = [
         dataclasses.replace(figure, controller=label or spec.label) if figure.estimate is not None else figure
-        for figure in summary
+        for figure in experiment.figures(settings, frame_of(rows))
     ]
     return Result(experiment.name, label or spec.label, settings, done, rows, figures)
 
 
-def _beside(experiment: Experiment[S], settings: S, spec: ControllerSpec, store: Store) -> list[pl.DataFrame | None]:
-    """Return the stored rows that the figures take besides, None if there are none; empty if they take none."""
-    other = experiment.beside
-    if other is None:
-        return []
-    common = {field.name: getattr(settings, field.name) for field in dataclasses.fields(Settings)}
-    rows = store.rows_of(other.name, other.episode, other.settings(**common), spec)
-    return [frame_of(rows) if rows else None]
+def stored_episodes(
+    experiment: Experiment[S], settings: S, spec: ControllerSpec, store: Store | None
+) -> tuple[int, int]:
+    """Return how many episodes are stored of those that are planned, and how many these are.
+
+    Those of a search are planned as far as the stored ones go.
+    """
+    settings, table = _table(experiment, settings, spec, store)
+    rows: list[Row | None] = []
+    plans = list(experiment.plan(settings))
+    while plans:
+        rows += map(table.get, plans)
+        found = [row for row in rows if row is not None]
+        plans = list(experiment.following(settings, found)) if len(found) == len(rows) else []
+    return len(rows) - rows.count(None), len(rows)
+
+
+def _table(experiment: Experiment[S], settings: S, spec: ControllerSpec, store: Store | None) -> tuple[S, StoredTable]:
+    """Return the settings for a controller, and the table of its episodes."""
+    settings = experiment.adapt(settings, spec)
+    known = spec.told(settings.conditions.told_arena)
+    return settings, (store or Store(None)).table(experiment.name, experiment.episode, settings, known)
 
 
 def numbered(settings: CountedSettings) -> list[Plan]:

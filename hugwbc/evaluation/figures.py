@@ -88,19 +88,13 @@ class Figure:
         """The comparison with the paper, whose own uncertainty is not known."""
         if self.ratio is None:
             return Comparison.NONE
-        value, low, high = self.ratio
-        return _compared(value - 1.0, None if low is None else low - 1.0, None if high is None else high - 1.0, self)
+        sign = -1.0 if self.higher_is_better else 1.0
+        excess, *bounds = (sign * (part - 1.0) for part in self.ratio if part is not None)
+        if excess <= 0.0:
+            return Comparison.BETTER if bounds and max(bounds) < 0.0 else Comparison.UNCLEAR_BETTER
+        return Comparison.WORSE if bounds and min(bounds) > 0.0 else Comparison.UNCLEAR_WORSE
 
 
 def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figure:
     """Return the percentage of episodes in which the robot fell."""
     return Figure(table, FALLS, "% of episodes", wilson_percentage(list(fell)), reference=reference)
-
-
-def _compared(excess: float, low: float | None, high: float | None, figure: Figure) -> Comparison:
-    """Judge by how much a figure exceeds another one, given the bounds of that excess."""
-    if figure.higher_is_better:
-        excess, low, high = -excess, None if high is None else -high, None if low is None else -low
-    if excess <= 0.0:
-        return Comparison.BETTER if high is not None and high < 0.0 else Comparison.UNCLEAR_BETTER
-    return Comparison.WORSE if low is not None and low > 0.0 else Comparison.UNCLEAR_WORSE

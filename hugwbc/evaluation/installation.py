@@ -8,17 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hugwbc.errors import HugwbcError
+from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.robot import DEFAULT_ROBOT
 
 PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "numpy", "meshcat", "tyro")
 LEARNED = ("torch", "safetensors")  # of the extra [learned]
 WITHOUT_TORCH = "left out: torch is not installed; `pip install 'hugwbc[learned]'` brings it"
 SAMPLES = 20  # random states on which the models are compared
-
-
-class CheckError(Exception):
-    """A check found something wrong; the message says what."""
 
 
 def run_checks(
@@ -35,7 +31,7 @@ def run_checks(
     for index, (name, check) in enumerate(checks.items()):
         try:
             outcomes.append((name, True, check()))
-        except (CheckError, HugwbcError, ImportError) as error:
+        except (HugwbcError, ImportError) as error:
             outcomes.append((name, False, str(error)))
             if robot is not None:
                 break
@@ -49,7 +45,7 @@ def check_table(name: str) -> str:
     from hugwbc.robot_check import problems
 
     if found := problems(name):
-        raise CheckError("\n".join(found))
+        raise ConfigError("\n".join(found))
     robot = load_robot(name)
     (heel, toe), width = 100.0 * np.array(robot.sole_x), 100.0 * (robot.sole_y[1] - robot.sole_y[0])
     return (
@@ -66,7 +62,7 @@ def check_versions() -> str:
         try:
             found.append(f"{package} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:
-            raise CheckError(f"{package} is not installed; run `pip install hugwbc` again") from None
+            raise ConfigError(f"{package} is not installed; run `pip install hugwbc` again") from None
     found += [f"{name} {importlib.metadata.version(name)}" for name in LEARNED if _is_installed(name)]
     return f"Python {platform.python_version()}, {', '.join(found)}"
 
@@ -98,7 +94,7 @@ def check_agreement(robot: str = DEFAULT_ROBOT) -> str:
         if simulation.model.geom_bodyid[contact.geom].all()
     }
     if touching:
-        raise CheckError(
+        raise ConfigError(
             f"in the nominal pose touch {'; '.join(sorted(touching))}; change `nominal` or their collision_box"
         )
     kinematics = Kinematics(simulation.robot)
@@ -118,7 +114,7 @@ def check_agreement(robot: str = DEFAULT_ROBOT) -> str:
         worst = max(worst, np.abs(joints - inertia[np.ix_(columns, columns)]).max(), np.abs(hands).max())
     files = f"{simulation.robot.xml_path.name} and {simulation.robot.urdf_path.name}"
     if worst > 1e-6:
-        raise CheckError(f"{files} differ by up to {worst:.2g} in mass, mass matrix or hand position")
+        raise ConfigError(f"{files} differ by up to {worst:.2g} in mass, mass matrix or hand position")
     return f"{files} weigh {mass:.2f} kg, and agree to {worst:.1e} on {SAMPLES} random states"
 
 
@@ -133,7 +129,7 @@ def check_standing(robot: str = DEFAULT_ROBOT) -> str:
     simulation = Simulation(robot=load_robot(robot))
     trace = rollout(ControllerSpec("qp", robot=robot).build(), Command(h=-0.1), simulation, duration=2.0)
     if trace.fell or trace.safety.failures:
-        raise CheckError(f"the controller qp fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
+        raise ConfigError(f"the controller qp fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
     return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
 
 
@@ -152,7 +148,7 @@ def check_policies() -> str:
 
     names = shipped_policies()
     if not names:
-        raise CheckError("no policy is shipped in models/h1/policies; train one with `hugwbc train`")
+        raise ConfigError("no policy is shipped in models/h1/policies; train one with `hugwbc train`")
     for name in names:
         load_policy(name)
     return f"{', '.join(names)} can be read"
@@ -175,12 +171,12 @@ def check_environment() -> str:
         for _ in range(steps):
             result = env.step(0.1 * torch.randn(env.actions[0].shape, generator=generator))
             if not bool(torch.isfinite(result.reward).all()):
-                raise CheckError("a reward of the training environment is not finite")
+                raise ConfigError("a reward of the training environment is not finite")
         histories.append(env.observe().critic)
     if not bool(torch.isfinite(histories[0]).all()):
-        raise CheckError("an observation of the training environment is not finite")
+        raise ConfigError("an observation of the training environment is not finite")
     if not torch.equal(*histories):
-        raise CheckError("two runs of the training environment with the same seed differ")
+        raise ConfigError("two runs of the training environment with the same seed differ")
     return f"{count} robots, {steps} steps: finite, and the same twice with one seed"
 
 

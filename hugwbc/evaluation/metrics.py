@@ -174,10 +174,9 @@ def places(trace: Trace, frames: Sequence[str], kept: np.ndarray) -> np.ndarray:
 def impact(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     """Return how hard both feet came down after `settle` [s]; nothing without a touch-down.
 
-    - `speed_median`, `speed_p95`: of the vertical speed of the sole's centre in the physics step before a touch-down
-      [m/s]; `total_speed_median`: of its speed in all directions.
-    - `peak_mean`, `peak_max`: of the largest vertical ground reaction in the stance after a touch-down, in weights of
-      the robot without payload: a robot at rest on one foot has 1.
+    - `speed_median`: of the vertical speed of the sole's centre in the physics step before a touch-down [m/s].
+    - `peak_mean`: of the largest vertical ground reaction in the stance after a touch-down, in weights of the robot
+      without payload: a robot at rest on one foot has 1.
     """
     velocities, peaks = [], []
     for foot, times in enumerate(trace.touch_downs):
@@ -187,33 +186,17 @@ def impact(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     velocity, peak = np.concatenate(velocities), np.concatenate(peaks) / (trace.mass * GRAVITY)
     if not peak.size:
         return {}
-    vertical, total = np.abs(velocity[:, 2]), np.linalg.norm(velocity, axis=1)
-    return {
-        "speed_median": float(np.median(vertical)),
-        "speed_p95": float(np.percentile(vertical, 95)),
-        "total_speed_median": float(np.median(total)),
-        "peak_mean": float(peak.mean()),
-        "peak_max": float(peak.max()),
-    }
+    return {"speed_median": float(np.median(np.abs(velocity[:, 2]))), "peak_mean": float(peak.mean())}
 
 
 # Hands
 
 
-# The distances of `hand_errors`, for tables.
-HAND_FIGURES = {
-    **{"mean": "mean", "p95": "95th percentile", "left": "left hand", "right": "right hand"},
-    **{"all_mean": "mean, all targets", "all_p95": "95th percentile, all targets"},
-}
-
-
 def hand_errors(error: np.ndarray, reachable: np.ndarray) -> dict[str, float | None]:
     """Return the hand errors over all samples of one or more runs, the approach to the first target included.
 
-    A target that the inverse kinematics calls unreachable may really be so, or the inverse kinematics may be stuck. The
-    figures with `all_` therefore judge the inverse kinematics as well; the others judge the controller that follows it
-    to the targets that are called reachable. All are distances [m], but `reachable_fraction` is the part of targets
-    that are; None where there was no such target.
+    `mean` and `p95` are distances to the targets that the inverse kinematics calls reachable [m], and judge the
+    controller that follows it; `reachable_fraction` is the part of targets that are. None where there was none.
 
     Args:
         error: distance of the left and the right hand to its target [m], shape (samples, 2); NaN without a target.
@@ -221,15 +204,10 @@ def hand_errors(error: np.ndarray, reachable: np.ndarray) -> dict[str, float | N
     """
     targeted = np.isfinite(error)
     counted = targeted & reachable
-    left, right = (_mean(error[counted[:, side], side]) for side in (0, 1))
     return {
         "mean": _mean(error[counted]),
         "p95": _p95(error[counted]),
-        "left": left,
-        "right": right,
         "reachable_fraction": _mean(reachable[targeted].astype(float)),
-        "all_mean": _mean(error[targeted]),
-        "all_p95": _p95(error[targeted]),
     }
 
 
@@ -315,16 +293,6 @@ def cost_of_transport(trace: Trace, mass: float, settle: float = SETTLE_S) -> fl
     pace = speed(trace, settle)
     way = pace * (trace.time[-1] - settle)
     return mechanical_power(trace, settle) / (mass * GRAVITY * pace) if way >= SHORTEST_WAY else float("nan")
-
-
-def jitter(positions: np.ndarray, dt: float) -> float:
-    """Return the mean squared jerk of joint positions (T, joints), a sample every `dt` [s], in rad^2/s^6.
-
-    NaN samples are left out; NaN if no four consecutive samples are finite.
-    """
-    jerk = np.diff(positions, n=3, axis=0) / dt**3
-    known = jerk[np.isfinite(jerk)]
-    return float(np.mean(known**2)) if known.size else float("nan")
 
 
 # Computing time

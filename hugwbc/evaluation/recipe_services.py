@@ -21,7 +21,7 @@ from hugwbc.runtime.controllers import ControllerSpec
 
 
 def _episode(controller: Controller, settings: Settings, plan: Plan) -> Row:
-    return executed_means(simulate(controller, settings, plan).trace)
+    return executed_means(simulate(controller, settings, plan))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -74,19 +74,6 @@ class Store:
         name = f"{experiment}-{spec.label}-{digest(json.dumps(key))[:16]}.jsonl"
         return StoredTable(self.folder / name.replace(" ", "_").replace(":", "-"), key, fresh=self.fresh)
 
-    def rows_of(self, experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> list[Row]:
-        """Return all stored rows of an experiment with a controller, whatever the number of episodes."""
-        same, found = _without_count(table_key(experiment, episode, settings, spec)), []
-        for path in [] if self.folder is None else sorted(self.folder.glob(f"{experiment}-*.jsonl")):
-            key = _key_of(path)
-            if _without_count(key) == same:
-                found += _read(path, key).values()
-        return found
-
-
-def _without_count(key: dict[str, Any]) -> dict[str, Any]:
-    return key | {"settings": {name: value for name, value in key["settings"].items() if name != "episodes"}}
-
 
 def table_key(experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
     """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files.
@@ -137,23 +124,16 @@ def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401  of settings
         yield from _texts(item)
 
 
-def _key_of(path: pathlib.Path) -> dict[str, Any]:
-    try:
-        with path.open(encoding="utf-8") as file:
-            key = json.loads(file.readline())
-    except (OSError, ValueError):
-        key = None
-    if not isinstance(key, dict) or not isinstance(key.get("settings"), dict):
-        raise ResultFileError(f"{path} is not a table of episodes; move it away, or choose another folder")
-    return key
-
-
 def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
-    if _key_of(path) != key:
-        raise ResultFileError(f"{path} does not match its name; move it away, or choose another folder")
+    try:
+        first, *lines = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
+    except OSError:
+        first, lines = "", []
+    if first != json.dumps(key):
+        raise ResultFileError(f"{path} is not a table of episodes; move it away, or choose another folder")
     rows: dict[str, Row] = {}
     now = functools.cache(digest_of)
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
+    for line in lines:
         try:
             row = json.loads(line)
             if all(now(name) == found for name, found in row.pop(READ, {}).items()):

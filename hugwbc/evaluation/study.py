@@ -4,13 +4,15 @@
 """
 
 import dataclasses
+import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.experiment import Experiment, Result, frame_of, run_experiment
+from hugwbc.evaluation.experiment import Experiment, Result, frame_of, run_experiment, stored_episodes
 from hugwbc.evaluation.figures import Difference, Figure
 from hugwbc.evaluation.intervals import FEW, Estimate, exact_test, paired_difference
 from hugwbc.evaluation.store import Store
@@ -37,29 +39,50 @@ class Entry:
         return len(self.experiment.plan(self.settings)) * self.settings.duration
 
 
-def run_study(
+def each_result(
     entries: Sequence[Entry],
     *,
     execution: Execution | None = None,
     store: Store | None = None,
     on_progress: Callable[[float], object] = lambda done: None,
-) -> list[Result]:
-    """Run what is not stored, and return a result for each entry, as `run_experiment` does.
+    tell: Callable[[str], object] = lambda words: None,
+) -> Iterator[Result]:
+    """Run what is not stored, and yield a result for each entry, as `run_experiment` does, as soon as it is there.
+
+    `on_progress` is called with the part of the work that is done, at first with what is stored; `tell` gets a line
+    that says how much that is.
+    """
+    counts = [stored_episodes(entry.experiment, entry.settings, entry.spec, store) for entry in entries]
+    stored, planned = map(sum, zip(*counts, strict=True))
+    if stored:
+        tell(f"{'all' if stored == planned else f'{stored} of'} {planned} episodes are stored")
+    parts, works = [have / count for have, count in counts], [entry.work for entry in entries]
+
+    def advance(number: int, part: float) -> None:
+        parts[number] = part
+        on_progress(sum(map(operator.mul, parts, works)) / sum(works))
+
+    advance(0, parts[0])
+    for number, entry in enumerate(entries):
+        result = run_experiment(
+            entry.experiment,
+            entry.settings,
+            entry.spec,
+            label=entry.label,
+            execution=execution,
+            store=store,
+            on_progress=functools.partial(advance, number),
+        )
+        advance(number, 1.0)
+        yield result
+
+
+def run_study(entries: Sequence[Entry], **options: Any) -> list[Result]:  # noqa: ANN401
+    """Return the results of entries; the options are those of `each_result`.
 
     The figures of a controller have their difference from those of the first one with the same experiment and settings.
     """
-    total, done = sum(entry.work for entry in entries), 0.0
-    results: list[Result] = []
-    for entry in entries:
-
-        def advance(part: float, before: float = done, work: float = entry.work) -> None:
-            on_progress((before + part * work) / total)
-
-        where: dict[str, Any] = {"execution": execution, "store": store, "on_progress": advance}
-        results.append(run_experiment(entry.experiment, entry.settings, entry.spec, label=entry.label, **where))
-        done += entry.work
-        on_progress(done / total)
-    return _with_differences(entries, results)
+    return _with_differences(entries, list(each_result(entries, **options)))
 
 
 def _with_differences(entries: Sequence[Entry], results: Sequence[Result]) -> list[Result]:
@@ -80,9 +103,8 @@ def _with_differences(entries: Sequence[Entry], results: Sequence[Result]) -> li
 def values_alone(experiment: Experiment[Any], result: Result) -> Values:
     """Return the figures of each episode alone: where a figure is a mean over episodes, what it is the mean of."""
     rows, found = frame_of(result.rows), Values()
-    beside = [] if experiment.beside is None else [None]
     for number, plan in enumerate(result.plans):
-        for figure in experiment.figures(result.settings, rows[number : number + 1], *beside):
+        for figure in experiment.figures(result.settings, rows[number : number + 1]):
             if figure.estimate is not None and figure.estimate.value is not None:
                 found.setdefault((figure.table, figure.quantity), {})[repr(plan)] = figure.estimate.value
     return found

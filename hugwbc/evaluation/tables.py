@@ -1,11 +1,17 @@
-"""Tables of figures with marks, and their forms for Markdown and the terminal."""
+"""Tables: cells with marks, their form for the terminal, and figures as tables beside the paper and as CSV."""
 
+import csv
 import dataclasses
+import io
 import math
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.figures import Comparison, Figure
+
+INTERVAL_NOTE = (
+    "95 % intervals: of means by bootstrap over episodes; of percentages of episodes Wilson's score interval"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,27 +45,17 @@ def cell_text(value: Cell) -> str:
         return value.text
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return number(value) if isinstance(value, float) else str(value)
 
 
-def markdown_table(table: Table) -> str:
-    """Return the table with its title and note as Markdown; cells marked as worse are bold."""
-
-    def line(cells: Sequence[str]) -> str:
-        return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
-
-    def text(value: Cell) -> str:
-        bold = isinstance(value, Marked) and value.mark == "worse"
-        return f"**{cell_text(value)}**" if bold else cell_text(value)
-
-    lines = [line(table.columns), line(["---", *["---:"] * (len(table.columns) - 1)])]
-    lines += [line([text(value) for value in row]) for row in table.rows]
-    return "\n".join([f"### {table.title}", "", *lines, *(["", table.note] if table.note else [])])
+def number(value: float, digits: int = 3) -> str:
+    """Round to significant digits, without an exponent where that is readable."""
+    return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
 
 
-def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def format_table(header: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
     """Align a table for the terminal: the first column to the left, the others to the right."""
-    cells = [list(header), *([_terminal_cell(value) for value in row] for row in rows)]
+    cells = [list(header), *(list(map(cell_text, row)) for row in rows)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
     lines = [
         "  ".join(
@@ -71,42 +67,99 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str
     return "\n".join(line.rstrip() for line in [lines[0], "-" * len(lines[0]), *lines[1:]])
 
 
-INTERVAL = "95 % interval"
-INTERVAL_NOTE = (
-    "95 % intervals: of means by bootstrap over episodes; of percentages of episodes Wilson's score interval"
+CSV_COLUMNS = (
+    *("table", "quantity", "unit", "controller", "source", "value", "low", "high", "samples"),
+    *("paper", "reference", "ratio", "ratio_low", "ratio_high", "against_paper"),
+    *("against", "difference", "difference_low", "difference_high", "pairs", "p"),
 )
 
 
-def figures_text(figures: Sequence[Figure], controller: str) -> str:
-    """Return the measured figures of a controller as tables for the terminal, with the paper's where it has any."""
-    measured = [figure for figure in figures if figure.estimate is not None]
-    texts = []
-    for title in dict.fromkeys(figure.table for figure in measured):
-        part = [figure for figure in measured if figure.table == title]
-        paper = any(figure.paper is not None for figure in part)
-        header = (title, controller, INTERVAL, *(("paper", "ratio") if paper else ()))
-        rows = []
-        for figure in part:
-            estimate, ratio = figure.estimate, figure.ratio
-            assert estimate is not None
-            bounds = None if estimate.low is None or estimate.high is None else (estimate.low, estimate.high)
-            interval = None if bounds is None else f"{_figure_text(bounds[0])} to {_figure_text(bounds[1])}"
-            beside = (_figure_text(figure.paper), None if ratio is None else ratio[0]) if paper else ()
-            rows.append((figure.label, _figure_text(estimate.value), interval, *beside))
-        texts.append(format_table(header, rows))
-    return "\n\n".join([*texts, INTERVAL_NOTE])
+def comparison_table(figures: Sequence[Figure]) -> Table:
+    """Lay out the figures of one table: a row for each quantity, a column for the paper and each controller.
+
+    A measured cell shows the value, its interval and the ratio to the paper's value. It is marked "worse" if it is
+    worse than the paper's, and "worse?" if it is worse by less than its uncertainty. Where the paper prints several
+    policies, each of them stands before the controllers that are compared with it.
+    """
+    units = {figure.quantity: figure.unit for figure in figures}
+    columns: dict[str, list[Cell]] = {"": [f"{name} [{unit}]" if unit else name for name, unit in units.items()]}
+    for reference in dict.fromkeys(figure.reference for figure in figures):
+        columns |= _columns([figure for figure in figures if figure.reference == reference], list(units))
+    return Table(figures[0].table, list(columns), list(map(list, zip(*columns.values(), strict=True))))
 
 
-def _figure_text(value: float | None) -> str | None:
-    """Format a number with three or four significant digits, without an exponent where that is readable."""
-    if value is None:
+def _columns(figures: Sequence[Figure], quantities: Sequence[str]) -> dict[str, list[Cell]]:
+    """Return the columns of one of the paper's policies by heading: its own, if any, and the controllers'."""
+    columns: dict[str, list[Cell]] = {}
+    papers = {figure.quantity: figure.paper for figure in figures if figure.paper is not None}
+    if papers:
+        heading = ", ".join(filter(None, ("HugWBC, paper", figures[0].reference)))
+        columns[heading] = [papers.get(quantity) for quantity in quantities]
+    for controller in filter(None, dict.fromkeys(figure.controller for figure in figures)):
+        mine = {figure.quantity: figure for figure in figures if figure.controller == controller}
+        published = any(figure.estimate is None for figure in mine.values())
+        columns[f"{controller} (published)" if published else controller] = [_cell(mine.get(q)) for q in quantities]
+    return columns
+
+
+def _cell(figure: Figure | None) -> Cell:
+    if figure is None or figure.value is None:
         return None
-    return f"{value:.1f}" if 100.0 <= abs(value) < 1e6 else f"{value:.4g}"
+    if figure.estimate is None:
+        return Marked(number(figure.value), "published")
+    parts = [number(figure.value)]
+    if figure.estimate.low is not None and figure.estimate.high is not None:
+        parts.append(f"[{number(figure.estimate.low, 2)}, {number(figure.estimate.high, 2)}]")
+    if figure.ratio is not None:
+        parts.append("× < 0.01" if 0.0 <= figure.ratio[0] < 0.01 else f"× {number(figure.ratio[0], 2)}")
+    if figure.against_paper is Comparison.WORSE:
+        return Marked(" ".join([*parts, "worse"]), "worse")
+    if figure.against_paper is Comparison.UNCLEAR_WORSE:
+        return Marked(" ".join([*parts, "worse?"]), "unclear")
+    return Marked(" ".join(parts))
 
 
-def _terminal_cell(value: object) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+def comparison_sentence(figures: Sequence[Figure], first: str, second: str) -> str:
+    """Return how many figures are as good as the paper's, and how many of each controller are clearly the better ones.
+
+    The two controllers, given by their labels, may be the same.
+    """
+    parts = []
+    for name in dict.fromkeys((first, second)):
+        verdicts = [f.against_paper for f in figures if f.controller == name and f.against_paper is not Comparison.NONE]
+        good = sum(verdict in (Comparison.BETTER, Comparison.UNCLEAR_BETTER) for verdict in verdicts)
+        if verdicts:
+            parts.append(f"{name} is as good as the paper or better in {good} of {len(verdicts)} figures")
+    theirs = [
+        (found, figure.higher_is_better)
+        for figure in figures
+        if figure.controller == second and (found := figure.difference) and found.against == first
+    ]
+    if theirs:
+        clear = [(found.estimate.value or 0.0) * (-1 if higher else 1) for found, higher in theirs if found.is_clear]
+        better, worse = (sum(sign * excess > 0.0 for excess in clear) for sign in (1, -1))
+        parts.append(
+            f"{first} is clearly better than {second} in {better} of {len(theirs)} figures of the same episodes, and "
+            f"worse in {worse}"
+        )
+    return "; ".join(parts) + "." if parts else "There is nothing to compare with."
+
+
+def figures_csv(figures: Sequence[Figure]) -> str:
+    """Write the figures as CSV, one line for each, with the columns `CSV_COLUMNS`; missing numbers are left empty."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for figure in figures:
+        estimate = figure.estimate
+        measured = (None, None, None) if estimate is None else (estimate.low, estimate.high, estimate.samples)
+        source = "measured" if estimate else "published" if figure.controller else "paper alone"
+        head = (figure.table, figure.quantity, figure.unit, figure.controller, source, figure.value, *measured)
+        paper = figure.paper, figure.reference, *(figure.ratio or (None, None, None)), figure.against_paper.value
+        found, paired = figure.difference, (None,) * 6
+        if found is not None:
+            gap = found.estimate
+            paired = found.against, gap.value, gap.low, gap.high, gap.samples, found.p
+        row = (*head, *paper, *paired)
+        writer.writerow(["" if cell is None else f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row])
+    return file.getvalue()

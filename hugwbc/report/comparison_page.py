@@ -7,32 +7,18 @@ import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from hugwbc.evaluation.comparison import headline, pose_table, segment_spans, segment_table
-from hugwbc.evaluation.tables import Cell, Table
+from hugwbc.evaluation.comparison import headline, segment_spans, segment_table
+from hugwbc.evaluation.tables import Table
 from hugwbc.files import finite_json, write_whole
 from hugwbc.report import page
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 from hugwbc.settings import seed_class
-from hugwbc.viz.framing import LABEL_COLOURS, Chapter
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter, check_traces
 from hugwbc.viz.plots import Panel, hand_panels, path_panel, torque_panels, tracking_panels
 from hugwbc.viz.replay import write_replay
 
-
-def summary_table(title: str, summaries: Mapping[str, Mapping]) -> Table:
-    """Return a table with a column for each run and a row for each number of its summary, named by its path."""
-    flat = {name: dict(_flatten(summary)) for name, summary in summaries.items()}
-    paths = list(dict.fromkeys(path for values in flat.values() for path in values))
-    rows = [(path, *(flat[name].get(path) for name in flat)) for path in paths]
-    return Table(title, ("", *flat), rows)
-
-
-def _flatten(summary: Mapping, prefix: str = "") -> Iterator[tuple[str, Cell]]:
-    for key, value in summary.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f"{prefix}{key} ")
-        else:
-            yield f"{prefix}{key}", value
+BESIDE = {"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"}
 
 
 def report_html(
@@ -42,13 +28,13 @@ def report_html(
     *,
     lead: str = "",
     subtitle: str = "",
-    links: Mapping[str, str] | None = None,
     chapters: Sequence[Chapter] = (),
 ) -> str:
-    """Return the page, which loads nothing: a lead, the ways, a subtitle, links, tables, and plots of 1 to 4 runs.
+    """Return the page, which loads nothing: a lead, the ways, a subtitle, links to the files beside it, tables, plots.
 
-    The chapters are shaded in the plots.
+    It shows 1 to 4 runs. The chapters are shaded in the plots.
     """
+    check_traces(traces)
     sections = [
         ("Commanded and measured", tracking_panels(traces, chapters)),
         ("Hands", hand_panels(traces, chapters)),
@@ -60,22 +46,11 @@ def report_html(
         page.legend(_names(traces), LABEL_COLOURS),
         page.pictures([path_panel(traces)]),
         page.paragraph(subtitle) if subtitle else "",
-        f"<p>{page.links(links)}</p>" if links else "",
+        f"<p>{page.links(BESIDE)}</p>",
         *(page.table_html(table) for table in tables),
         *(_section(name, panels, traces) for name, panels in sections if panels),
     ]
     return page.page_html(title, body)
-
-
-def write_report(
-    path: str | pathlib.Path,
-    title: str,
-    traces: Sequence[Trace],
-    tables: Sequence[Table] = (),
-    **options: Any,  # noqa: ANN401  of `report_html`
-) -> None:
-    """Write the page of `report_html` to a file."""
-    write_whole(path, report_html(title, traces, tables, **options))
 
 
 def write_comparison(
@@ -96,11 +71,9 @@ def write_comparison(
     spans = [] if script is None else segment_spans(script)
     chapters = [Chapter(begin, label) for label, begin, _ in spans]
     write_replay(folder / "replay.html", traces, title=title, chapters=chapters)
-    addresses = {"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"}
-    tables = [pose_table(traces), *([] if script is None else [segment_table(script, traces)]), figures]
+    tables = [*([] if script is None else [segment_table(script, traces)]), figures]
     counters = {trace.name: dataclasses.asdict(trace.safety) for trace in traces}
-    write_report(
-        folder / "report.html",
+    text = report_html(
         title,
         traces,
         [*tables, *safety_tables(counters)],
@@ -108,9 +81,9 @@ def write_comparison(
         subtitle=f"One run of each. Sensors with noise, seed {summary['seed']} ({seed_class(summary['seed'])})."
         if summary["arena"]["sensing"] != "exact"
         else "One run of each. Exact sensors, nothing random.",
-        links=addresses,
         chapters=chapters,
     )
+    write_whole(folder / "report.html", text)
     return [folder / "summary.json", folder / "report.html", folder / "replay.html"]
 
 
@@ -122,18 +95,23 @@ def link_video(report: pathlib.Path, video: pathlib.Path) -> None:
 
 def safety_tables(counters: Mapping[str, Mapping[str, Any]]) -> list[Table]:
     """Return the table of what the safety filters changed, without rows of zeros; empty if they changed nothing."""
-    shown = {name: {k: v for k, v in one.items() if k not in ("messages", "ticks")} for name, one in counters.items()}
-    table = summary_table("What the safety filter changed", shown)
-    rows = []
-    for path, *cells in table.rows:
-        first = str(path).split(" ", 1)
-        if any(cells):
-            words = EVENTS.get(first[0], first[0].replace("_", " "))
-            named = [words, *first[1:]]
-            rows.append((": ".join(named), *(cell or 0 for cell in cells)))
+    counts = {name: dict(_counts(one)) for name, one in counters.items()}
+    events = dict.fromkeys(event for found in counts.values() for event in found)
+    rows = [(event, *(found.get(event, 0) for found in counts.values())) for event in events]
     ticks = ", ".join(f"{name} {one['ticks']}" for name, one in counters.items())
     note = f"In control steps; there were {ticks}."
-    return [Table(table.title, table.columns, rows, note)] if rows else []
+    return [Table("What the safety filter changed", ("", *counts), rows, note)] if rows else []
+
+
+def _counts(report: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
+    """Yield what was counted, for people, and how often, without what never was."""
+    for event in report:
+        if event in ("messages", "ticks"):
+            continue
+        named = report[event] if isinstance(report[event], Mapping) else {"": report[event]}
+        for name, count in named.items():
+            if count:
+                yield ": ".join(filter(None, (EVENTS.get(event, event.replace("_", " ")), name))), count
 
 
 # What the counters of `SafetyReport` count, for people.

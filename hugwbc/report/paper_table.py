@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from hugwbc.evaluation.experiment import Result
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
-from hugwbc.evaluation.tables import INTERVAL_NOTE, Cell, Table, cell_text
+from hugwbc.evaluation.tables import INTERVAL_NOTE, Cell, Table, cell_text, figures_csv
 from hugwbc.files import write_whole
-from hugwbc.report.figure_tables import figures_csv
 from hugwbc.viz.evaluation_plots import Bar, interval_bars
 
 PAIRED_NOTE = (

@@ -6,15 +6,12 @@ takes 256 for each gait.
 
 import dataclasses
 import functools
-from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Result
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED
-from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, run_study
 from hugwbc.learned.policy import shipped_policies
 from hugwbc.learned.policy.records import versions
@@ -79,9 +76,9 @@ class ReportPlan:
             for spec in (*self.specs, *(self.further if section.ablation else ()))
         ]
 
-    def run(self, execution: Execution, store: Store, on_progress: Callable[[float], object]) -> Report:
-        """Run what is not stored yet, and build the report."""
-        results = run_study(self.entries, execution=execution, store=store, on_progress=on_progress)
+    def run(self, **options: Any) -> Report:  # noqa: ANN401
+        """Run what is not stored yet, and build the report; the options are those of `run_study`."""
+        results = run_study(self.entries, **options)
         return Report(results, [self.labels[spec] for spec in self.specs], self._notes(results))
 
     def _notes(self, results: list[Result]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Plots of evaluations: polar plots, gait diagrams, clouds of hand positions and curves."""
+"""Plots of evaluations: polar plots, gait diagrams, curves and intervals."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-_POLAR_HEIGHT, _CLOUD_HEIGHT = 5.0, 5.0  # [in]
+_POLAR_HEIGHT = 5.0  # [in]
 # Of the picture of intervals: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
 _LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
 FEET = ("left", "right")
@@ -71,37 +71,17 @@ def gait_diagram(
     return Panel(title, picture(title, draw))
 
 
-def hand_cloud(title: str, left: np.ndarray, right: np.ndarray) -> Panel:
-    """Draw hand positions (n, 3) in the pelvis frame as seen from behind, with y to the left and z up [m]."""
-
-    def draw(axes: "Axes") -> None:
-        for points, colour, name in ((left, LABEL_COLOURS[0], FEET[0]), (right, LABEL_COLOURS[1], FEET[1])):
-            axes.plot(points[:, 1], points[:, 2], ".", color=colour, markersize=2.5, alpha=0.6, label=name)
-        axes.set_aspect("equal")
-        axes.set_xlim(1.1, -1.1)
-        axes.set_ylim(-0.5, 1.2)
-        axes.set_xlabel("y [m]")
-        axes.set_ylabel("z [m]")
-
-    return Panel(title, picture(title, draw, height=_CLOUD_HEIGHT))
-
-
-def curves(
-    title: str,
-    series: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    labels: tuple[str, str],
-    *,
-    dashed: tuple[np.ndarray, np.ndarray],
-) -> Panel:
-    """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and a dashed reference line.
+def curves(title: str, series: Mapping[str, tuple[np.ndarray, np.ndarray]], labels: tuple[str, str]) -> Panel:
+    """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and y = x as a dashed line.
 
     The labels are those of the two axes.
     """
+    line = np.unique(np.concatenate([x for x, _ in series.values()]))
 
     def draw(axes: "Axes") -> None:
         for (name, (x, y)), colour in zip(series.items(), LABEL_COLOURS, strict=False):
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
-        axes.plot(*dashed, color=INK, linestyle="--", linewidth=1.0)
+        axes.plot(line, line, color=INK, linestyle="--", linewidth=1.0)
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
 

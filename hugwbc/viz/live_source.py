@@ -26,10 +26,10 @@ class LiveSource:
     Several threads may ask for values at any time. While another program's messages come, they count instead.
     """
 
-    def __init__(self, robot: Robot, requested: Command | None = None, stream: SocketSource | None = None) -> None:
+    def __init__(self, robot: Robot, stream: SocketSource | None = None) -> None:
         self.robot = robot  # whose ranges count
         self._stream, self.following = stream, False  # whether another program gives the commands now
-        self.requested = requested or Command()  # what the person asks for
+        self.requested = Command()  # what the person asks for
         self.hands: HandTargets | None = None  # None leaves the arms to the controller
         self.notice, self.noticed = "", -np.inf  # what was done with the last request, for people; shown until then
         self._walks_by_itself = self._paused = False

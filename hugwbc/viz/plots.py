@@ -13,7 +13,7 @@ from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
-from hugwbc.viz.framing import LABEL_COLOURS, Chapter, chapter_spans, check_traces
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter, chapter_spans
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +59,6 @@ class Panel:
 
     title: str  # title of the picture
     svg: str  # the `<svg>` element, which scales with its container
-    coloured: bool = True  # whether it has the colours of the controllers, so that it needs their legend
 
 
 def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
@@ -67,7 +66,6 @@ def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -
 
     Every other one of the chapters is shaded.
     """
-    check_traces(traces)
     panels = []
     for name in (*MEASURED_NAMES, "l"):
 
@@ -106,7 +104,6 @@ def _measured(trace: Trace, name: str) -> np.ndarray:
 
 def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
     """Plot the distance of the left and the right hand to their targets; no panels if no run has any."""
-    check_traces(traces)
     if not any(np.isfinite(trace.hand_error).any() for trace in traces):
         return []
     panels = []
@@ -124,7 +121,6 @@ def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> li
 
 def torque_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
     """Plot the torque of the joint nearest to its limit over time, and the RMS torque of every joint."""
-    check_traces(traces)
 
     def draw_peak(axes: "Axes") -> None:
         for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
@@ -179,7 +175,6 @@ def _shade(axes: "Axes", chapters: Sequence[Chapter], start: float, end: float) 
 
 def path_panel(traces: Sequence[Trace]) -> Panel:
     """Draw the ways of the robots from above, each with a triangle that points ahead where it ended."""
-    check_traces(traces)
 
     def draw(axes: "Axes") -> None:
         for number, (trace, colour) in enumerate(zip(traces, LABEL_COLOURS, strict=False)):

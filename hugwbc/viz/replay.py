@@ -212,6 +212,7 @@ def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, strips
         .replace("@COLOURS@", f"--stance: {STANCE}; --swing: {SWING}; --contact: {CONTACT};")
         .replace("@HALF_WIDTH@", f"{half_width:g}")
         .replace("@ROBOTS@", str(len(traces)))
+        .replace("@TRUNK@", load_robot(traces[0].robot).trunk)
         .replace("@LEGEND@", legend)
         .replace("@NAMES@", names)
         .replace("@COMMANDS@", data)

@@ -1,13 +1,11 @@
 import pytest
 
 from hugwbc.cli import main
-from hugwbc.errors import ModelError
+from hugwbc.errors import ConfigError, ModelError
 from hugwbc.evaluation import installation
 
 
-@pytest.mark.parametrize(
-    "error", [installation.CheckError("too heavy"), ModelError("no model"), ImportError("no placo")]
-)
+@pytest.mark.parametrize("error", [ConfigError("too heavy"), ModelError("no model"), ImportError("no placo")])
 def test_a_failure_is_named_and_the_exit_code_tells(error, monkeypatch, capsys):
     def fails():
         raise error

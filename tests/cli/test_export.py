@@ -10,11 +10,6 @@ def test_export_writes_a_file_that_agrees(tmp_path, capsys):
     assert path.stat().st_size > 500_000
 
 
-def test_export_of_an_unknown_policy_is_refused(tmp_path, capsys):
-    assert main(["export", "--policy", "no_such", "--out", str(tmp_path / "x.onnx")]) == 2
-    assert "unknown policy" in capsys.readouterr().err
-
-
 def test_export_without_onnx_says_what_to_install(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert main(["export", "--out", str(tmp_path / "x.onnx")]) == 2

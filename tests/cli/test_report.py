@@ -25,18 +25,18 @@ def short(monkeypatch):
     return short
 
 
-def test_report_writes_page_markdown_and_csv_and_reads_what_is_stored(tmp_path, capsys, short, monkeypatch):
+def test_report_writes_page_and_csv_and_reads_what_is_stored(tmp_path, capsys, short, monkeypatch):
     out, results = tmp_path / "out", tmp_path / "results"
     words = short("contacts", gait="standing", duration=0.4, settle=0.2)
     words += ["--controllers", "hold", "learned", "--out", str(out), "--results", str(results)]
     assert main(words) == 0
-    page, text = (out / "report.html").read_text(), (out / "report.md").read_text()
+    page = (out / "report.html").read_text()
     with (out / "figures.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["controller"] for row in rows} == {"hold", "learned"}
-    assert "Contacts that agree with the clock" in page and "| standing [%] | 100 | 100 |" in text
-    assert all(word in page for word in ("level 0.25", "standing, hold", "standing, learned"))
-    assert "few and short episodes" in page and "--controllers hold learned" in text and "ablation" not in text
+    assert "Contacts that agree with the clock" in page
+    assert all(word in page for word in ("standing, hold", "standing, learned"))
+    assert "few and short episodes" in page and "--controllers hold learned" in page and "ablation" not in page
     assert "src=" not in page and "<script" not in page
     assert "hold is clearly better than learned in 0" in capsys.readouterr().out
 

@@ -14,11 +14,6 @@ HOW_TO = ROOT / "docs" / "how-to"
 
 
 @pytest.mark.slow
-def test_add_a_robot(folder: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-robot.md", folder)
-
-
-@pytest.mark.slow
 def test_add_a_command_script(folder: pathlib.Path, package: pathlib.Path) -> None:
     follow(HOW_TO / "add-a-command-script.md", folder, package)
     assert (folder / "out" / "inspect" / "replay.html").exists()
@@ -30,15 +25,6 @@ def test_add_a_controller(folder: pathlib.Path) -> None:
     (folder / "balancer" / "balancer.py").write_text(balancer.text)
     follow(HOW_TO / "add-a-controller.md", folder, in_processes=True)
     assert (folder / "out" / "balancer" / "report.html").exists()
-
-
-@pytest.mark.slow
-def test_add_a_gait(folder: pathlib.Path, package: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-gait.md", folder, package)
-
-
-def test_add_a_sensor(folder: pathlib.Path, package: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-sensor.md", folder, package)
 
 
 def test_change_the_training(folder: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,18 +41,9 @@ def test_add_a_task(folder: pathlib.Path) -> None:
     assert row["success"] and not row["reason"]
 
 
-@pytest.mark.parametrize("page", ["add-an-observation", "add-an-object", "use-gymnasium", "use-your-own-simulator"])
-def test_a_page_is_followed(folder: pathlib.Path, page: str) -> None:
-    follow(HOW_TO / f"{page}.md", folder)
-
-
 @pytest.mark.slow
 def test_use_gymnasium_to_the_end(folder: pathlib.Path) -> None:
     follow(HOW_TO / "use-gymnasium.md", folder, slow=True)
-
-
-def test_add_a_behaviour(folder: pathlib.Path, package: pathlib.Path) -> None:
-    follow(HOW_TO / "add-a-behaviour.md", folder, package)
 
 
 def test_add_an_experiment(folder: pathlib.Path) -> None:
@@ -78,3 +55,22 @@ def test_add_an_experiment(folder: pathlib.Path) -> None:
 def test_make_a_policy_again(folder: pathlib.Path) -> None:
     follow(HOW_TO / "make-a-policy-again.md", folder)
     assert (folder / "runs" / "walk" / "policy.safetensors").exists()
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        *("add-an-observation", "add-an-object", "use-gymnasium", "use-your-own-simulator"),
+        pytest.param("add-a-robot", marks=SLOW),
+    ],
+)
+def test_a_page_is_followed(folder: pathlib.Path, page: str) -> None:
+    follow(HOW_TO / f"{page}.md", folder)
+
+
+@pytest.mark.parametrize("page", ["add-a-sensor", "add-a-behaviour", pytest.param("add-a-gait", marks=SLOW)])
+def test_a_page_that_changes_the_package_is_followed(folder: pathlib.Path, package: pathlib.Path, page: str) -> None:
+    follow(HOW_TO / f"{page}.md", folder, package)

@@ -3,19 +3,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, load_robot, rotations
+from hugwbc import Command, Gait, load_robot
 from hugwbc.behaviours import Failure, wait
 from hugwbc.evaluation.comparison import (
     compare,
     figure_table,
     headline,
-    pose_table,
     segment_spans,
     segment_table,
     summarise,
 )
 from hugwbc.evaluation.metrics import arrived, hand_travel
-from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
 from hugwbc.scripts.hand_paths import Hold
 from hugwbc.scripts.script import SCRIPT_NAMES, HandMotion, Script, Segment, load_script, while_walking
@@ -38,7 +36,6 @@ def test_an_outcome_holds_the_figures_of_its_trace(synthetic_trace):
     assert not outcome["fell"] and outcome["survived_s"] == 4.0 and outcome["steps"] == n
     assert outcome["errors"] == pytest.approx({"v_x": 0.1, "v_y": 0.0, "omega": 0.0, "h": 0.0, "p": 0.0, "w": 0.2})
     assert outcome["hand_error_m"]["mean"] == pytest.approx(0.02)
-    assert (outcome["hand_error_m"]["left"], outcome["hand_error_m"]["right"]) == pytest.approx((0.01, 0.03))
     assert outcome["tick_ms"] == {"p50": 50.0, "p99": 99.0}
     assert outcome["ik_ms"] == pytest.approx({"p50": 0.25, "p99": 0.25})
     # 2 Hz for 4 s: the left foot comes down at 0.5, 1.0, ... 3.5 s, the right one at 0.25, 0.75, ... 3.75 s
@@ -61,13 +58,6 @@ def test_every_controller_plays_the_whole_script_with_the_same_commands_and_targ
         wanted = np.isfinite(trace.hand_target_world).all(axis=(1, 2))
         np.testing.assert_array_equal(wanted, [SCRIPT.hands_at(t) is not None for t in trace.time])
     np.testing.assert_array_equal(traces[0].qpos, traces[1].qpos)
-
-
-def test_the_qp_brings_both_hands_to_their_targets():
-    trace = compare({"qp": WholeBodyController(load_robot())}, SCRIPT)[0].trace
-    assert not trace.fell
-    assert trace.hand_error[-5:].max() < 0.02
-    assert np.nanmax(trace.hand_error) > 0.1, "the hands start far from their targets"
 
 
 def test_how_a_behaviour_ended_is_told():
@@ -146,17 +136,6 @@ def test_a_row_for_each_segment(reaching):
     assert "fell at 3.0 s" in stand[5] and stand[4] == pytest.approx(2.0)
     assert walk[5] == "fell at 3.0 s" and walk[6:] == [None, None, None]
     assert walk[2] == pytest.approx(1.0, abs=0.01) and walk[3] == pytest.approx(30.0)
-
-
-def test_final_poses_in_the_world(reaching):
-    runs = [reaching(), reaching("learned")]
-    for run, (x, y, yaw) in zip(runs, ((2.0, 0.0, 0.5), (2.0, 0.3, 0.4)), strict=True):
-        run.qpos[-1, :2] = x, y
-        run.qpos[-1, 3:7] = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
-    first, second = pose_table(runs).rows
-    assert first == ["qp", "up for 10.0 s", 2.0, 0.0, 28.6, None, None]
-    assert second[:5] == ["learned", "up for 10.0 s", 2.0, 0.3, 22.9]
-    assert second[5] == pytest.approx(0.3) and second[6] == pytest.approx(-5.7)
 
 
 def test_the_headline_says_the_smallest_and_the_largest_error_of_any_number_of_controllers(reaching):

@@ -1,6 +1,7 @@
 import pytest
 
 from hugwbc import kinematics, load_robot
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation import installation
 from hugwbc.sim.arena import Arena
 
@@ -18,7 +19,7 @@ def test_the_arena_and_its_version_are_named():
 
 def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setattr(installation, "PACKAGES", ("numpy", "no-such-package-as-this"))
-    with pytest.raises(installation.CheckError, match="no-such-package-as-this is not installed"):
+    with pytest.raises(ConfigError, match="no-such-package-as-this is not installed"):
         installation.check_versions()
 
 
@@ -26,5 +27,5 @@ def test_different_masses_are_noticed(monkeypatch):
     heavier = kinematics.pinocchio_model(load_robot()).copy()
     heavier.inertias[1] = heavier.inertias[1] + heavier.inertias[1]
     monkeypatch.setattr(kinematics, "pinocchio_model", lambda robot: heavier)
-    with pytest.raises(installation.CheckError, match="differ by up to"):
+    with pytest.raises(ConfigError, match="differ by up to"):
         installation.check_agreement()

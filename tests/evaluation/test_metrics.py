@@ -88,18 +88,15 @@ def test_a_run_that_ended_in_the_settling_time_has_no_errors(synthetic_trace):
     assert math.isnan(metrics.frequency_error(trace)) and math.isnan(metrics.swing_height_error(trace))
 
 
-def test_hand_errors_are_those_of_reachable_targets_and_of_all():
+def test_hand_errors_are_those_of_reachable_targets():
     error = np.full((100, 2), np.nan)
     error[50:], error[50:75, 1] = [0.02, 0.04], 0.30
     reachable = np.zeros((100, 2), dtype=bool)
     reachable[50:, 0], reachable[75:, 1] = True, True
     hands = metrics.hand_errors(error, reachable)
-    assert (hands["left"], hands["right"]) == pytest.approx((0.02, 0.04))
     assert hands["mean"] == pytest.approx((50 * 0.02 + 25 * 0.04) / 75)
     assert hands["p95"] == pytest.approx(0.04)
     assert hands["reachable_fraction"] == pytest.approx(0.75)
-    assert hands["all_mean"] == pytest.approx((50 * 0.02 + 25 * 0.04 + 25 * 0.30) / 100)
-    assert hands["all_p95"] == pytest.approx(0.30)
 
 
 def test_without_hand_targets_there_are_no_hand_errors():
@@ -150,10 +147,6 @@ def test_on_the_spot_there_is_power_and_no_cost_of_transport(walk):
     assert math.isnan(metrics.mechanical_power(walk, settle=11.0)) and math.isnan(metrics.speed(walk, settle=11.0))
 
 
-def test_jitter_by_hand(walk):
-    assert metrics.jitter(np.tile(2.0 * walk.time[:, None] ** 3, 8), 0.02) == pytest.approx(12.0**2, rel=1e-3)
-
-
 def test_impacts_by_hand(synthetic_trace):
     left = np.array([[0.3, 0.0, -0.4], [0.0, 0.0, -1.0], [0.0, 0.0, -9.0]])  # the first is in the settling time
     downs = (np.array([1.5, 2.5, 0.5]), np.array([2.0]))
@@ -165,8 +158,6 @@ def test_impacts_by_hand(synthetic_trace):
         stance_peak=(np.array([1.0, 3.0, 9.0]) * weight, np.array([2.0]) * weight),
     )
     found = metrics.impact(trace)
-    assert (found["speed_median"], found["total_speed_median"]) == pytest.approx((0.8, 1.0))
-    assert found["speed_p95"] == pytest.approx(np.percentile([0.4, 1.0, 0.8], 95))
-    assert (found["peak_mean"], found["peak_max"]) == pytest.approx((2.0, 3.0))
+    assert found == pytest.approx({"speed_median": 0.8, "peak_mean": 2.0})
     assert metrics.impact(trace, 5.0) == {}, "no touch-down, no impact"
     assert metrics.impact(dataclasses.replace(trace, survived_s=2.2))["peak_mean"] == pytest.approx(1.5)

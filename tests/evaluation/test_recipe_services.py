@@ -11,14 +11,6 @@ from hugwbc.evaluation.recipe_services import RecipeServices
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import policy_file
-from hugwbc.mbc import WholeBodyController
-from hugwbc.robot import load_robot
-
-
-def test_the_teacher_is_the_qp_of_the_robot() -> None:
-    robot = load_robot("h1")
-    teacher = RecipeServices().teacher(robot)(0.02)
-    assert isinstance(teacher, WholeBodyController) and teacher.period == 0.02
 
 
 def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:

@@ -11,6 +11,7 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, single
 from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, remarks, run_study
 from hugwbc.runtime.controllers import ControllerSpec
 
@@ -86,3 +87,13 @@ def test_another_setting_is_not_compared():
     settings = [CountedSettings(episodes=3, seed=seed) for seed in (1, 2)]
     results = run_study([Entry(MINE, one, ControllerSpec("hold")) for one in settings])
     assert not any(figure.difference for result in results for figure in result.figures)
+
+
+def test_what_is_stored_is_said_at_once_and_counts_as_done(longer, tmp_path):
+    entries = [Entry(MINE, CountedSettings(episodes=4), spec) for spec in (ControllerSpec("hold"), longer)]
+    said, parts = [], []
+    for chosen in (entries[:1], entries, entries):
+        parts.append([])
+        run_study(chosen, store=Store(tmp_path), on_progress=parts[-1].append, tell=said.append)
+    assert said == ["4 of 8 episodes are stored", "all 8 episodes are stored"]
+    assert parts[1][0] == 0.5 and parts[1][-1] == 1.0 and set(parts[2]) == {1.0}

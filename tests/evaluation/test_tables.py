@@ -1,12 +1,27 @@
+import csv
+import dataclasses
+import io
+
 import pytest
 
-from hugwbc.evaluation.tables import Marked, Table, cell_text, format_table, markdown_table
+from hugwbc.evaluation.figures import Difference, Figure
+from hugwbc.evaluation.intervals import Estimate
+from hugwbc.evaluation.tables import (
+    CSV_COLUMNS,
+    Marked,
+    cell_text,
+    comparison_sentence,
+    comparison_table,
+    figures_csv,
+    format_table,
+)
+from tests.conftest import figure
 
 
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (None, "–"), (float("nan"), "–"), (True, "yes"), (0.012345, "0.0123"), (12, "12"), ("a", "a"),
+        (None, "–"), (float("nan"), "–"), (True, "yes"), (0.012345, "0.0123"), (1234.5, "1234"), (12, "12"), ("a", "a"),
         (Marked("2 worse", "worse"), "2 worse"),
     ],
 )  # fmt: skip
@@ -14,20 +29,70 @@ def test_cells(value, text):
     assert cell_text(value) == text
 
 
-def test_markdown_marks_what_is_worse():
-    table = Table("T", ("", "a|b"), [("E", Marked("2 worse", "worse")), ("F", Marked("3", "published"))], "A note.")
-    assert markdown_table(table).split("\n") == [
-        "### T", "", r"|  | a\|b |", "| --- | ---: |", "| E | **2 worse** |", "| F | 3 |", "", "A note."
-    ]  # fmt: skip
-
-
 def test_a_table_is_aligned_and_shows_what_is_missing():
     text = format_table(("error", "qp"), [("E_h", 0.0274), ("E_vx_high", None), ("fell", True), ("n", 12)])
     assert text.splitlines() == [
-        "error         qp",
-        "----------------",
-        "E_h        0.027",
-        "E_vx_high      -",
-        "fell         yes",
-        "n             12",
+        "error          qp",
+        "-----------------",
+        "E_h        0.0274",
+        "E_vx_high       –",
+        "fell          yes",
+        "n              12",
     ]
+
+
+def test_every_figure_is_a_line_with_its_source():
+    measured = Figure("Walking, fast", "E_h", "m", Estimate(0.06, 0.05, 0.07, 8), 0.03, controller="qp")
+    published = Figure("Walking, fast", "E_h", "m", None, controller="HOVER", published=0.27)
+    alone = Figure("Walking, fast", "E_h", "m", None, 0.05, reference="trained with motions")
+    rows = list(csv.DictReader(io.StringIO(figures_csv([measured, published, alone]))))
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert rows[0]["table"] == "Walking, fast" and rows[0]["source"] == "measured"
+    numbers = {name: float(rows[0][name]) for name in ("value", "low", "high", "samples", "paper", "ratio")}
+    assert numbers == {"value": 0.06, "low": 0.05, "high": 0.07, "samples": 8, "paper": 0.03, "ratio": 2.0}
+    assert rows[0]["against_paper"] == "worse"
+    assert rows[1]["source"] == "published" and rows[1]["value"] == "0.27"
+    alone = [rows[2][name] for name in ("source", "paper", "reference")]
+    assert alone == ["paper alone", "0.05", "trained with motions"]
+    assert rows[1]["low"] == rows[1]["ratio"] == rows[1]["against_paper"] == rows[1]["difference"] == ""
+    paired = dataclasses.replace(measured, difference=Difference("learned", Estimate(2.0, 1.0, 3.0, 7)))
+    (row,) = csv.DictReader(io.StringIO(figures_csv([paired])))
+    found = [row[name] for name in ("against", "difference", "difference_low", "difference_high", "pairs", "p")]
+    assert found == ["learned", "2", "1", "3", "7", ""]
+
+
+def test_table_of_measured_and_published_figures():
+    figures = [
+        figure(0.06, 0.05, 0.07, paper=0.03),
+        figure(0.032, 0.02, 0.05, paper=0.03, controller="b"),
+        figure(None, None, None, controller="HOVER", published=0.27),
+        figure(5.0, None, None, quantity="falls"),
+    ]
+    table = comparison_table(figures)
+    assert list(table.columns) == ["", "HugWBC, paper", "a", "b", "HOVER (published)"]
+    assert table.rows == [
+        [
+            "E_h [m]",
+            0.03,
+            Marked("0.06 [0.05, 0.07] × 2 worse", "worse"),
+            Marked("0.032 [0.02, 0.05] × 1.1 worse?", "unclear"),
+            Marked("0.27", "published"),
+        ],
+        ["falls [m]", None, Marked("5"), None, None],
+    ]
+
+
+def test_one_sentence_compares_with_the_paper_and_one_controller_with_the_other():
+    less, more = (Difference("a", Estimate(x, x - 0.1, x + 0.1, 8)) for x in (-0.3, 0.05))
+    figures = [
+        figure(0.5, 0.4, 0.6, paper=1.0),
+        dataclasses.replace(figure(0.2, 0.1, 0.3, paper=1.0, controller="b"), difference=less),
+        figure(3.0, 2.9, 3.1, paper=1.0, quantity="E_p"),
+        dataclasses.replace(figure(3.1, 2.9, 3.2, quantity="E_p", controller="b"), difference=more),
+        dataclasses.replace(figure(3.1, 2.9, 3.2, quantity="score", controller="b", higher=True), difference=less),
+    ]
+    assert comparison_sentence(figures, "a", "b") == (
+        "a is as good as the paper or better in 1 of 2 figures; b is as good as the paper or better in 1 of 1 figures; "
+        "a is clearly better than b in 1 of 3 figures of the same episodes, and worse in 1."
+    )
+    assert comparison_sentence([], "a", "a") == "There is nothing to compare with."

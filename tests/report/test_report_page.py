@@ -2,22 +2,17 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 
-from hugwbc import load_robot
-from hugwbc.errors import HugwbcError
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
 from hugwbc.evaluation.plans import Plan
-from hugwbc.kinematics import Kinematics
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.policy import save_policy
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.report.report_page import Report, hand_clouds, sections
+from hugwbc.report.report_page import Report, sections
 from hugwbc.report.report_plan import ReportPlan
-from tests.conftest import make_state
 
 ROW = {"command": "v_x", "error_name": "E_vx_low", "arm_error": None, "fell": False}
 
@@ -62,23 +57,3 @@ def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
     assert theirs == ["intervention"] * 3 + ["foot-displacement"]
     (note,) = [note for note in plan._notes([]) if "ablation" in note and "no policy" in note]
     assert "no policy trained with noise, nor trained without intervention" in note
-
-
-def test_an_unknown_experiment_and_a_controller_given_twice_are_refused():
-    with pytest.raises(HugwbcError, match="Did you mean 'contacts'"):
-        ReportPlan("quick", ("hold",), experiments=("contact",))
-    with pytest.raises(HugwbcError, match="give at least one, each once"):
-        ReportPlan("quick", ("qp", "qp"))
-
-
-def test_clouds_grow_from_the_nominal_hands_with_the_level():
-    kinematics = Kinematics(load_robot())
-    kinematics.update(make_state())
-    for hand, side in zip(hand_clouds(load_robot(), 0.0, 5), ("left", "right"), strict=True):
-        np.testing.assert_allclose(hand, np.tile(kinematics.position(f"{side}_hand"), (5, 1)), atol=1e-6)
-    spreads = [
-        np.mean([hand.std(axis=0).sum() for hand in hand_clouds(load_robot(), level, 60)]) for level in (0.25, 0.5, 1.0)
-    ]
-    assert spreads[0] < spreads[1] < spreads[2]
-    left, right = hand_clouds(load_robot(), 0.25, 60)
-    assert left[:, 1].mean() > 0.2 and right[:, 1].mean() < -0.2

@@ -72,20 +72,6 @@ def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
     page.close()
 
 
-def test_a_velocity_makes_a_standing_robot_walk_and_the_page_says_so():
-    simulation = Simulation(sensing="exact")
-    page = opened_page(simulation)
-    forward = page._sliders["v_x"]
-    forward.value = 0.4
-    page.show(simulation)
-    assert page.source.requested == Command(v_x=0.4, gait=Gait.WALKING) and forward.value == 0.4
-    assert "starts walking" in " ".join(page.link._status["notes"])
-    assert page.link._status["gait"] == "standing" and page.link._status["next"] == "walking"
-    page.stop()
-    assert page.source.requested == Command() and forward.value == 0.0
-    page.close()
-
-
 def test_the_camera_follows_turns_along_and_lets_go():
     simulation = Simulation(sensing="exact")
     page = opened_page(simulation)
@@ -295,15 +281,6 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
     page.close()
 
 
-def test_meshes_have_the_size_of_the_shapes():
-    model = Simulation(sensing="exact").model
-    meshes = colour_meshes(shapes_of(model))["left_elbow_link"]
-    low = np.min([mesh.bounds[0] for mesh in meshes.values()], axis=0)
-    high = np.max([mesh.bounds[1] for mesh in meshes.values()], axis=0)
-    assert high[0] == pytest.approx(0.276 + 0.04, abs=2e-3), "the hand's ellipsoid"
-    assert low[1] == pytest.approx(-high[1], abs=1e-6)
-
-
 class Driven:
     """A robot that runs in real time in a thread, with its page."""
 
@@ -484,13 +461,6 @@ def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
     assert moved[2] > before[2] + 0.05
     assert driven.until(lambda: simulation.hand_position("left")[2] > target[2] + 0.04)
     assert not simulation.fallen
-
-
-@pytest.mark.slow
-def test_a_push_button_pushes(driven, browser_page):
-    simulation = driven.simulation
-    browser_page.get_by_role("button", name="push from the left").click()
-    assert driven.until(lambda: simulation.data.qvel[1] < -0.1)
 
 
 def test_the_page_shows_objects_and_says_the_forces_on_the_hands():

@@ -45,7 +45,7 @@ def test_a_robot_comes_to_rest_before_another_moving_gait():
 
 
 def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
-    source = LiveSource(load_robot(), Command(w=0.3))
+    source = LiveSource(load_robot())
     source.ask("w", float("nan"))
     assert source.requested == Command()
     source.requested = dataclasses.replace(source.requested, h=-0.2)

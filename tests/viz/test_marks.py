@@ -7,8 +7,7 @@ from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime.snapshot import Snapshot
 from hugwbc.sim.robot_model import load_model
-from hugwbc.viz.marks import FORCE_SCALE, HAND_FORCE_SCALE, LAYERS, Marks, hull_edges, in_stance, mark_shapes
-from hugwbc.viz.shapes import shapes_of
+from hugwbc.viz.marks import FORCE_SCALE, HAND_FORCE_SCALE, Marks, hull_edges, in_stance
 
 ROBOT = load_robot()
 QPOS = np.concatenate(([1.0, 2.0, ROBOT.nominal_height], [1.0, 0, 0, 0], ROBOT.nominal))
@@ -110,14 +109,6 @@ def test_the_hull_is_convex_and_goes_round_once():
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]], dtype=float)
     assert sorted(hull_edges(square)) == [(0, 1), (1, 2), (2, 3), (3, 0)]
     assert hull_edges(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0]])) == [(0, 1)]
-
-
-def test_every_mark_has_a_look_and_a_layer(model):
-    marks = Marks(model, load_robot())
-    parts = mark_shapes(shapes_of(model), "#112233", load_robot())
-    for name in marks.at(snapshot()):
-        assert name.split("/")[0] in LAYERS
-        assert name in parts or any(part.startswith(f"{name}/") for part in parts), name
 
 
 def test_a_force_on_a_hand_is_an_arrow_that_ends_at_the_hand(model, kinematics):

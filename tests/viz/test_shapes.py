@@ -3,8 +3,7 @@
 import mujoco
 import numpy as np
 
-from hugwbc import rotations
-from hugwbc.viz.shapes import homogeneous, shapes_of
+from hugwbc.viz.shapes import shapes_of
 
 
 def test_a_capsule_becomes_a_cylinder_and_two_spheres_at_its_ends() -> None:
@@ -22,13 +21,6 @@ def test_a_capsule_becomes_a_cylinder_and_two_spheres_at_its_ends() -> None:
     # meshcat's cylinder axis, y, comes to lie along the capsule's.
     np.testing.assert_allclose(cylinder.placement[:3, 1], [0, -1, 0], atol=1e-9)
     assert cylinder.colour == "#ff8000"
-
-
-def test_homogeneous_agrees_with_the_rotation() -> None:
-    quaternion = rotations.from_yaw_pitch_roll(0.3, -0.2, 1.0)
-    placement = homogeneous(np.array([1.0, 2.0, 3.0]), quaternion)
-    np.testing.assert_allclose(placement[:3, :3], rotations.to_matrix(quaternion), atol=1e-12)
-    np.testing.assert_array_equal(placement[:, 3], [1, 2, 3, 1])
 
 
 def test_the_shapes_of_a_scene_are_all_that_is_drawn_of_it() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, load_robot
-from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.errors import ConfigError
 from hugwbc.runtime import Constant, ControlLoop
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Simulation
@@ -56,12 +56,6 @@ def test_a_live_run_opens_a_page_and_tells_its_address(monkeypatch):
     show.watch(HoldController(load_robot()), Constant(Command()), duration=0.1, show=True, tell=told.append)
     (address,) = opened
     assert address.startswith("http://127.0.0.1") and told == [f"watch at {address}; Ctrl-C stops"]
-
-
-def test_a_page_that_cannot_be_written_is_an_error_that_says_so(make_run, tmp_path):
-    (tmp_path / "out").write_text("a file")
-    with pytest.raises(HugwbcError, match=r"cannot write .*01\.html"):
-        show.keep_replay(tmp_path / "out" / "01.html", [make_run(seconds=0.1)], tell=print)
 
 
 def test_what_the_safety_filter_changed_before_a_fall_is_told_as_well(capsys):

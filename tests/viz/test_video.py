@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from hugwbc.errors import UnknownNameError
 from hugwbc.sim.scenes import Scene, Tray
 from hugwbc.viz import video
 from hugwbc.viz.framing import Chapter
@@ -45,12 +44,6 @@ def test_names_clock_and_segment_are_written_into_the_picture(make_run: Callable
     assert all(corner.sum() > 200 for corner in corners)
     assert changed.sum() == sum(corner.sum() for corner in corners), "and nothing elsewhere"
     assert np.any(np.all(picture == (0x2F, 0x7F, 0xD6), axis=2)), "in the robot's colour"
-
-
-def test_an_unknown_layer_is_refused_before_anything_is_drawn(make_run: Callable, tmp_path: pathlib.Path) -> None:
-    with pytest.raises(UnknownNameError, match="unknown layer 'force'"):
-        video.write_video(tmp_path / "runs.mp4", [make_run(seconds=0.1)], hide=["force"])
-    assert not (tmp_path / "runs.mp4").exists()
 
 
 def test_video_without_opengl_gives_a_reason(make_run, tmp_path, monkeypatch):
@@ -92,15 +85,6 @@ def geoms_of(run: object, sample: int, *layers: str) -> np.ndarray:
     return rows
 
 
-def test_hand_targets_are_balls_where_the_targets_are(make_run: Callable) -> None:
-    run = make_run()
-    rows = geoms_of(run, -1, "hands")
-    balls = rows[(rows[:, TYPE] == int(mujoco.mjtGeom.mjGEOM_SPHERE)) & (rows[:, 19] == 0.75)]
-    assert balls[:, POSITION] == pytest.approx(run.hand_target_world[-1] + [0.0, 0.5, 0.0])
-    rows = geoms_of(run, 0, "hands")
-    assert not np.any(rows[:, 19] == 0.75), "no targets yet"
-
-
 def test_a_force_is_an_arrow_from_its_point_along_it_a_millimetre_for_a_newton(make_run: Callable) -> None:
     run = make_run()
     rows = geoms_of(run, 10, "forces")
@@ -110,16 +94,6 @@ def test_a_force_is_an_arrow_from_its_point_along_it_a_millimetre_for_a_newton(m
     tip = rows[0, SIZE][2] * rows[0, TURN].reshape(3, 3)[:, 2]
     assert tip == pytest.approx(FORCE_SCALE * run.foot_force[10, foot])
     assert rows[0, RGB] == pytest.approx(RED)
-
-
-def test_footprints_stay_from_the_touch_down_on(make_run: Callable) -> None:
-    run = make_run(seconds=2.0)
-    planned = np.isfinite(run.foothold).all(axis=2).sum(axis=1)
-    touch_downs = np.sort(np.concatenate(run.touch_downs))
-    assert touch_downs.tolist() == [0.5, 1.0, 1.5]
-    for sample in (0, 24, 25, 49, 50, 74, 75, 99):
-        prints = len(geoms_of(run, sample, "steps")) - planned[sample]
-        assert prints == np.count_nonzero(touch_downs <= run.time[sample])
 
 
 def test_every_layer_has_geoms_of_its_own_and_none_gives_none(make_run: Callable) -> None:

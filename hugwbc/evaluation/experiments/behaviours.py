@@ -77,7 +77,7 @@ def play(
     source, simulation = BehaviourSource(behaviour), simulation_of(settings, plan, scene=scene)
     arms = UpperBodySource(robot=simulation.known_robot)
     where = {"source": source, "simulation": simulation, "upper_body": arms}
-    trace = simulate(controller, settings, plan, **where, until=lambda: source.done).trace
+    trace = simulate(controller, settings, plan, **where, until=lambda: source.done)
     success = source.status is Status.SUCCESS and not trace.fell
     seconds = simulation.time if success else None
     how = "a fall" if trace.fell else source.ending

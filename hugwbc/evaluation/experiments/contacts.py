@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from hugwbc import gait as gaits
-from hugwbc.commands import Command, default_command
+from hugwbc.commands import default_command
 from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
@@ -21,6 +21,7 @@ from hugwbc.settings import NotNegative, Positive, settings
 from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
 
+V_X = 0.5  # [m/s]
 _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
 _SHOWN_S = 2.0  # [s] of a gait diagram
 
@@ -29,22 +30,15 @@ _SHOWN_S = 2.0  # [s] of a gait diagram
 class ContactsSettings(CountedSettings):
     """Settings of contacts."""
 
-    v_x: float = 0.5  # forward velocity of gaits that move [m/s]
     duration: Positive = 6.0  # duration of an episode [s]
     settle: NotNegative = 3.0  # start of an episode that is left out of the figures [s]
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.command(self.gaits[0]).validate()
-
-    def command(self, gait: Gait) -> Command:
-        """Return the default command of a gait, with the forward velocity if the gait moves."""
-        return dataclasses.replace(default_command(gait), v_x=0.0 if gait is Gait.STANDING else self.v_x)
-
 
 def plan(settings: ContactsSettings) -> list[Plan]:
-    """Return the same command for every episode."""
-    return [Plan(draw, settings.command(settings.gaits[draw % 2])) for draw in range(settings.episodes)]
+    """Return the default command of the gait for every episode, ahead if the gait moves."""
+    v_x = 0.0 if settings.gait == Gait.STANDING.label else V_X
+    commands = [dataclasses.replace(default_command(gait), v_x=v_x) for gait in settings.gaits]
+    return [Plan(draw, commands[draw % 2]) for draw in range(settings.episodes)]
 
 
 def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> Row:
@@ -55,7 +49,7 @@ def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> R
       it is ready. `agreement`: part of all samples of both feet in which contact and clock agree.
     - `cost_of_transport`: see `metrics.cost_of_transport`; None on the spot and after a fall.
     """
-    trace, command = simulate(controller, settings, plan).trace, plan.command
+    trace, command = simulate(controller, settings, plan), plan.command
     contact = trace.foot_contact[trace.time >= settings.settle - 1e-9]
     offset, agreement = fit_clock(contact, command.gait, command.f) if len(contact) else (0.0, None)
     carried = settings.conditions.payload + 2.0 * settings.conditions.hand_payload

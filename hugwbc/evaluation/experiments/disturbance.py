@@ -37,98 +37,6 @@ _START_SPREAD = 0.5  # [s]
 _KIND_NAMES = {"constant": "constant", "second": "for one second"}
 
 
-class SurvivalSearch:
-    """Search for the largest load at which at least a share `survival` of `trials` trials is survived.
-
-    Use it in a loop: read `load` and `numbers`, run these trials, pass the outcome to `record`, until `done`. The load
-    doubles from `first` until it is too large and is bisected from there, which assumes that survival falls with the
-    load. Using the same random numbers for the same trial number at every load makes this nearly true for few trials.
-
-    The outcome is examined after 8, 16, 32, ... trials. A load is decided early if the remaining trials cannot change
-    the answer, or if the outcome so far has a probability below `DOUBT` at a survival of exactly the required share
-    (exact binomial test).
-
-    Attributes:
-        tolerated: largest load that was survived often enough; 0 if none was.
-        refused: smallest load that was not survived often enough; None if there is none up to `limit`.
-    """
-
-    def __init__(
-        self, *, trials: int, survival: float = 0.98, first: float, limit: float, resolution: float = 0.05
-    ) -> None:
-        """Start the search.
-
-        Args:
-            trials: number of trials of a load.
-            survival: share of them that has to be survived.
-            first: first load to try.
-            limit: largest load to try.
-            resolution: relative width of the bracket at which the search ends.
-        """
-        self.tolerated = 0.0
-        self.refused: float | None = None
-        self._trials = trials
-        self._risk = 1.0 - survival
-        self._first, self._limit, self._resolution = first, limit, resolution
-        self._count = self._failed = 0
-
-    @property
-    def done(self) -> bool:
-        """Whether the answer is known."""
-        if self.refused is None:
-            return self.tolerated >= self._limit
-        return self.refused - self.tolerated <= self._resolution * max(self.tolerated, self._first)
-
-    @property
-    def load(self) -> float:
-        """The load to try next."""
-        if self.refused is not None:
-            return 0.5 * (self.tolerated + self.refused)
-        return min(2.0 * self.tolerated or self._first, self._limit)
-
-    @property
-    def numbers(self) -> range:
-        """The numbers of the trials to run next at `load`."""
-        return range(self._count, min(max(FIRST_TRIALS, 2 * self._count), self._trials))
-
-    def record(self, survived: list[bool]) -> None:
-        """Take the outcome of the trials of `numbers`, in their order."""
-        self._count += len(survived)
-        self._failed += len(survived) - sum(survived)
-        verdict = self._verdict()
-        if verdict is None:
-            return
-        if verdict:
-            self.tolerated = self.load
-        else:
-            self.refused = self.load
-        self._count = self._failed = 0
-
-    def _verdict(self) -> bool | None:
-        """Return whether the load is tolerated; None if it takes more trials to tell."""
-        allowed = math.floor(self._risk * self._trials + 1e-9)
-        if self._failed > allowed:
-            return False
-        if self._failed + self._trials - self._count <= allowed:
-            return True
-        if self._risk > 0.0:
-            if 1.0 - _binomial_cdf(self._failed - 1, self._count, self._risk) < DOUBT:
-                return False
-            if _binomial_cdf(self._failed, self._count, self._risk) < DOUBT:
-                return True
-        return None
-
-
-def _binomial_cdf(k: int, n: int, p: float) -> float:
-    """Return the probability of at most k successes in n trials of probability p in (0, 1)."""
-
-    def log_mass(i: int) -> float:
-        ways = math.lgamma(n + 1) - math.lgamma(i + 1) - math.lgamma(n - i + 1)
-        return ways + i * math.log(p) + (n - i) * math.log1p(-p)
-
-    return math.fsum(math.exp(log_mass(i)) for i in range(k + 1))
-
-
 @settings(kw_only=True)
 class DisturbanceSettings(Settings):
     """Settings of disturbance; a force begins at `settle` or within half a second of it."""
@@ -150,11 +58,82 @@ class DisturbanceSettings(Settings):
                 f"duration is {self.duration} s and settle {self.settle} s; leave {_START_SPREAD + 1.0} s for the force"
             )
 
-    def search(self) -> SurvivalSearch:
-        """Return a new search for one direction and kind of force."""
-        return SurvivalSearch(
-            trials=self.rollouts, survival=SURVIVAL, first=self.first, limit=self.limit, resolution=self.resolution
-        )
+
+class SurvivalSearch:
+    """Search for the largest load at which at least a share `SURVIVAL` of the rollouts is survived.
+
+    Use it in a loop: read `load` and `numbers`, run these rollouts, pass the outcome to `record`, until `done`. The
+    load doubles from `first` until it is too large and is bisected from there, which assumes that survival falls with
+    the load. Using the same random numbers for the same rollout at every load makes this nearly true for few rollouts.
+
+    The outcome is examined after 8, 16, 32, ... rollouts. A load is decided early if the remaining ones cannot change
+    the answer, or if the outcome so far has a probability below `DOUBT` at a survival of exactly the required share
+    (exact binomial test).
+
+    Attributes:
+        tolerated: largest load that was survived often enough; 0 if none was.
+        refused: smallest load that was not survived often enough; None if there is none up to `limit`.
+    """
+
+    def __init__(self, settings: DisturbanceSettings) -> None:
+        """Start the search in one direction."""
+        self.tolerated = 0.0
+        self.refused: float | None = None
+        self._settings = settings
+        self._count = self._failed = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the answer is known."""
+        if self.refused is None:
+            return self.tolerated >= self._settings.limit
+        width = self._settings.resolution * max(self.tolerated, self._settings.first)
+        return self.refused - self.tolerated <= width
+
+    @property
+    def load(self) -> float:
+        """The load to try next."""
+        if self.refused is not None:
+            return 0.5 * (self.tolerated + self.refused)
+        return min(2.0 * self.tolerated or self._settings.first, self._settings.limit)
+
+    @property
+    def numbers(self) -> range:
+        """The numbers of the rollouts to run next at `load`."""
+        return range(self._count, min(max(FIRST_TRIALS, 2 * self._count), self._settings.rollouts))
+
+    def record(self, survived: list[bool]) -> None:
+        """Take the outcome of the rollouts of `numbers`, in their order."""
+        self._count += len(survived)
+        self._failed += len(survived) - sum(survived)
+        verdict = self._verdict()
+        if verdict is None:
+            return
+        if verdict:
+            self.tolerated = self.load
+        else:
+            self.refused = self.load
+        self._count = self._failed = 0
+
+    def _verdict(self) -> bool | None:
+        """Return whether the load is tolerated; None if it takes more rollouts to tell."""
+        risk, rollouts = 1.0 - SURVIVAL, self._settings.rollouts
+        allowed = math.floor(risk * rollouts + 1e-9)
+        if self._failed > allowed or 1.0 - _binomial_cdf(self._failed - 1, self._count, risk) < DOUBT:
+            return False
+        if self._failed + rollouts - self._count <= allowed or _binomial_cdf(self._failed, self._count, risk) < DOUBT:
+            return True
+        return None
+
+
+def _binomial_cdf(k: int, n: int, p: float) -> float:
+    """Return the probability of at most k successes in n trials of probability p in (0, 1)."""
+
+    def log_mass(i: int) -> float:
+        ways = math.lgamma(n + 1) - math.lgamma(i + 1) - math.lgamma(n - i + 1)
+        return ways + i * math.log(p) + (n - i) * math.log1p(-p)
+
+    return math.fsum(math.exp(log_mass(i)) for i in range(k + 1))
 
 
 def following(settings: DisturbanceSettings, rows: Sequence[Row]) -> list[Plan]:
@@ -172,7 +151,7 @@ def searches(settings: DisturbanceSettings, rows: Sequence[Row]) -> dict[tuple[s
     found = {}
     for kind in KINDS:
         for direction in DIRECTIONS:
-            search = found[kind, direction] = settings.search()
+            search = found[kind, direction] = SurvivalSearch(settings)
             outcomes = [not row["fell"] for row in rows if (row["kind"], row["direction"]) == (kind, direction)]
             while outcomes:
                 count = len(search.numbers)
@@ -198,7 +177,7 @@ def rollout_plan(settings: DisturbanceSettings, kind: str, direction: int, force
 
 def episode(controller: Controller, settings: DisturbanceSettings, plan: Plan) -> Row:
     """Return whether the robot fell."""
-    return ending(simulate(controller, settings, plan).trace)
+    return ending(simulate(controller, settings, plan))
 
 
 def figures(settings: DisturbanceSettings, rows: pl.DataFrame) -> list[Figure]:

@@ -78,7 +78,7 @@ def push_of(settings: EnginesSettings, number: int) -> Force:
 
 def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Row:
     """Return the mean absolute errors of v_x, v_y and omega; None where the robot fell too early."""
-    trace = simulate(controller, settings, plan).trace
+    trace = simulate(controller, settings, plan)
     errors = tracking_errors(trace, settings.settle)
     return {**{f"error_{name}": known(errors.get(name, math.nan)) for name in ERRORS}, **ending(trace)}
 

@@ -61,28 +61,22 @@ class EstimationSettings(CountedSettings):
     """Settings of estimation."""
 
     episodes: Count = 50  # number of walks
-    # forward velocity of all walks, straight ahead [m/s]; None draws velocities and turns at random
-    speed: float | None = None
     duration: Positive = 8.0  # duration of an episode [s]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.conditions.chosen.estimates:
             raise ConfigError("exact sensors give the whole state; give --sensing robot")
-        if self.speed is not None:
-            dataclasses.replace(default_command(self.gaits[0]), v_x=self.speed).validate()
 
 
 def plan(settings: EstimationSettings) -> list[Plan]:
-    """Return walks at random velocities, or all at one speed."""
+    """Return walks at random velocities."""
     return [Plan(number, walk_command(settings, number)) for number in range(settings.episodes)]
 
 
 def walk_command(settings: EstimationSettings, number: int) -> Command:
-    """Return the command of one walk, drawn from the seed and its number where no speed is given."""
+    """Return the command of one walk, drawn from the seed and its number."""
     command = default_command(settings.gaits[number % 2])
-    if settings.speed is not None:
-        return dataclasses.replace(command, v_x=settings.speed)
     if settings.gait == "standing":
         return command
     rng = np.random.default_rng((settings.seed, number))
@@ -98,7 +92,7 @@ def episode(controller: Controller, settings: EstimationSettings, plan: Plan) ->
     estimator = settings.conditions.estimator()
     assert estimator is not None  # the settings refuse exact sensors
     errors = EstimateErrors(estimator)
-    trace = simulate(controller, settings, plan, estimator=estimator, on_step=errors).trace
+    trace = simulate(controller, settings, plan, estimator=estimator, on_step=errors)
     record = errors.record(settings.settle)
     return {
         **{f"commanded_{name}": getattr(plan.command, name) for name in RANDOM},
@@ -292,7 +286,6 @@ EXPERIMENT = Experiment(
         "velocities; RMS errors in the heading frame over walks. NEES: the errors, squared, relative to what the "
         "estimator believes; 1 if it is consistent. Drifts are scaled to a way of 20 m.",
         lambda: [EstimationSettings(episodes=2, duration=5.0)],
-        # 50 walks at random, and 8 of 20 m straight ahead.
-        lambda: [EstimationSettings(), EstimationSettings(episodes=8, speed=0.5, duration=41.0)],
+        lambda: [EstimationSettings()],
     ),
 )

@@ -26,7 +26,7 @@ from hugwbc.settings import Count, NotNegative, Positive, settings
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 
-SOFT = 1.0  # [m/s]
+SOFT, V_X = 1.0, 0.5  # [m/s], at the ground, and of the walks
 FOR_GOOD = ("IMU gone for good", "encoder stuck for good", "all readings frozen for good", "motor of a leg dead")
 # A time START in a fault is that of the episode; conditions without one hold from its beginning.
 FAULTS: Mapping[str, Mapping[str, Any]] = {
@@ -68,14 +68,12 @@ class FaultsSettings(CountedSettings):
 
     Attributes:
         episodes: number of episodes of each fault; encoders and times differ
-        speed: forward velocity of the walks [m/s]
         only: words; faults whose name contains one of them, such as "for good" or IMU; without any, all
         settle: time from which on the faults start [s]
         duration: length of an episode [s]
     """
 
     episodes: Count = 20
-    speed: float = 0.5
     only: tuple[str, ...] = ()
     settle: NotNegative = 3.0
     duration: Positive = 8.0
@@ -87,7 +85,6 @@ class FaultsSettings(CountedSettings):
             raise ConfigError("faults are of the sensors of an H1 in MuJoCo; leave out --sensing and --engine")
         if self.duration < self.settle + _SPREAD + 3.0:
             raise ConfigError(f"duration is {self.duration} s; give 4 s more than settle, in which the robot goes down")
-        dataclasses.replace(default_command(self.gaits[0]), v_x=self.speed).validate()
         for word in self.only:
             if not any(word in name for name in FAULTS):
                 raise ConfigError(f"only: no fault has '{word}' in its name; faults are: {'; '.join(FAULTS)}")
@@ -112,7 +109,7 @@ def plan(settings: FaultsSettings) -> list[Plan]:
             for word, value in said.items():
                 faults = tuple(text.replace(word, value) for text in faults)
             conditions = dataclasses.replace(settings.conditions, **{**change, "faults": faults})
-            command = dataclasses.replace(default_command(settings.gaits[0]), v_x=settings.speed)
+            command = dataclasses.replace(default_command(settings.gaits[0]), v_x=V_X)
             plans.append(Plan(draw, command, {"fault": name, "start": start}, conditions=conditions))
     return plans
 
@@ -133,7 +130,7 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     simulation = simulation_of(settings, plan)
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
     watch = GroundSpeeds(simulation, float(plan.tags["start"]))
-    trace = simulate(controller, settings, plan, simulation=simulation, on_step=watch, past_falls=True).trace
+    trace = simulate(controller, settings, plan, simulation=simulation, on_step=watch, past_falls=True)
     start, lowered = float(plan.tags["start"]), trace.safety.lowered > 0
     return {
         **ending(trace),

@@ -45,6 +45,7 @@ from hugwbc.upper_ik import UpperBodySource
 DIRECTIONS = tuple(range(0, 360, 45))  # [deg], counted from the robot's front to its left
 TAKEN = 0.5  # [s], when the arms are taken over
 STARTED = 1.0  # [s], when a walk starts
+V_X = 0.4  # [m/s], velocity of a walk
 BEGIN = 3.0  # [s], when a force begins
 RISE = 1.0  # [s], in which a steady force rises
 HANDS = ((0.35, 0.2, 0.15), (0.35, -0.2, 0.15))  # targets in the pelvis frame [m]
@@ -61,14 +62,9 @@ class ForcesSettings(CountedSettings):
 
     gait: str = "standing"  # standing or walking
     episodes: Count = 2  # number of episodes; of pull and push for each direction
-    v_x: float = 0.4  # forward velocity of a walk [m/s]
     settle: NotNegative = BEGIN  # start of an episode that is left out of the errors [s]
     varied = frozenset({"intervention", "motions", "hand_payload"})
     possible = ("standing", "walking")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        Command(v_x=self.v_x, gait=Gait.WALKING).validate()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +77,7 @@ class Source:
     @classmethod
     def of(cls, settings: ForcesSettings) -> "Source":
         """Return the source of an experiment that stands or walks by its gait."""
-        return cls(settings.v_x if settings.gait == "walking" else None)
+        return cls(V_X if settings.gait == "walking" else None)
 
     def command_at(self, t: float) -> Command:
         """Return the command: a stand, or a walk that gets faster within a second."""
@@ -132,7 +128,7 @@ def play(
     """Run one episode of a duration [s]."""
     arms = UpperBodySource(robot=simulation.robot)
     where = {"source": source, "simulation": simulation, "upper_body": arms}
-    return simulate(controller, settings, plan, **where, duration=duration, on_step=on_step).trace
+    return simulate(controller, settings, plan, **where, duration=duration, on_step=on_step)
 
 
 def heading(direction: float) -> np.ndarray:
@@ -195,7 +191,7 @@ PULL = Experiment(
 # The left hand of a standing robot presses a wall with a requested force.
 
 WALL = 0.42  # [m], distance of the wall's surface ahead of the start
-HEIGHT = 1.1  # [m], at which the hand presses
+HEIGHT, PRESSURE = 1.1, 40.0  # [m], at which the hand presses, and the requested force [N]
 PRESSED, STEADY = 4.0, 1.0  # [s]: press, and how long the hand has to become steady
 
 
@@ -203,7 +199,6 @@ PRESSED, STEADY = 4.0, 1.0  # [s]: press, and how long the hand has to become st
 class PressSettings(ForcesSettings):
     """Settings of press."""
 
-    force: Newtons = 40.0  # requested force [N]
     possible = ("standing",)
 
     def __post_init__(self) -> None:
@@ -216,20 +211,18 @@ class PressSettings(ForcesSettings):
 class PressSource(Source):
     """Holds the left hand before the wall, and presses from `BEGIN` on."""
 
-    force: float = 0.0  # requested force [N]
-
     def hands_at(self, t: float) -> HandTargets | None:
         """Return the target of the left hand, with the force while it presses."""
         if t < TAKEN:
             return None
         pressing = t >= BEGIN
         target = (WALL - (0.02 if pressing else 0.05), HANDS[0][1], HEIGHT)
-        return HandTargets.of(target, None, "world", left_force=(-self.force, 0.0, 0.0) if pressing else None)
+        return HandTargets.of(target, None, "world", left_force=(-PRESSURE, 0.0, 0.0) if pressing else None)
 
 
 def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -> Row:
     """Return the mean distance of the force along the requested one to it from `STEADY` on [N]; None in a fall."""
-    rising = settings.force / 100.0
+    rising = PRESSURE / 100.0
     duration = BEGIN + rising + PRESSED
     wall = Wall(name="wall", position=(WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
     misses: list[float] = []
@@ -238,17 +231,17 @@ def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -
     def on_step(truth: RobotState, estimate: RobotState) -> None:
         errors(truth, estimate)
         if truth.hand_force is not None and truth.time > BEGIN + rising + STEADY:
-            misses.append(abs(-float(truth.hand_force[0, 0]) - settings.force))
+            misses.append(abs(-float(truth.hand_force[0, 0]) - PRESSURE))
 
     simulation = simulation_of(settings, plan, duration, Scene((wall,)))
-    trace = play(controller, settings, plan, PressSource(None, force=settings.force), simulation, duration, on_step)
+    trace = play(controller, settings, plan, PressSource(None), simulation, duration, on_step)
     error = float(np.mean(misses)) if misses and not trace.fell else None
     return {"error": error, **errors.row(), **ending(trace)}
 
 
 def press_figures(settings: PressSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return the error of the force, that of its estimate, and the falls."""
-    table = f"Press a wall with {settings.force:g} N"
+    table = f"Press a wall with {PRESSURE:g} N"
     error = Figure(table, "error of the force", "N", bootstrap_mean(rows["error"]))
     return [error, estimate_figure(table, rows), falls_figure(table, rows["fell"])]
 
@@ -345,7 +338,7 @@ def push_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -
     """Return whether the robot fell."""
     duration = BEGIN + RECOVERY
     simulation = simulation_of(settings, plan, duration)
-    return ending(play(controller, settings, plan, Source(settings.v_x), simulation, duration))
+    return ending(play(controller, settings, plan, Source(V_X), simulation, duration))
 
 
 def survived(settings: ForcesSettings, rows: pl.DataFrame) -> dict[int, list[float]]:
@@ -360,7 +353,7 @@ def survived(settings: ForcesSettings, rows: pl.DataFrame) -> dict[int, list[flo
 
 def push_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return the median of the episodes' largest survived changes of velocity, by direction and of all."""
-    table, changes = f"Survived push in a walk at {settings.v_x:g} m/s", survived(settings, rows)
+    table, changes = f"Survived push in a walk at {V_X:g} m/s", survived(settings, rows)
     medians = {f"{direction}°": found for direction, found in changes.items()}
     medians["median of all"] = [change for found in changes.values() for change in found]
     return [
@@ -399,7 +392,7 @@ def sway_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -
     """Return the root mean square of the hands' acceleration [m/s^2]; None in a fall."""
     duration, robot = SWAYED_FROM + SWAYED, load_robot(settings.conditions.chosen.robot)
     stiff = HandTargets(None, None, joints=robot.nominal[robot.arms])
-    source = Source(settings.v_x, HandTargets.of(*HANDS, "steady") if plan.tags["arms"] == "steady" else stiff)
+    source = Source(V_X, HandTargets.of(*HANDS, "steady") if plan.tags["arms"] == "steady" else stiff)
     trace = play(controller, settings, plan, source, simulation_of(settings, plan, duration), duration)
     hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], trace.time >= SWAYED_FROM)
     return {"acceleration": None if trace.fell else known(metrics.hand_acceleration(hands)), **ending(trace)}
@@ -407,7 +400,7 @@ def sway_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -
 
 def sway_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return the accelerations of the hands with both arms, their ratio, and the falls."""
-    table = f"Sway of the hands at {settings.v_x:g} m/s"
+    table = f"Sway of the hands at {V_X:g} m/s"
     steady, stiff = (bootstrap_rms(rows.filter(pl.col("arms") == arms)["acceleration"]) for arms in ("steady", "stiff"))
     ratio = None if steady.value is None or stiff.value is None else steady.value / stiff.value
     return [

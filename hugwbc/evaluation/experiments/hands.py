@@ -1,5 +1,6 @@
 """How closely the hands follow their targets in closed loop, standing or walking, with any controller."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -29,8 +30,7 @@ from hugwbc.upper_ik import ArmIK, UpperBodySource
 LOW, HIGH, ARM = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55]), 0.6132
 LEG_TIME, DWELL = 1.2, 0.8  # [s] from target to target, and at each
 REACHED = 0.005  # [m]
-SATURATED = 0.99  # of a joint's torque limit
-STANDING_START = 1.0  # [s] before a walk
+STANDING_START, WALK = 1.0, 0.5  # [s] before a walk, and its velocity forwards [m/s]
 
 
 @settings(kw_only=True)
@@ -38,29 +38,25 @@ class HandsSettings(CountedSettings):
     """Settings of hands."""
 
     episodes: Count = 8  # number of episodes, each with its own targets
-    v_x: float = 0.5  # forward velocity of gaits that move [m/s]
     # start of an episode that is left out of the errors, in which the arms are taken over [s]
     settle: NotNegative = 2.0
     varied = frozenset({"intervention", "motions"})
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.gait != "standing":
-            Command(v_x=self.v_x, gait=self.gaits[0]).validate()
-            if not self.duration > STANDING_START + DEFAULT_RAMP:
-                raise ConfigError(
-                    f"duration is {self.duration} s; give more than {STANDING_START + DEFAULT_RAMP:g} s, in which the "
-                    f"{self.gait} gait gets going"
-                )
+        if self.gait != "standing" and not self.duration > STANDING_START + DEFAULT_RAMP:
+            raise ConfigError(
+                f"duration is {self.duration} s; give more than {STANDING_START + DEFAULT_RAMP:g} s, in which the "
+                f"{self.gait} gait gets going"
+            )
 
 
 class _Recording(UpperBodySource):
-    """An upper-body source that records the solutions of its inverse kinematics, and its commands."""
+    """An upper-body source that records the solutions of its inverse kinematics."""
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot=robot)
         self.wanted: list[np.ndarray] = []
-        self.commanded: list[np.ndarray] = []
 
     def update(
         self,
@@ -70,16 +66,10 @@ class _Recording(UpperBodySource):
         dt: float,
         commanded: np.ndarray | None = None,
     ) -> tuple[UpperBody, Command]:
-        """Update, and record the solution and the command."""
-        body, command = super().update(state, hands, command, dt, commanded)
-        nothing = np.full_like(self.ik.q, np.nan)
-        self.wanted.append(nothing if self.solution is None else self.solution.q)
-        self.commanded.append(body.q if body.indicator else nothing)
-        return body, command
-
-    def sampled(self, rows: list[np.ndarray], period: float) -> np.ndarray:
-        """Return the rows at the times of a trace, shape (samples, k)."""
-        return np.array(rows[:: max(1, round(RECORD_PERIOD / period))])
+        """Update, and record the solution."""
+        updated = super().update(state, hands, command, dt, commanded)
+        self.wanted.append(np.full_like(self.ik.q, np.nan) if self.solution is None else self.solution.q)
+        return updated
 
 
 def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.ndarray:
@@ -109,38 +99,30 @@ def hands_script(settings: HandsSettings, rng: np.random.Generator, index: int =
     hands = HandMotion(left, right)
     if gait is Gait.STANDING:
         return Script("hands", (Segment("stand", settings.duration, hands=hands, ramp=0.0),))
-    walk = Segment("go", settings.duration - STANDING_START, gait, {"v_x": settings.v_x}, hands)
+    walk = Segment("go", settings.duration - STANDING_START, gait, {"v_x": WALK}, hands)
     return Script("hands", (Segment("stand", STANDING_START, hands=hands), walk))
 
 
 def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     """Return the errors of the hands and arms after the settling time.
 
-    - `hand_error_m`, `hand_error_all_m`: mean distance of both hands to the targets that the inverse kinematics calls
-      reachable, and to all [m]; `errors` and `reachable` have every sample of the left and the right hand.
+    - `hand_error_m`: mean distance of both hands to the targets that the inverse kinematics calls reachable [m].
+    - `errors`, `reachable`: of every sample, for the left and the right hand.
     - `joint_error_rad`: mean distance of the arm joints to the inverse kinematics' solution [rad].
-    - `jitter`: mean squared joint jerk of the commanded arms [rad^2/s^6].
-    - `saturated_ticks`: number of samples with an arm joint at its torque limit.
     """
     seed, robot = (settings.seed, plan.draw), load_robot(settings.conditions.chosen.robot)
     source = _Recording(settings.conditions.told_arena.known_robot)
     script = hands_script(settings, np.random.default_rng(seed), plan.draw)
-    trace = simulate(controller, settings, plan, source=script, upper_body=source).trace
+    trace = simulate(controller, settings, plan, source=script, upper_body=source)
     kept, arms = trace.time >= settings.settle, robot.arms
-    wanted, commanded = (
-        source.sampled(rows, controller.period)[: kept.size] for rows in (source.wanted, source.commanded)
-    )
+    wanted = np.array(source.wanted[:: max(1, round(RECORD_PERIOD / controller.period))])[: kept.size]
     joint_error = np.abs(trace.qpos[:, 7:][:, arms] - wanted)[kept]
     joint_error = joint_error[np.isfinite(joint_error)]
     hands = metrics.hand_errors(trace.hand_error[kept], trace.reachable[kept])
-    limits = SATURATED * robot.torque_limit[arms]
     return {
         "hand_error_m": hands["mean"],
-        "hand_error_all_m": hands["all_mean"],
         "reachable_fraction": hands["reachable_fraction"],
         "joint_error_rad": float(joint_error.mean()) if joint_error.size else None,
-        "jitter": known(metrics.jitter(commanded[kept], RECORD_PERIOD)),
-        "saturated_ticks": int(np.any(np.abs(trace.torque[kept][:, arms]) >= limits, axis=1).sum()),
         "errors": [[known(error) for error in pair] for pair in trace.hand_error[kept].tolist()],
         "reachable": trace.reachable[kept].tolist(),
         **ending(trace),
@@ -159,20 +141,13 @@ def figures(settings: HandsSettings, rows: pl.DataFrame) -> list[Figure]:
         for name, kind in (("errors", float), ("reachable", bool))
     )
     pooled = metrics.hand_errors(*samples)
-    intervals = {"mean": bootstrap_mean(rows["hand_error_m"]), "all_mean": bootstrap_mean(rows["hand_error_all_m"])}
-    found, reachable = [], single(pooled["reachable_fraction"])
-    for part, name in metrics.HAND_FIGURES.items():
-        bounds = intervals.get(part, single(None))
-        estimate = scaled(Estimate(pooled[part], bounds.low, bounds.high, len(rows)), 100.0)
-        found.append(Figure(table, f"hand error, {name}", "cm", estimate))
+    mean = dataclasses.replace(bootstrap_mean(rows["hand_error_m"]), value=pooled["mean"], samples=len(rows))
+    p95, reachable = Estimate(pooled["p95"], None, None, len(rows)), single(pooled["reachable_fraction"])
     return [
-        *found,
+        Figure(table, "hand error, mean", "cm", scaled(mean, 100.0)),
+        Figure(table, "hand error, 95th percentile", "cm", scaled(p95, 100.0)),
         Figure(table, "targets that the IK calls reachable", "", reachable, higher_is_better=True),
         Figure(table, "arm joints' error", "rad", bootstrap_mean(rows["joint_error_rad"])),
-        Figure(
-            table, "samples with an arm joint at its torque limit", "", single(float(rows["saturated_ticks"].sum()))
-        ),
-        Figure(table, "jitter of the commanded arms", "rad²/s⁶", bootstrap_mean(rows["jitter"])),
         falls_figure(table, rows["fell"]),
     ]
 

@@ -78,7 +78,7 @@ def episode(controller: Controller, settings: RampSettings, plan: Plan) -> Row:
 
     The curve has 21 commanded values; without those after a fall.
     """
-    trace, name = simulate(controller, settings, plan).trace, str(plan.tags["command"])
+    trace, name = simulate(controller, settings, plan), str(plan.tags["command"])
     ramp = settings.duration - settings.settle
     times = settings.settle + ramp * np.arange(_CURVE_POINTS) / (_CURVE_POINTS - 1)
     samples = np.searchsorted(trace.time, times - 1e-9)
@@ -115,9 +115,8 @@ def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[P
         for command in RAMPED:
             found = {name: _mean_curve(rows, command) for name, chosen, rows in measured if chosen.gait == gait}
             series = {name: found.get(name, (np.zeros(0), np.zeros(0))) for name in controllers}
-            line = np.unique(np.concatenate([x for x, _ in series.values()]))
             labels = (f"commanded {command} [rad]", "measured [rad]")
-            drawn.append(evaluation_plots.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
+            drawn.append(evaluation_plots.curves(f"{command}, {gait}", series, labels))
     return drawn
 
 

@@ -1,35 +1,31 @@
-"""All commands drawn at random over their full ranges at once: does the robot stay up, and where does it fall?
+"""All commands drawn at random over their full ranges at once: does the robot stay up, and what are the errors?
 
 The paper studies pairs of commands; this experiment covers the whole space. In each episode, every command is drawn
-independently and uniformly from its finishing range. The errors stand beside those of single commands: a controller may
-follow each command alone and not their combinations. Episodes with a fall are left out of both and counted.
+independently and uniformly from its finishing range. A controller may follow each command alone and not their
+combinations. Episodes with a fall are left out of the errors and counted.
 
 With `changing`, gait and commands also jump or ramp to others every few seconds; these episodes count falls only.
 """
 
-import itertools
-
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command, sample_all
+from hugwbc.commands import COMMAND_NAMES, Command, default_command, sample_all
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
-from hugwbc.evaluation.experiments.single_command import EXPERIMENT as SINGLE_COMMAND, episode_error, sampled_commands
+from hugwbc.evaluation.experiments.single_command import episode_error, sampled_commands
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known, wilson_of
+from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
 from hugwbc.settings import Count, settings
 
-PARTS = ("low", "middle", "high")  # thirds of a command's range
 SEGMENT = (1.0, 5.0)  # [s], shortest and longest time between two changes
-_LISTED_PAIRS = 10
 
 
 @settings(kw_only=True)
@@ -70,28 +66,22 @@ def random_schedule(rng: np.random.Generator, duration: float, robot: Robot) -> 
 
 def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan) -> Row:
     """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early."""
-    run = simulate(controller, settings, plan)
+    trace, command = simulate(controller, settings, plan), plan.command
     if settings.changing:
-        return {"gait": Gait(int(run.trace.gait[-1])).label, **ending(run.trace)}
-    errors = metrics.tracking_errors(run.trace, settings.settle)
-    feet = [name for name in ("f", "l") if name in sampled_commands(run.command.gait)]
-    errors |= {name: episode_error(run.trace, name, settings.settle) for name in feet}
+        return {"gait": Gait(int(trace.gait[-1])).label, **ending(trace)}
+    errors = metrics.tracking_errors(trace, settings.settle)
+    feet = [name for name in ("f", "l") if name in sampled_commands(command.gait)]
+    errors |= {name: episode_error(trace, name, settings.settle) for name in feet}
     return {
-        "gait": run.command.gait.label,
-        **dict(zip(COMMAND_NAMES, run.command.array().tolist(), strict=True)),
+        "gait": command.gait.label,
+        **dict(zip(COMMAND_NAMES, command.array().tolist(), strict=True)),
         **{f"error_{name}": known(error) for name, error in errors.items()},
-        **ending(run.trace),
+        **ending(trace),
     }
 
 
-def figures(settings: RandomCommandsSettings, rows: pl.DataFrame, single: pl.DataFrame | None) -> list[Figure]:
-    """Return the errors of the episodes without a fall, beside those of single commands, and where the falls are.
-
-    Args:
-        settings: settings of the experiment.
-        rows: rows of the episodes.
-        single: stored rows of single commands with the same settings, if there are any.
-    """
+def figures(settings: RandomCommandsSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the errors of the episodes without a fall, and the falls."""
     if settings.changing:
         return [falls_figure("Changing gaits and commands", rows["fell"])]
     table, found = f"All commands at once, {settings.gait}", []
@@ -102,41 +92,7 @@ def figures(settings: RandomCommandsSettings, rows: pl.DataFrame, single: pl.Dat
     for name, values in errors.items():
         if values:
             found.append(Figure(table, name, ERROR_UNITS[name], bootstrap_mean(values)))
-    if single is not None:
-        upright = single.filter(~pl.col("fell"))
-        for name, values in errors.items():
-            ratio = bootstrap_ratio(values, upright.filter(pl.col("error_name") == name)["error"])
-            if ratio.value is not None:
-                found.append(Figure(table, f"{name}, over that alone", "", ratio))
-    return [*found, falls_figure(table, rows["fell"]), *_falls_by_part(settings, rows)]
-
-
-def _falls_by_part(settings: RandomCommandsSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return the falls in each third of a command's range, and in the pairs of thirds with the most falls."""
-    thirds = {}
-    for name, limits in command_ranges(settings.gaits[0], load_robot(settings.conditions.chosen.robot)).items():
-        low, high = limits.finishing
-        if low < high:
-            part = (3.0 * (pl.col(name) - low) / (high - low)).cast(pl.Int64).clip(0, 2)
-            thirds[name] = part.replace_strict(dict(enumerate(PARTS)), return_dtype=pl.String)
-    parted = rows.select("fell", **thirds)
-
-    def falls(*names: str) -> pl.DataFrame:
-        counted = parted.group_by(*names, maintain_order=True).agg(pl.len().alias("count"), pl.col("fell").sum())
-        label = pl.concat_str([pl.lit(f"{name} ") + pl.col(name) for name in names], separator=", ")
-        return counted.filter(pl.col("fell") > 0).select(label.alias("part"), "fell", "count")
-
-    alone = [falls(name) for name in thirds]
-    pairs = pl.concat([falls(*pair) for pair in itertools.combinations(thirds, 2)])
-    most = pairs.sort("fell", pl.col("fell") / pl.col("count"), descending=True, maintain_order=True).head(
-        _LISTED_PAIRS
-    )
-    title = f"Falls in parts of the ranges, {settings.gait}"
-    return [
-        Figure(title, part, "% of episodes", wilson_of(fell, count))
-        for frame in (*alone, most)
-        for part, fell, count in frame.iter_rows()
-    ]
+    return [*found, falls_figure(table, rows["fell"])]
 
 
 def quick() -> list[RandomCommandsSettings]:
@@ -152,18 +108,14 @@ def full() -> list[RandomCommandsSettings]:
 
 EXPERIMENT = Experiment(
     "random-commands",
-    "draw all commands at random at once, and list where the robot falls",
+    "draw all commands at random at once: errors and falls",
     RandomCommandsSettings,
     plan,
     episode,
     figures,
-    beside=SINGLE_COMMAND,
-    note="Errors over those alone: run `hugwbc evaluate single-command` with the same options first.",
     section=Section(
         "All commands at once",
-        "All commands are drawn at random over their ranges. Errors are those of the episodes without a fall. Where "
-        "the report has single commands of the same gait, the ratio to their errors, also of episodes without a fall, "
-        "tells what the combination costs.",
+        "All commands are drawn at random over their ranges. Errors are those of the episodes without a fall.",
         quick,
         full,
     ),

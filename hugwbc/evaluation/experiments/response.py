@@ -1,7 +1,7 @@
-"""How does a controller answer each command? Gain, bias and dead zone, and which condition of the arena changes them.
+"""How does a controller answer each command? Gain, bias and dead zone.
 
 One command at a time takes values spread over its range, the others stay at their defaults. What users ask of a policy
-that plays well and deploys badly: are slow commands ignored, does it drift at zero, and what makes it fail?
+that plays well and deploys badly: are slow commands ignored, and does it drift at zero?
 """
 
 import dataclasses
@@ -14,7 +14,6 @@ from pydantic import Field
 
 from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, command_ranges, default_command
 from hugwbc.controller import Controller
-from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import Row, Settings, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
 from hugwbc.evaluation.experiments.single_command import sampled_commands
@@ -28,16 +27,6 @@ from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
 
 SLOW = (0.1, 0.2)  # [m/s], [rad/s], in both directions: velocities that are often ignored
-IDEAL = {"drives": "ideal", "sensing": "exact"}
-# What is switched on alone, beside the conditions of the settings and none of them.
-CONDITIONS = {
-    "ideal": {},
-    "drives": {"drives": "real"},
-    "sensors": {"sensing": "robot"},
-    "latency": {"latency": 0.02},
-    "friction": {"friction": 0.4},
-    "mass": {"payload": 5.0},
-}
 
 
 @settings(kw_only=True)
@@ -46,9 +35,6 @@ class ResponseSettings(Settings):
 
     # values of each command, spread evenly over its range; velocities also take 0 and 0.1 and 0.2 both ways
     points: Annotated[int, Field(ge=2)] = 5
-    # repeat it with ideal drives and sensors, to which real drives, the robot's sensors, a latency of 20 ms, a friction
-    # of 0.4 and 5 kg on the torso are added one at a time
-    apart: bool = False
 
 
 def values(settings: ResponseSettings, name: str) -> list[float]:
@@ -61,27 +47,21 @@ def values(settings: ResponseSettings, name: str) -> list[float]:
 
 
 def plan(settings: ResponseSettings) -> list[Plan]:
-    """Return an episode for each value of each command under each of the conditions."""
-    conditions: dict[str, Conditions | None] = {"": None}
-    if settings.apart:
-        ideal = dataclasses.replace(settings.conditions, **IDEAL)
-        conditions |= {name: dataclasses.replace(ideal, **changes) for name, changes in CONDITIONS.items()}
+    """Return an episode for each value of each command."""
     places = [(name, value) for name in sampled_commands(settings.gaits[0]) for value in values(settings, name)]
     return [
         Plan(
             draw,
             dataclasses.replace(default_command(settings.gaits[draw % 2]), **{name: value}),
-            {"conditions": label, "command": name, "value": value},
-            conditions=condition,
+            {"command": name, "value": value},
         )
-        for label, condition in conditions.items()
         for draw, (name, value) in enumerate(places)
     ]
 
 
 def episode(controller: Controller, settings: ResponseSettings, plan: Plan) -> Row:
     """Return the mean of what is executed of the command after `settle`."""
-    trace = simulate(controller, settings, plan).trace
+    trace = simulate(controller, settings, plan)
     return {"executed": known(executed_means(trace, settings.settle)[str(plan.tags["command"])]), **ending(trace)}
 
 
@@ -91,47 +71,41 @@ def figures(settings: ResponseSettings, rows: pl.DataFrame) -> list[Figure]:
     The gain is the slope of the executed over the commanded values, of episodes without a fall. The dead zone is the
     largest slow velocity of which less than half is executed.
     """
-    found = []
-    for label in rows["conditions"].unique(maintain_order=True).to_list():
-        table = ", ".join(filter(None, ("Response", settings.gait, label)))
-        part = rows.filter(pl.col("conditions") == label)
-        for name in part["command"].unique(maintain_order=True).to_list():
-            kept = part.filter((pl.col("command") == name) & pl.col("executed").is_not_null()).sort("value")
-            value, executed = kept["value"].to_numpy(), kept["executed"].to_numpy()
-            default = value == getattr(default_command(settings.gaits[0]), name)
-            gain = float(np.polyfit(value, executed, 1)[0]) if len(value) > 1 else None
-            bias = float((executed - value)[default].mean()) if default.any() else None
-            found.append(Figure(table, f"{name}: gain", "", single(gain)))
-            found.append(Figure(table, f"{name}: bias", COMMAND_UNITS[name], single(bias)))
-            if name in VELOCITY_NAMES:
-                slow = (value != 0.0) & (np.abs(value) <= max(SLOW))
-                ignored = np.abs(value[slow])[executed[slow] / value[slow] < 0.5]
-                zone = float(max(ignored, default=0.0)) if slow.any() else None
-                found.append(Figure(table, f"{name}: dead zone", COMMAND_UNITS[name], single(zone)))
-        found.append(falls_figure(table, part["fell"]))
-    return found
+    found, table = [], f"Response, {settings.gait}"
+    for name in rows["command"].unique(maintain_order=True).to_list():
+        kept = rows.filter((pl.col("command") == name) & pl.col("executed").is_not_null()).sort("value")
+        value, executed = kept["value"].to_numpy(), kept["executed"].to_numpy()
+        default = value == getattr(default_command(settings.gaits[0]), name)
+        gain = float(np.polyfit(value, executed, 1)[0]) if len(value) > 1 else None
+        bias = float((executed - value)[default].mean()) if default.any() else None
+        found.append(Figure(table, f"{name}: gain", "", single(gain)))
+        found.append(Figure(table, f"{name}: bias", COMMAND_UNITS[name], single(bias)))
+        if name in VELOCITY_NAMES:
+            slow = (value != 0.0) & (np.abs(value) <= max(SLOW))
+            ignored = np.abs(value[slow])[executed[slow] / value[slow] < 0.5]
+            zone = float(max(ignored, default=0.0)) if slow.any() else None
+            found.append(Figure(table, f"{name}: dead zone", COMMAND_UNITS[name], single(zone)))
+    return [*found, falls_figure(table, rows["fell"])]
 
 
 def pictures(measured: Sequence[Measured], controllers: Sequence[str]) -> list[Panel]:
     """Return executed over commanded value for each gait and command."""
     drawn = []
     for gait in dict.fromkeys(chosen.gait for _, chosen, _ in measured):
-        mine = [(name, rows) for name, chosen, rows in measured if chosen.gait == gait]
-        tables = {name: rows.filter(pl.col("conditions") == "") for name, rows in mine}
+        tables = {name: rows for name, chosen, rows in measured if chosen.gait == gait}
         for command in dict.fromkeys(name for rows in tables.values() for name in rows["command"].to_list()):
             series = {}
             for name in controllers:
                 rows = tables[name].filter(pl.col("command") == command).drop_nulls("executed").sort("value")
                 series[name] = rows["value"].to_numpy(), rows["executed"].to_numpy()
-            line = np.unique(np.concatenate([x for x, _ in series.values()]))
             labels = (f"commanded {command} [{COMMAND_UNITS[command]}]", "executed")
-            drawn.append(evaluation_plots.curves(f"{command}, {gait}", series, labels, dashed=(line, line)))
+            drawn.append(evaluation_plots.curves(f"{command}, {gait}", series, labels))
     return drawn
 
 
 EXPERIMENT = Experiment(
     "response",
-    "gain, bias and dead zone of each command; with --apart also which condition of the arena changes them",
+    "gain, bias and dead zone of each command",
     ResponseSettings,
     plan,
     episode,

@@ -15,10 +15,10 @@ from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_comm
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.episode import CountedSettings, Row, Run, Settings, ending, simulate
+from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known
+from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name, other_controllers, single_command_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
@@ -29,10 +29,7 @@ from hugwbc.settings import Count, settings
 # Figures of `metrics.impact` that are shown, with their names and units.
 IMPACTS = {
     "speed_median": ("touch-down speed, median", "m/s"),
-    "speed_p95": ("touch-down speed, 95th percentile", "m/s"),
-    "total_speed_median": ("touch-down speed with its horizontal part, median", "m/s"),
     "peak_mean": ("peak foot force of 10 ms, mean of stances", "body weights"),
-    "peak_max": ("peak foot force of 10 ms, maximum", "body weights"),
 }
 SLOW_SPEED = 0.6  # [m/s]; falls at commanded speeds up to this are counted separately
 
@@ -90,12 +87,7 @@ def plan(settings: SingleCommandSettings) -> list[Plan]:
 
 
 def episode(controller: Controller, settings: Settings, plan: Plan) -> Row:
-    """Run an episode and measure it."""
-    return measure(simulate(controller, settings, plan), settings.settle)
-
-
-def measure(run: Run, settle: float) -> Row:
-    """Return the error of the sampled command after `settle` [s], the impacts and the paths of the feet.
+    """Return the error of the sampled command after the settling time, the impacts and the paths of the feet.
 
     - `error_name`, `error`: the paper's name of the error and its value; None if the robot fell too early.
     - `arm_error`: mean distance of the arm joints to their external targets [rad].
@@ -103,7 +95,9 @@ def measure(run: Run, settle: float) -> Row:
     - `held_foot_contact`: part of the time in which the held leg touched the ground; hopping only.
     - `hop_frequency_error`: mean difference between hops per second and the clock's frequency [Hz]; hopping only.
     """
-    command, trace, name = run.command, run.trace, str(run.plan.tags["command"])
+    arms = (plan.conditions or settings.conditions).arms((settings.seed, plan.draw))
+    trace, settle = simulate(controller, settings, plan, upper_body=arms), settings.settle
+    command, name = plan.command, str(plan.tags["command"])
     value = float(command.array()[COMMAND_NAMES.index(name)])
     travel, creep = metrics.foot_travel(trace, settle) if command.gait is Gait.STANDING else (math.nan, math.nan)
     impact = metrics.impact(trace, settle)
@@ -112,7 +106,7 @@ def measure(run: Run, settle: float) -> Row:
         "value": value,
         "error_name": error_name(name, value),
         "error": known(episode_error(trace, name, settle)),
-        "arm_error": known(run.arm_error),
+        "arm_error": None if arms is None else known(arms.error(trace, settle)),
         "foot_travel": known(travel),
         "foot_creep": known(creep),
         "held_foot_contact": known(metrics.held_foot_contact(trace, settle)),
@@ -140,11 +134,7 @@ def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]
         if len(errors) or name in paper:
             found.append(Figure(table, name, unit, bootstrap_mean(errors), paper.get(name)))
     for name, (quantity, unit) in IMPACTS.items():
-        values = rows[f"impact_{name}"].drop_nulls()
-        estimate = bootstrap_mean(values)
-        if name == "peak_max" and len(values):
-            # The maximum grows with the number of episodes, so that a mean or its interval would say nothing about it.
-            estimate = Estimate(max(values), None, None, len(values))
+        estimate = bootstrap_mean(rows[f"impact_{name}"])
         if estimate.value is not None:
             found.append(Figure(table, quantity, unit, estimate))
     slow = rows.filter(~pl.col("command").is_in(["v_x", "v_y"]) | (pl.col("value").abs() <= SLOW_SPEED))

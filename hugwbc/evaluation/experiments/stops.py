@@ -60,7 +60,7 @@ def plan(settings: StopsSettings) -> list[Plan]:
 
 def episode(controller: Controller, settings: StopsSettings, plan: Plan) -> Row:
     """Return the time from the word to stand until the pelvis is slow for good [s], and its way [m]; None if never."""
-    trace, at = simulate(controller, settings, plan).trace, float(plan.tags["at"])
+    trace, at = simulate(controller, settings, plan), float(plan.tags["at"])
     speed = np.linalg.norm(trace.measured[:, :2], axis=1)
     begin = int(np.searchsorted(trace.time, at))
     fast = begin + np.flatnonzero(speed[begin:] > STILL)

@@ -1,6 +1,5 @@
 """Every experiment: settings, plans, a short run, figures and pictures."""
 
-import dataclasses
 import json
 import pickle
 
@@ -23,7 +22,7 @@ SHORT = {
     "ramp": {"gait": "standing", "episodes": 1, "settle": 3.0, "duration": 3.3},
     "contacts": {"gait": "standing"},
     "random-commands": {"episodes": 3},
-    "response": {"gait": "standing", "points": 2, "apart": True},
+    "response": {"gait": "standing", "points": 2},
     "stops": {"episodes": 1, "speeds": (0.6,)},
     "arrive": {"episodes": 1, "duration": 0.5},
     "behaviours": {"episodes": 1, "duration": 0.5},
@@ -68,10 +67,6 @@ def test_a_short_run_gives_rows_figures_and_pictures(name):
         pictures = experiment.section.pictures([("hold", result.settings, frame_of(result.rows))], ["hold"])
         assert bool(pictures) == (experiment.section.pictures is not Section.pictures)
         assert all(picture.svg for picture in pictures)
-
-
-def test_every_experiment_is_tried_here():
-    assert SHORT.keys() == EXPERIMENTS.keys()
 
 
 def test_sections_have_runs_in_both_profiles():
@@ -124,8 +119,3 @@ def test_an_experiment_of_a_file(tmp_path):
 def test_bad_settings_say_what_is_valid(name, changes, message):
     with pytest.raises(HugwbcError, match=message):
         EXPERIMENTS[name].settings(**changes)
-
-
-def test_settings_are_replaced_as_usual():
-    settings = EXPERIMENTS["ramp"].settings(gait="jumping")
-    assert dataclasses.replace(settings, episodes=2).gait == "jumping"

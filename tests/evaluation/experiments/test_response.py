@@ -3,7 +3,7 @@
 import polars as pl
 import pytest
 
-from hugwbc.evaluation.experiments.response import CONDITIONS, ResponseSettings, figures, plan, values
+from hugwbc.evaluation.experiments.response import ResponseSettings, figures, values
 
 
 def test_values_span_the_range_and_hold_the_default_and_slow_velocities() -> None:
@@ -12,23 +12,14 @@ def test_values_span_the_range_and_hold_the_default_and_slow_velocities() -> Non
     assert 0.15 in values(ResponseSettings(), "l")
 
 
-def test_conditions_are_switched_on_one_at_a_time() -> None:
-    plans = plan(ResponseSettings(gait="standing", points=2, apart=True))
-    found = {str(each.tags["conditions"]): each.conditions for each in plans}
-    assert set(found) == {"", *CONDITIONS} and found[""] is None
-    ideal = found["ideal"]
-    assert ideal is not None and (ideal.drives, ideal.sensing) == ("ideal", "exact")
-    assert found["mass"].payload == 5.0 and found["mass"].drives == "ideal"
-
-
 def test_gain_bias_and_dead_zone_are_those_of_the_answers() -> None:
     commanded = [-0.4, -0.2, -0.1, 0.0, 0.1, 0.2, 0.4]
     executed = [-0.3, -0.15, 0.01, 0.02, 0.03, 0.17, 0.35]
     rows = [
-        {"conditions": "", "command": "v_x", "value": value, "executed": answer, "fell": False}
+        {"command": "v_x", "value": value, "executed": answer, "fell": False}
         for value, answer in zip(commanded, executed, strict=True)
     ]
-    rows.append({"conditions": "", "command": "v_x", "value": 2.0, "executed": None, "fell": True})
+    rows.append({"command": "v_x", "value": 2.0, "executed": None, "fell": True})
     found = {figure.quantity: figure.value for figure in figures(ResponseSettings(), pl.DataFrame(rows))}
     assert found["v_x: gain"] == pytest.approx(0.326 / 0.42), "sum of products over sum of squares"
     assert found["v_x: bias"] == pytest.approx(0.02) and found["v_x: dead zone"] == pytest.approx(0.1)
