@@ -154,7 +154,7 @@ class Controller(Protocol):
     """A whole-body controller.
 
     These four members are all that simulation, deployment, evaluation, viewer and command line require; a class need
-    not inherit from this one. Properties that a controller may have beyond them (`hugwbc.runtime.snapshot.PlanView`):
+    not inherit from this one. Properties that a controller may have beyond them (`hugwbc.runtime.guard.Guard`):
 
     - `phase`: the common phase of the gait (`hugwbc.gait`) in the current control period, in [0, 1), for pictures.
     - `footholds`: where the sole centre of each swing foot will land, world x and y [m], shape (2, 2); NaN for other

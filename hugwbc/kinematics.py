@@ -85,10 +85,9 @@ class Kinematics:
     `left_sole`, `left_toe`, `left_heel`, `left_hand` (right likewise) and `imu`.
     """
 
-    def __init__(self, robot: Robot, model: pin.Model | None = None) -> None:
-        """Use a copy of a robot's model, or another model with the same joints and frames."""
+    def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.model = pinocchio_model(self.robot).copy() if model is None else model
+        self.model = pinocchio_model(self.robot).copy()
         self.data = self.model.createData()
         self.columns = joint_columns(self.model, self.robot)
         self._q_joints, self._v_joints = in_place(self.columns + 1), in_place(self.columns)

@@ -107,7 +107,7 @@ def ours(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
 
 
 def _terms(kind, jacobian, drift, acceleration, weight):  # noqa: ANN001, ANN202
-    return kind(jacobian, drift, acceleration, np.full(len(drift), weight), np.zeros(len(drift)))
+    return kind(jacobian, drift, acceleration, np.full(len(drift), weight))
 
 
 def placo_s(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001

@@ -139,12 +139,7 @@ class QpSpeed:
 
 
 def qp_speed(command: Command, duration: float) -> QpSpeed:
-    """Time every call of `qp` under one command, from a stand in simulation.
-
-    Args:
-        command: command to follow.
-        duration: simulated time [s].
-    """
+    """Time every call of `qp` under one command for some simulated time [s], from a stand."""
     simulation = Simulation()
     controller = WholeBodyController(simulation.robot)
     state, arms = simulation.reset(), UpperBody.none()
@@ -214,12 +209,7 @@ def episode_speed(controller: Controller, activity: str, duration: float) -> Epi
 
 
 def period_shares(controller: Controller, duration: float) -> dict[str, float]:
-    """Return the share of each room in the time of an episode of walking, with everything in the loop.
-
-    Args:
-        controller: the controller.
-        duration: simulated time [s].
-    """
+    """Return the share of each room in the time of an episode of walking [s], with everything in the loop."""
     conditions, profile = Conditions(), cProfile.Profile()
     simulation, estimator = conditions.simulation(duration, (0,)), conditions.estimator()
     profile.runcall(rollout, controller, WALK, simulation, duration=duration, estimator=estimator)

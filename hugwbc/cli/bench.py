@@ -2,25 +2,53 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from hugwbc.benchmarks.suite import BenchFigures, BenchSettings, measure_training, run_benchmarks
 from hugwbc.cli.output import check_writable, parse, progress, say, write_json
 from hugwbc.evaluation.tables import format_table
-from hugwbc.settings import settings
+from hugwbc.learned.config.training_settings import Device
+from hugwbc.settings import Count, Positive, settings
 
 if TYPE_CHECKING:
-    from hugwbc.benchmarks.speed import TrainingSpeed
+    from hugwbc.benchmarks.speed import EpisodeSpeed, QpSpeed, TrainingSpeed
 
 
 @settings
-class BenchOptions(BenchSettings):
+class BenchOptions:
     """Measure the speed of training, controllers and hand IK."""
 
+    count: tuple[Count, ...] = (1024,)  # robots in training; of several numbers, one after the other
+    device: Device = "auto"  # of training, as in hugwbc train
+    control_steps: Count = 50  # steps of the training environment to measure
+    iterations: Count = 2  # training iterations to measure, of 24 control steps and one update each
+    threads: Count = 1  # threads of training and bare physics; controllers and IK use one
+    # simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]
+    seconds: Positive = 4.0
+    calls: Count = 500  # calls of the policy and of the IK to measure
     json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.
     training: bool = False  # Print only the speed of training and its parts.
     profile: bool = False  # Print only where the time of an episode goes, by part of the code, for both controllers.
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchFigures:
+    """Figures of all benchmarks.
+
+    Attributes:
+        training: speed of training and its parts, by number of robots.
+        qp: speed of `qp`, by gait.
+        episodes: speed of an episode with everything in the loop, by controller and activity.
+        policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
+        threads: threads of training, its environment and bare physics.
+    """
+
+    training: list["TrainingSpeed"]
+    qp: dict[str, "QpSpeed"]
+    episodes: dict[str, "EpisodeSpeed"]
+    policy_tick_ms: dict[str, float | None]
+    ik_tick_ms: dict[str, float | None]
+    threads: int
 
 
 def run(words: Sequence[str]) -> int:
@@ -31,15 +59,43 @@ def run(words: Sequence[str]) -> int:
         write_json(options.json, _profile(options))
         return 0
     if options.training:
-        speeds = measure_training(options)
+        speeds = _measure_training(options)
         say(_training(speeds, options.threads), options.json)
         write_json(options.json, [dataclasses.asdict(speed) for speed in speeds])
         return 0
     with progress("benchmark") as advance:
-        figures = run_benchmarks(options, advance)
+        figures = _measure(options, advance)
     say(_describe(figures), options.json)
     write_json(options.json, dataclasses.asdict(figures))
     return 0
+
+
+def _measure_training(options: BenchOptions) -> list["TrainingSpeed"]:
+    from hugwbc.benchmarks.speed import training_speed  # loads torch
+
+    o = options
+    return [training_speed(count, o.control_steps, o.iterations, o.threads, o.device) for count in o.count]
+
+
+def _measure(options: BenchOptions, advance: Callable[[float], None]) -> BenchFigures:
+    """Run all benchmarks, and call `advance` with the fraction done."""
+    from hugwbc.benchmarks import speed
+    from hugwbc.learned.policy import load_policy
+    from hugwbc.runtime.controllers import load_controller
+
+    training = _measure_training(options)
+    advance(0.2)
+    qp = {gait: speed.qp_speed(command, options.seconds) for gait, command in speed.COMMANDS.items()}
+    advance(0.5)
+    policy = load_policy()
+    episodes = {
+        f"{name}, {activity}": speed.episode_speed(controller, activity, options.seconds)
+        for name, controller in (("qp", load_controller("qp")), ("policy", policy))
+        for activity in speed.ACTIVITIES
+    }
+    policy_tick, ik_tick = speed.policy_tick(policy, options.calls), speed.ik_tick(options.calls)
+    advance(1.0)
+    return BenchFigures(training, qp, episodes, policy_tick, ik_tick, options.threads)
 
 
 def _profile(options: BenchOptions) -> dict[str, dict[str, float]]:

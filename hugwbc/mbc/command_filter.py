@@ -18,7 +18,6 @@ from hugwbc.mbc.reach import (
 )
 from hugwbc.robot import Robot
 
-_NOTABLE = 0.005  # [m], change of h or l from which on it is reported
 _SETTLING_STEPS, _SETTLING_LEAPS = 3, 1  # number after a change of command that the velocity trim ignores
 _HELD, _SLOWEST_HELD = 0.8, 0.08  # share of a velocity that a held robot lacks, from which velocity on [m/s]
 
@@ -93,14 +92,8 @@ class CommandFilter:
         self._rate = [0.0, 0.0, 0.0]
         self._arrived: GaitState | None = None  # gait state for which the last result has stopped changing
 
-    def update(self, command: Command, dt: float, legs: GaitState = _STILL) -> tuple[SmoothCommand, tuple[str, ...]]:
-        """Return the command to follow now, and a report of its changes.
-
-        Args:
-            command: command as given, within its ranges.
-            dt: time since the last call [s].
-            legs: what the robot is doing.
-        """
+    def update(self, command: Command, dt: float, legs: GaitState = _STILL) -> SmoothCommand:
+        """Return the command to follow now."""
         # Most ticks repeat the last command after everything has arrived: their result is kept.
         if command is not self._given:
             self._given = command
@@ -115,11 +108,9 @@ class CommandFilter:
     def _state(self) -> tuple[object, ...]:
         return self._velocity, self._frequency, *self._posture, *self._rate
 
-    def _advance(self, command: Command, dt: float, legs: GaitState) -> tuple[SmoothCommand, tuple[str, ...]]:
-        """Advance by one tick towards a command, and report what is not followed."""
+    def _advance(self, command: Command, dt: float, legs: GaitState) -> SmoothCommand:
+        """Advance by one tick towards a command."""
         gait = command.gait
-        report: tuple[str, ...] = ()
-        stepping = legs.stepping or gait is not Gait.STANDING
         params = self._params
         changing = legs.running not in (Gait.STANDING, gait)
         limiting = legs.running if changing else gait
@@ -127,20 +118,14 @@ class CommandFilter:
         if len(limiting.feet) == 2:
             fastest = fastest_walk(params, command.f, self._robot)
             fastest *= params.jump_speed if limiting.flight else 1.0
-            if abs(wanted[0]) > fastest:
-                report += (f"v_x = {wanted[0]:g} m/s is too fast for the hips at this f: using {fastest:.2f} m/s",)
-                wanted = (math.copysign(fastest, wanted[0]), *wanted[1:])
+            wanted = (min(max(wanted[0], -fastest), fastest), *wanted[1:])
         if limiting.hops:
             # The hip cannot swing the leg far enough across for more.
             outwards = 1.0 if limiting.feet == (0,) else -1.0
-            aside = outwards * max(outwards * wanted[1], -params.hop_inward_speed)
-            if aside != wanted[1]:
-                report += (f"v_y = {wanted[1]:g} m/s is too fast for a leg that crosses over: using {aside:g} m/s",)
-                wanted = (wanted[0], aside, wanted[2])
+            wanted = (wanted[0], outwards * max(outwards * wanted[1], -params.hop_inward_speed), wanted[2])
         speed = math.hypot(wanted[0], wanted[1])
-        if speed > legs.fastest:
+        if speed > legs.fastest:  # on slippery ground
             share = legs.fastest / speed
-            report += (f"the ground is slippery: using {legs.fastest:.2f} m/s instead of {speed:.2f} m/s",)
             wanted = (share * wanted[0], share * wanted[1], share * wanted[2])
         # On three numbers, floats are several times faster than arrays.
         rates, (speed, aside, turn) = params.velocity_rate, self._velocity
@@ -156,10 +141,8 @@ class CommandFilter:
         if not changing or not limiting.flight:
             self._posed = command.h, command.p, command.w
         h, pitch, waist = self._posed
-        if stepping:
-            h, why = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
-            if abs(h - self._posed[0]) > _NOTABLE:
-                report += (f"h = {self._posed[0]:g} m {why}: using {h:.2f} m",)
+        if legs.stepping or gait is not Gait.STANDING:
+            h = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
         leaping = legs.running.flight and not legs.waiting
         self._follow((h, pitch, waist), self._leap_limits[limiting.hops] if leaping else self._limits, dt)
         height = self._posture[0]
@@ -168,17 +151,11 @@ class CommandFilter:
         else:
             apex = highest_clearance(params, height, self._frequency, speed, self._robot)
         apex = min(command.l, apex)
-        if stepping and apex < command.l - _NOTABLE:
-            report += (
-                f"l = {command.l:g} m is more than the leg can lift at this height, f and speed: using {apex:.2f} m",
-            )
         velocity = np.array([speed, aside])
-        return SmoothCommand(
-            gait, velocity, self._velocity[2], self._frequency, apex, *self._posture, *self._rate
-        ), report
+        return SmoothCommand(gait, velocity, turn, self._frequency, apex, *self._posture, *self._rate)
 
-    def _stepping_height(self, h: float, speed: float, f: float, gait: Gait, stray: float) -> tuple[float, str]:
-        """Return the height that is used while the legs move [m], and why it differs from the commanded one.
+    def _stepping_height(self, h: float, speed: float, f: float, gait: Gait, stray: float) -> float:
+        """Return the height that is used while the legs move [m].
 
         Args:
             h: height as commanded [m].
@@ -194,23 +171,19 @@ class CommandFilter:
             lowest_walking_height(params, each, 0.5 / f, self._posture[1], self._robot)
             for each in (speed, speed + stray)
         )
-        wanted, why = h - lowering, "leaves the trailing leg too short at this speed"
-        if gait.hops and wanted > -params.hop_lowering:
-            wanted, why = -params.hop_lowering, "is too high for a leg that leans"
+        wanted = h - lowering  # at this speed the trailing leg would be too short
+        if gait.hops:
+            wanted = min(wanted, -params.hop_lowering)  # a leg that leans is shorter
         if gait.flight:
-            highest = highest_leaping_height(params, self._robot)
-            if wanted > highest:
-                wanted, why = highest, "leaves straight legs nothing to push off with"
+            wanted = min(wanted, highest_leaping_height(params, self._robot))
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
             travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
             least = -params.hop_lowering if gait.hops else -params.jump_lowering
             lowest += travel * max(least - lowest, 0.0)
         if h < lowest:
             # Where the room of the stance leg ends, the trailing leg of a fast walk still needs its lowering.
-            least = lowest if gait.flight else lowest - lowering
-            if wanted < least:
-                wanted, why = least, "leaves the stance leg no room to move"
-        return wanted, why
+            wanted = max(wanted, lowest if gait.flight else lowest - lowering)
+        return wanted
 
     def _follow(self, target: tuple[float, float, float], rates: tuple[tuple[float, float], ...], dt: float) -> None:
         """Move the posture towards a target with bounded rates and bounded accelerations."""
@@ -295,14 +268,7 @@ class VelocityTrim:
 
 
 def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:
-    """Move a value to a target for one tick, with bounded rate and bounded acceleration.
-
-    Args:
-        value: value now.
-        rate: its rate now.
-        target: value to arrive at.
-        limits: largest rate and largest acceleration.
-        dt: duration of the tick [s].
+    """Move a value to a target for one tick; `limits` bound its rate and its acceleration.
 
     Returns:
         The value and its rate after the tick.

@@ -1,17 +1,23 @@
-"""Dynamics of the free-floating H1 at one state: what the tasks and the QP read."""
+"""Dynamics of the free-floating robot at one state, which the tasks and the QP read, and the state after a latency."""
 
+import collections
+import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from hugwbc.kinematics import Kinematics
+from hugwbc import rotations
+from hugwbc.kinematics import Kinematics, in_place
+from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY, RobotState
 
 _SOLE_ENDS = ("heel", "toe")
 _FARTHEST_SHIFT = 0.25  # [m], by which forces on the hands may shift the balance
 _EDGE_ROLL = 0.02  # [rad], roll of the sole from which on only its edge touches
+_LONGEST_AGE = 0.03  # [s], age up to which a prediction is better than the reading
 
 
 class FrameMotion(NamedTuple):
@@ -52,9 +58,8 @@ class Dynamics(Kinematics):
         edge: distance from the sole's centre line at which a rolled foot touches the ground [m]; 0 for the line itself.
     """
 
-    def __init__(self, robot: Robot, model: pin.Model | None = None) -> None:
-        """Use a copy of a robot's model, or another model with the same joints and frames."""
-        super().__init__(robot, model)
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
         self.mass = float(pin.computeTotalMass(self.model))
         self._damping = np.zeros(self.model.nv)
         self._damping[self.columns] = self.robot.damping
@@ -169,3 +174,68 @@ class Dynamics(Kinematics):
             )
             self._frames[name] = motion
         return motion
+
+
+class Predictor:
+    """Carries a late reading to the present by integrating the accelerations that were commanded since.
+
+    Those accelerations contain the contacts that the QP planned, so that only what it did not foresee, such as an
+    impact, is seen late.
+    """
+
+    def __init__(self, kinematics: Kinematics, period: float) -> None:
+        """Set up for a robot model whose commanded accelerations each hold for `period` [s]."""
+        self._model = kinematics.model
+        self._v_joints, self._q_joints = in_place(kinematics.columns), in_place(kinematics.columns + 1)
+        self._period = period
+        self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
+        self._accelerations: collections.deque[np.ndarray] = collections.deque(maxlen=int(_LONGEST_AGE / period) + 1)
+
+    def reset(self) -> None:
+        """Forget all accelerations."""
+        self._accelerations.clear()
+
+    def record(self, acceleration: np.ndarray) -> None:
+        """Note the acceleration commanded for the next period: Pinocchio's dv/dt, shape (nv,)."""
+        self._accelerations.append(acceleration)
+
+    def predict(self, state: RobotState, delay: float = 0.0) -> RobotState:
+        """Return the state `state.age` and a delay later; one that is not old stays as it is.
+
+        Args:
+            state: complete reading, with position and velocity.
+            delay: from now on [s].
+        """
+        age = state.age + delay
+        recorded = len(self._accelerations)
+        # Whole periods before the present, and the part of the period in which the reading was taken.
+        pieces = min(math.ceil(min(age, _LONGEST_AGE) / self._period - 1e-6), recorded)
+        if pieces <= 0:
+            return state
+        assert state.position is not None and state.velocity is not None
+        q, v = self._q, self._v
+        q[:3], q[3:6], q[6] = state.position, state.orientation[1:], state.orientation[0]
+        v[:3], v[3:6] = rotations.rotate_inverse(state.orientation, state.velocity), state.angular_velocity
+        q[self._q_joints], v[self._v_joints] = state.q, state.dq
+        duration = min(min(age, _LONGEST_AGE) - (pieces - 1) * self._period, self._period)
+        way, carried = np.zeros(v.size), 0.0
+        for acceleration in itertools.islice(self._accelerations, recorded - pieces, None):
+            gain = duration * acceleration
+            # The mean velocity of a piece moves the position, so that constant accelerations give exact parabolas. The
+            # axis of the rotation hardly turns within so short a time, so that the pieces may be added up.
+            way += duration * (v + 0.5 * gain)
+            v = v + gain
+            carried += duration
+            duration = self._period
+        q = pin.integrate(self._model, q, way)
+        orientation = q[[6, 3, 4, 5]]
+        return changed(
+            state,
+            q=q[self._q_joints],
+            dq=v[self._v_joints],
+            orientation=orientation,
+            angular_velocity=v[3:6],
+            position=q[:3],
+            velocity=rotations.rotate(orientation, v[:3]),
+            age=age - carried,
+        )

@@ -162,11 +162,6 @@ def plan_step(params: ControllerParams, request: StepRequest, remaining: float) 
 
     with b* of `nominal_offset`. Laterally a line-shaped foot has no authority, so that the step is the only control.
     Sagittally the centre of pressure moves as well, within what the ankle torque allows.
-
-    Args:
-        params: limits and gains.
-        request: step to plan.
-        remaining: time to the end of the step [s].
     """
     pendulum, yaw_rate, swing = request.pendulum, request.yaw_rate, request.swing
     heading, pivot_ahead, step_time = request.heading, request.pivot_ahead, request.step_time

@@ -59,11 +59,7 @@ class Leap:
     # --- stance
 
     def push(self, tick: Tick) -> None:
-        """Plan the forces of the standing feet, again every `mpc_period`, and pass them to the tasks.
-
-        Args:
-            tick: current tick, of a stance or a landing.
-        """
+        """Plan the forces of the standing feet, again every `mpc_period`, and pass them to the tasks."""
         plan, params = self._plan, self._params
         self._age += tick.dt
         # A foot that lands before its time stays down through the stance to come.
@@ -96,11 +92,10 @@ class Leap:
             np.array([0.0, orientation.pitch_rate, orientation.yaw_rate]),
             flight,
         )
-        body = self._body(dynamics, to_heading, -orientation.evaluate(dynamics).error)
+        body = self._body(dynamics, to_heading, -orientation.error(dynamics))
         self._force_plan = self._mpc[len(plan.legs)].solve(body, self._stance(dynamics, to_heading, time_left), target)
         self._swing_momentum = -(to_heading.T @ body.coupling[:, :2] @ target.velocity[:2])
         self.failures += not self._force_plan.solved
-        self.motion.velocity = to_heading.T @ target.velocity
 
     def _body(self, dynamics: Dynamics, to_heading: np.ndarray, tilt: np.ndarray) -> RigidBody:
         """Return the robot as a single body whose leaping legs keep their feet where they are.
@@ -206,10 +201,6 @@ class Leap:
         :math:`p = c + \dot c\, t + \dot c\, T / 2 + k (\dot c - \dot c_d)`, with t the time to the landing and T the
         duration of the stance. The last term slows down a robot that is too fast (the foot placement of Raibert, Legged
         Robots That Balance, 1986).
-
-        Args:
-            tick: current tick, of a flight.
-            foot: 0 for left, 1 for right.
         """
         params, plan, yaw = self._params, self._plan, self._references.yaw
         dynamics, command = tick.dynamics, tick.command

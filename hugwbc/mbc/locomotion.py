@@ -48,6 +48,7 @@ class Locomotion:
         self._walking = Walking(params, self.plan, self.references, self.ground)
         self._leap = Leap(params, self.plan, self.references, self._robot)
         self._trim = VelocityTrim(params)
+        self.footholds = np.full((2, 2), np.nan)
         self.momentum = AngularMomentumTask(params)
         self.stance = tuple(StanceContactTask(params, side, robot) for side in SIDES)
         self.swing = tuple(SwingFootTask(params, side, robot) for side in SIDES)
@@ -59,7 +60,7 @@ class Locomotion:
 
     def _make_free_leg(self, foot: int) -> PostureTask:
         params, robot = self._params, self._robot
-        task = PostureTask(f"{SIDES[foot]} free leg", robot.legs.reshape(len(SIDES), -1)[foot], 10.0)
+        task = PostureTask(robot.legs.reshape(len(SIDES), -1)[foot], 10.0)
         task.target[:] = robot.leg_postures["tucked"]
         task.stiffness[:], task.damping[:] = params.free_leg_gains
         task.weight[:] = params.free_leg_weight
@@ -71,7 +72,7 @@ class Locomotion:
             part.reset()
         self.references.reset(dynamics)
         self.contact = np.ones(2, dtype=bool)
-        self.footholds = np.full((2, 2), np.nan)
+        self.footholds[:] = np.nan
         self._position = dynamics.frame(dynamics.robot.base).position
         self._excess = 0.0
 
@@ -92,13 +93,7 @@ class Locomotion:
         return tasks
 
     def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
-        """Advance the plan by one tick and set every target.
-
-        Args:
-            dynamics: robot model at the current state.
-            command: command to follow.
-            dt: time since the last tick [s].
-        """
+        """Advance the plan by one tick and set every target."""
         plan, standing = self.plan, self._standing
         self.footholds[:] = np.nan
         standing.catching = max(standing.catching - dt, 0.0)

@@ -46,9 +46,6 @@ def friction_pyramid(friction: float) -> np.ndarray:
 
     Dividing by the square root of 2 puts the pyramid's edges on the cone, so that a force on them does not slip either.
 
-    Args:
-        friction: friction coefficient of the cone.
-
     Returns:
         Four rows, shape (4, 3); a force is inside the pyramid if none of its products with them is above 0.
     """
@@ -69,14 +66,12 @@ class QpSolution(NamedTuple):
 
     Attributes:
         status: whether they can be used.
-        iterations: iterations of the solver.
         acceleration: dv/dt in the order of the dynamics, shape (nv,).
         forces: forces of the ground on `CONTACT_POINTS`, world axes [N], shape (4, 3).
         torque: joint torques in the robot's joint order [N*m], shape (n,).
     """
 
     status: QpStatus
-    iterations: int
     acceleration: np.ndarray
     forces: np.ndarray
     torque: np.ndarray
@@ -196,14 +191,13 @@ class WholeBodyQp:
         self._fill_dynamics(dynamics)
         self._fill_joint_limits(dynamics)
         status = QpStatus.SOLVED
-        solved, x, iterations = self._run()
+        solved, x = self._run()
         if not solved:
             status = QpStatus.RELAXED
             # A failed solve leaves a useless warm start: start cold.
             self._joints_low[:], self._joints_high[:] = -_INFINITY, _INFINITY
             self.reset()
-            solved, x, more = self._run()
-            iterations += more
+            solved, x = self._run()
         # Multiplied by the solution, the equation of motion gives the torques without the bias.
         nv = self._nv
         torque = (self._motion.dot(x) + dynamics.bias)[self._columns]
@@ -212,11 +206,11 @@ class WholeBodyQp:
             status = QpStatus.FAILED
         forces = x[nv:].reshape(-1, 3)
         forces *= contact[:, None]  # in the air they are zero up to the solver's tolerance
-        return QpSolution(status, iterations, x[:nv], forces, torque)
+        return QpSolution(status, x[:nv], forces, torque)
 
     def _fill_cost(self, terms: Sequence[TaskTerms], planned: np.ndarray | None) -> None:
         """Fill H = J^T W J + regularisation and g = J^T W (drift - acceleration) from all tasks at once."""
-        jacobians, drifts, accelerations, weights, _ = zip(*terms, strict=True)
+        jacobians, drifts, accelerations, weights = zip(*terms, strict=True)
         jacobian = np.concatenate(jacobians)
         # One concatenation of many small arrays takes hardly longer than one of a third as many.
         drift, acceleration, weight = np.concatenate((*drifts, *accelerations, *weights)).reshape(3, -1)
@@ -292,8 +286,8 @@ class WholeBodyQp:
         """H, g, A, b, C, the bounds of C x (lower, upper) and those of x (lower, upper), as last solved."""
         return self._H, self._g, self._A, self._b, self._C, self._low, self._high, self._box_low, self._box_high
 
-    def _run(self) -> tuple[bool, np.ndarray, int]:
-        """Solve, and return whether that succeeded, the solution and the number of iterations."""
+    def _run(self) -> tuple[bool, np.ndarray]:
+        """Solve, and return whether that succeeded and the solution."""
         solver = self._solver
         if self._started:
             solver.update(*self.problem, False)
@@ -302,5 +296,5 @@ class WholeBodyQp:
             self._started = True
         solver.solve()
         results = solver.results
-        x, info = np.array(results.x), results.info
-        return info.status == proxqp.PROXQP_SOLVED and math.isfinite(x.dot(x)), x, int(info.iter)
+        x = np.array(results.x)
+        return results.info.status == proxqp.PROXQP_SOLVED and math.isfinite(x.dot(x)), x

@@ -1,4 +1,9 @@
-"""Limits of the legs by joint range (inverse kinematics of a squat with level soles) and by torque."""
+"""Limits of the legs by joint range (inverse kinematics of a squat with level soles) and by torque.
+
+Of the arguments, h is the height of the pelvis above the nominal one [m], in a leap at take-off, p its pitch [rad],
+f the stride frequency [Hz], and speed that along the heading [m/s]. The parameters give margins, and the robot what its
+legs can do.
+"""
 
 import bisect
 import functools
@@ -26,15 +31,7 @@ def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> floa
 
 
 def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool, robot: Robot) -> float:
-    """Return the nominal centre of pressure, and of mass when standing, forward of the ankle [m].
-
-    Args:
-        params: margins.
-        h: pelvis height above nominal [m].
-        p: pelvis pitch [rad].
-        walking: whether the margin of walking holds instead of that of standing.
-        robot: gives what the ankles allow.
-    """
+    """Return the nominal centre of pressure, and of mass when standing, forward of the ankle [m]."""
     foremost = _interpolate(h, robot.squat_heights, robot.squat_reach) + robot.squat_reach_per_pitch * p
     return min(params.balance_ahead, foremost - params.balance_margin[walking])
 
@@ -52,13 +49,6 @@ def lowest_walking_height(params: ControllerParams, speed: float, step_time: flo
     """Return the lowest h at which the stance ankle still lets the body pass over a level foot [m].
 
     The centre of mass travels half a step to either side of the pivot, and a squat leaves no room for that.
-
-    Args:
-        params: margins.
-        speed: speed along the heading [m/s].
-        step_time: duration of a step [s].
-        p: pelvis pitch [rad].
-        robot: gives what the ankles allow.
     """
     # Backwards the landing foot is behind the body, where the shank leans most.
     stride = 0.5 * step_time * speed if speed > 0.0 else -(0.5 * step_time + params.backward_room) * speed
@@ -71,13 +61,6 @@ def highest_clearance(params: ControllerParams, h: float, f: float, speed: float
 
     Knee and ankle bound the apex by the height of the pelvis, the hips by their torque (`highest_lift`). The reaction
     of the swing, which grows with l f^2, bounds it by the frequency. A fast walk leaves less of all.
-
-    Args:
-        params: bounds.
-        h: pelvis height above nominal [m].
-        f: stride frequency [Hz].
-        speed: speed along the heading [m/s].
-        robot: gives torque, geometry and inertia of the legs.
     """
     excess = max(abs(speed) - params.clearance_speed, 0.0)
     reach = highest_swing(robot) - params.clearance_reserve + h - params.clearance_per_speed * excess
@@ -91,11 +74,6 @@ def fastest_walk(params: ControllerParams, f: float, robot: Robot) -> float:
     A foot travels 2 v T in a step of T = 1 / (2 f), so that its acceleration peaks at :math:`a\, 4 v f` with the factor
     a of `hugwbc.mbc.swing`. For a leg of length L with the inertia I about the hip that takes the torque
     :math:`4 a v f I / L`.
-
-    Args:
-        params: share of the hips' torque.
-        f: stride frequency [Hz].
-        robot: gives torque, length and inertia of the legs.
     """
     torque = params.swing_torque * params.torque_fraction * float(robot.torque_limit[robot.pair("hip_pitch")[0]])
     return torque * robot.leg_length / (4.0 * PEAK * f * _leg(robot).swung)
@@ -113,13 +91,6 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot, *, 
     from rest to rest. The hip carries the reaction of the knee's drive besides its own inertia and is the first joint
     at its limit: its torque per :math:`\ddot k` comes from the mass matrix and hardly depends on k. What it takes to
     swing the leg along the ground (`fastest_walk`) leaves less for the lift.
-
-    Args:
-        params: share of the hips' torque.
-        h: pelvis height above nominal [m].
-        f: stride frequency [Hz].
-        robot: gives torque, geometry and inertia of the legs.
-        speed: speed along the heading [m/s].
     """
     leg, straight = _leg(robot), robot.leg_length
     swings = params.swing_torque * abs(speed) / fastest_walk(params, f, robot)
@@ -165,21 +136,12 @@ def leap_rise(f: float) -> float:
     """Return the rise of the body in the flight of a leap and its sinking in the stance [m].
 
     A flight of duration T = 1 / (2 f) rises by g T^2 / 8.
-
-    Args:
-        f: stride frequency [Hz].
     """
     return GRAVITY / (32.0 * f**2)
 
 
 def lowest_leaping_height(params: ControllerParams, f: float, legs: int) -> float:
-    """Return the lowest h at take-off that leaves room to sink in the stance of a leap [m].
-
-    Args:
-        params: depths at the bottom of the stance.
-        f: stride frequency [Hz].
-        legs: number of legs that leap, 1 or 2.
-    """
+    """Return the lowest h at take-off that leaves room to sink in the stance of a leap of one or two legs [m]."""
     return (params.hop_depth if legs == 1 else params.leap_depth) + leap_rise(f)
 
 
@@ -192,12 +154,6 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float, robot: 
     """Return the highest apex of the feet in a leap [m].
 
     The feet rise with the body and cannot be drawn in further than in a walk.
-
-    Args:
-        params: bounds.
-        h: pelvis height above nominal at take-off [m].
-        f: stride frequency [Hz].
-        robot: gives the reach of the legs.
     """
     rise = leap_rise(f)
     reach = highest_swing(robot) - params.clearance_reserve + h
@@ -207,10 +163,6 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float, robot: 
 def toe_down(shank_pitch: float, shank_rate: float, slope: float, robot: Robot) -> float:
     """Return the pitch of a lifted sole [rad]: that of the ground, until the ankle's range forces the toe down.
 
-    Args:
-        shank_pitch: lean of the shank, forward positive [rad].
-        shank_rate: rate of the lean [rad/s].
-        slope: slope of the ground, positive with the toe down [rad].
-        robot: gives the range of the ankle.
+    The lean of the shank [rad] and its rate [rad/s] are positive forwards, the slope is with the toe down [rad].
     """
     return max(shank_pitch + _LEAD * shank_rate - robot.level_shank, slope)

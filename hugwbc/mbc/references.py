@@ -72,13 +72,7 @@ class References:
         self.to_heading = rotations.rotation_z(-yaw)[:2, :2]
 
     def update(self, dynamics: Dynamics, command: SmoothCommand, dt: float) -> None:
-        """Follow the robot and the command for one tick.
-
-        Args:
-            dynamics: robot model at the current state.
-            command: command to follow.
-            dt: time since the last tick [s].
-        """
+        """Follow the robot and the command for one tick."""
         plan = self._plan
         self.ground += (self._below(dynamics) - self.ground) * min(dt / _GROUND_TIME, 1.0)
         moving = plan.mode in (Mode.WALKING, Mode.LEAPING)

@@ -158,11 +158,6 @@ class RigidBodyMpc:
     def solve(self, body: RigidBody, stance: Stance, target: TakeOff) -> ForcePlan:
         """Plan the forces from now on.
 
-        Args:
-            body: robot at this moment.
-            stance: where and for how long the ground can push.
-            target: where the stance should lead.
-
         Returns:
             The plan; if it is not `solved`, its forces are those of a quiet stand.
         """

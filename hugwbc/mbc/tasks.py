@@ -31,27 +31,16 @@ class TaskTerms(NamedTuple):
         drift: rate of the task velocity at dv/dt = 0, shape (k,).
         acceleration: desired rate of the task velocity, shape (k,).
         weight: cost per squared acceleration error, shape (k,).
-        error: desired minus actual value, in the unit of the task, shape (k,).
     """
 
     jacobian: np.ndarray
     drift: np.ndarray
     acceleration: np.ndarray
     weight: np.ndarray
-    error: np.ndarray
 
 
 class Task(Protocol):
-    """A quantity that the controller drives to a target.
-
-    Attributes:
-        name: label in the diagnostics.
-        unit: unit of the error. The rate of an error of position is minus jacobian v; that of one of velocity ("/s") is
-            minus (jacobian dv/dt + drift).
-    """
-
-    name: str
-    unit: str
+    """A quantity that the controller drives to a target."""
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Return the rows at the state that `dynamics` was last updated with."""
@@ -77,9 +66,6 @@ class CentreOfMassTask:
         servo: 1 for an axis that is pulled to the target, 0 for one that only follows the feed-forward, shape (2,).
     """
 
-    name = "centre of mass"
-    unit = "m"
-
     def __init__(self, params: ControllerParams) -> None:
         self.target = np.zeros(2)
         self.heading = 0.0
@@ -99,7 +85,6 @@ class CentreOfMassTask:
             to_heading.dot(dynamics.com_drift[:2]),
             self.feedforward + self.servo * servo,
             self._weight,
-            error,
         )
 
 
@@ -112,27 +97,16 @@ class CentreOfMassMotionTask:
     solved many times during a stance.
 
     Attributes:
-        velocity: velocity planned for take-off, used only in the reported error, world axes [m/s], shape (3,).
         feedforward: planned acceleration, world axes [m/s^2], shape (3,).
     """
 
-    name = "motion of the centre of mass"
-    unit = "m/s"
-
     def __init__(self, params: ControllerParams) -> None:
-        self.velocity = np.zeros(3)
         self.feedforward = np.zeros(3)
         self._weight = np.array(params.motion_weight)
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Return three rows: along the world's x, y and z."""
-        return TaskTerms(
-            dynamics.com_jacobian,
-            dynamics.com_drift,
-            self.feedforward,
-            self._weight,
-            self.velocity - dynamics.com_velocity,
-        )
+        return TaskTerms(dynamics.com_jacobian, dynamics.com_drift, self.feedforward, self._weight)
 
 
 class AngularMomentumTask:
@@ -145,9 +119,6 @@ class AngularMomentumTask:
     Attributes:
         planned: :math:`\dot k_{ff}`, world axes [N m], shape (3,); None without a plan.
     """
-
-    name = "angular momentum"
-    unit = "kg m^2/s"
 
     def __init__(self, params: ControllerParams) -> None:
         self.planned: np.ndarray | None = None
@@ -162,7 +133,6 @@ class AngularMomentumTask:
             dynamics.momentum_drift,
             -self._damping * dynamics.momentum if self.planned is None else self.planned,
             self._weight if self.planned is None else self._planned_weight,
-            -dynamics.momentum,
         )
 
 
@@ -181,9 +151,6 @@ class PelvisHeightTask:
         rate: its rate [m/s].
     """
 
-    name = "pelvis height"
-    unit = "m"
-
     def __init__(self, params: ControllerParams) -> None:
         self.target = 0.0
         self.rate = 0.0
@@ -194,11 +161,8 @@ class PelvisHeightTask:
         """Return one row, along the world's z."""
         pelvis = dynamics.frame(dynamics.robot.base)
         kp, kd = self._gains
-        error = self.target - pelvis.position[2]
-        acceleration = kp * error + kd * (self.rate - pelvis.velocity[2])
-        return TaskTerms(
-            pelvis.jacobian[2:3], pelvis.drift[2:3], np.array([acceleration]), self._weight, np.array([error])
-        )
+        acceleration = kp * (self.target - pelvis.position[2]) + kd * (self.rate - pelvis.velocity[2])
+        return TaskTerms(pelvis.jacobian[2:3], pelvis.drift[2:3], np.array([acceleration]), self._weight)
 
 
 class PelvisOrientationTask:
@@ -214,9 +178,6 @@ class PelvisOrientationTask:
         weight: weights of the three rows, shape (3,).
     """
 
-    name = "pelvis orientation"
-    unit = "rad"
-
     def __init__(self, params: ControllerParams) -> None:
         self.yaw = 0.0
         self.pitch = 0.0
@@ -225,18 +186,23 @@ class PelvisOrientationTask:
         self._gains = params.orientation_gains
         self.weight = np.array(params.orientation_weight)
 
+    def error(self, dynamics: Dynamics) -> np.ndarray:
+        """Return the rotation that is lacking: roll, pitch and yaw in the heading frame [rad], shape (3,)."""
+        rotation = dynamics.frame(dynamics.robot.base).rotation
+        # R log(R^T R_d) equals log(R_d R^T), which saves a product.
+        turn = pin.log3(rotations.rotation_zy(self.yaw, self.pitch).dot(rotation.T))
+        return rotations.rotation_z(-self.yaw).dot(turn)
+
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
         """Return three rows: roll, pitch and yaw in the heading frame."""
         pelvis = dynamics.frame(dynamics.robot.base)
         to_heading = rotations.rotation_z(-self.yaw)
         kp, kd = self._gains
-        # R log(R^T R_d) equals log(R_d R^T), which saves a product.
-        error = to_heading.dot(pin.log3(rotations.rotation_zy(self.yaw, self.pitch).dot(pelvis.rotation.T)))
-        acceleration = kp * error - kd * to_heading.dot(pelvis.velocity[3:])
+        acceleration = kp * self.error(dynamics) - kd * to_heading.dot(pelvis.velocity[3:])
         acceleration[1] += kd * self.pitch_rate
         acceleration[2] += kd * self.yaw_rate
         return TaskTerms(
-            to_heading.dot(pelvis.jacobian[3:]), to_heading.dot(pelvis.drift[3:]), acceleration, self.weight, error
+            to_heading.dot(pelvis.jacobian[3:]), to_heading.dot(pelvis.drift[3:]), acceleration, self.weight
         )
 
 
@@ -251,16 +217,11 @@ class PelvisTravelTask:
 
     Attributes:
         heading: direction of the row [rad].
-        speed: commanded velocity along it [m/s], used only in the reported error.
         feedforward: acceleration of the pendulum [m/s^2].
     """
 
-    name = "pelvis travel"
-    unit = "m/s"
-
     def __init__(self, params: ControllerParams) -> None:
         self.heading = 0.0
-        self.speed = 0.0
         self.feedforward = 0.0
         self._weight = np.array([params.travel_weight])
 
@@ -268,13 +229,11 @@ class PelvisTravelTask:
         """Return one row, along the heading."""
         pelvis = dynamics.frame(dynamics.robot.base)
         forward = np.array([[math.cos(self.heading), math.sin(self.heading)]])
-        error = self.speed - float(forward[0].dot(pelvis.velocity[:2]))
         return TaskTerms(
             forward.dot(pelvis.jacobian[:2]),
             forward.dot(pelvis.drift[:2]),
             np.array([self.feedforward]),
             self._weight,
-            np.array([error]),
         )
 
 
@@ -322,10 +281,7 @@ class StanceContactTask:
         settle: downward speed of a foot that should stand but is still above the ground [m/s].
     """
 
-    unit = "m/s, rad/s"
-
     def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:
-        self.name = f"{side} stance contact"
         self._axes = foot_axes(robot)
         self.slope = 0.0
         self.settle = 0.0
@@ -345,7 +301,7 @@ class StanceContactTask:
         acceleration[-2] += self._pitch_stiffness * (self.slope - slope)
         if not self._axes.start:
             acceleration[3] -= self._pitch_stiffness * math.asin(min(max(float(foot.rotation[2, 1]), -1.0), 1.0))
-        return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self._weight, error)
+        return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self._weight)
 
 
 def swing_weights(of_rows: Sequence[float], robot: Robot) -> np.ndarray:
@@ -368,10 +324,7 @@ class SwingFootTask:
         weight: weights of the rows, shape (5,) or (6,).
     """
 
-    unit = "m, rad"
-
     def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:
-        self.name = f"{side} swing foot"
         self._axes = foot_axes(robot)
         self.position = np.zeros(3)
         self.velocity = np.zeros(3)
@@ -391,7 +344,7 @@ class SwingFootTask:
         error = np.concatenate((self.position - foot.position, turn[self._axes]))
         acceleration = self._stiffness * error - self._damping * rows.dot(foot.velocity)
         acceleration[:3] += self.acceleration + self._damping[:3] * self.velocity
-        return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self.weight, error)
+        return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self.weight)
 
 
 # --- joints
@@ -412,17 +365,13 @@ class PostureTask:
         closing: speed that the last `evaluate` wanted [rad/s], shape (k,).
     """
 
-    unit = "rad"
-
-    def __init__(self, name: str, joints: np.ndarray, speed: float) -> None:
+    def __init__(self, joints: np.ndarray, speed: float) -> None:
         """Create a task for some joints.
 
         Args:
-            name: label in the diagnostics.
             joints: indices into the robot's joint vectors, shape (k,).
             speed: bound on the closing speed [rad/s].
         """
-        self.name = name
         self.target = np.zeros(joints.size)
         self.rate = np.zeros(joints.size)
         self.acceleration = np.zeros(joints.size)
@@ -446,4 +395,4 @@ class PostureTask:
         wanted = self.rate + self.stiffness / self.damping * error
         self.closing = np.minimum(np.maximum(wanted, -self.speed), self.speed)
         acceleration = self.acceleration + self.damping * (self.closing - dynamics.v[self._in_v])
-        return TaskTerms(self._jacobian, self._drift, acceleration, self.weight, error)
+        return TaskTerms(self._jacobian, self._drift, acceleration, self.weight)

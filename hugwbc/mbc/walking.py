@@ -55,10 +55,6 @@ class Walking:
     def update(self, tick: Tick, task: SwingFootTask) -> np.ndarray:
         """Set the targets of the swing foot and of the pelvis's travel.
 
-        Args:
-            tick: current tick.
-            task: task of the swing foot.
-
         Returns:
             Place where the centre of the swinging sole should land, world x and y [m], shape (2,).
         """
@@ -99,7 +95,7 @@ class Walking:
         task.acceleration = self.trajectory.acceleration
         task.yaw = landing_yaw
         task.pitch = feet.swing_pitch(dynamics, swing, references.to_heading, ground.slope_along(landing_yaw))
-        self.travel.heading, self.travel.speed = references.yaw, float(command.velocity[0])
+        self.travel.heading = references.yaw
         # The pelvis accelerates as the pendulum does over the planned centre of pressure: c'' = omega^2 (c - p).
         self.travel.feedforward = pendulum.omega**2 * float(references.to_heading[0].dot(pendulum.com - step.cop))
         return foothold

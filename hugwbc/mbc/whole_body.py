@@ -12,15 +12,13 @@ from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
-from hugwbc.mbc.dynamics import Dynamics
-from hugwbc.mbc.feet import SOLES
+from hugwbc.mbc.dynamics import Dynamics, Predictor
+from hugwbc.mbc.feet import SOLES, SlipWatch
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.hand_load import HandLoad
 from hugwbc.mbc.locomotion import Locomotion
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
-from hugwbc.mbc.slip import SlipWatch
-from hugwbc.mbc.state_completion import LegOdometry, Predictor
 from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
@@ -38,58 +36,40 @@ class Output(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TaskError:
-    """Desired minus actual value of one task, with its unit."""
-
-    value: np.ndarray
-    unit: str
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
 class Diagnostics:
     """State of the controller after a tick.
 
     Attributes:
         output: where the joint command came from.
         status: outcome of the QP.
-        iterations: iterations of the QP solver.
         mode: mode of the gait plan.
         swing: side of the swinging foot of a walk, or None.
         contact_forces: force of the ground by contact point, world axes [N], each of shape (3,).
-        task_errors: error by task name.
-        next_foothold: where the centre of the sole in the air should land, world x and y [m], shape (2,); None if no
-            foot or both are in the air. The controller's `footholds` has both.
         fallbacks: number of ticks since the reset whose command did not come from a solution.
         relaxed: number of ticks since the reset in which the joint limits had to be dropped.
         out_of_reach: number of ticks since the reset in which the foothold of a walk was further away than a step.
         failed_plans: number of force plans since the reset that were not solved; the feet pushed evenly instead.
         friction: coefficient that the contact forces may use; less than usual after a slip.
-        report: what was not followed in the command.
     """
 
     output: Output = Output.DAMPING
     status: QpStatus = QpStatus.FAILED
-    iterations: int = 0
     mode: Mode = Mode.STANDING
     swing: str | None = None
     contact_forces: dict[str, np.ndarray] = dataclasses.field(
         default_factory=lambda: {name: np.zeros(3) for name in CONTACT_POINTS}
     )
-    task_errors: dict[str, TaskError] = dataclasses.field(default_factory=dict)
-    next_foothold: np.ndarray | None = None
     fallbacks: int = 0
     relaxed: int = 0
     out_of_reach: int = 0
     failed_plans: int = 0
     friction: float = math.nan
-    report: tuple[str, ...] = ()
 
 
 class WholeBodyController:
     """Walks, leaps and stands by inverse dynamics: the controller `qp`.
 
-    A state without position or velocity is completed from the legs (`LegOdometry`), a late one is carried to the
-    present (`Predictor`).
+    A late state is carried to the present (`Predictor`).
 
     Attributes:
         name: "qp".
@@ -100,14 +80,7 @@ class WholeBodyController:
 
     name = "qp"
 
-    def __init__(
-        self,
-        robot: Robot,
-        params: ControllerParams | None = None,
-        *,
-        period: float = 0.004,
-        dynamics: Dynamics | None = None,
-    ) -> None:
+    def __init__(self, robot: Robot, params: ControllerParams | None = None, *, period: float = 0.004) -> None:
         """Set up the controller.
 
         Args:
@@ -115,13 +88,12 @@ class WholeBodyController:
             params: gains, weights and limits of an H1, which a robot of another size gets in its own; None for the
                 defaults.
             period: time between two calls of `act` [s]: 0.002 to 0.01, or 0.02 with reduced tracking.
-            dynamics: robot model; None for that of `robot`.
         """
         if not 0.0 < period < math.inf:
             raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
         self.params = (params or ControllerParams()).of_size(robot)
         self.period = period
-        self.dynamics = dynamics or Dynamics(robot)
+        self.dynamics = Dynamics(robot)
         self._robot = robot
         self._nominal_arms = self._robot.nominal[self._robot.arms]
         self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
@@ -134,20 +106,19 @@ class WholeBodyController:
             gains.setflags(write=False)
         self._filter = CommandFilter(self.params, self._robot)
         self._locomotion = Locomotion(self.params, self._robot)
-        self._odometry = LegOdometry(self._robot)
         self._columns = in_place(self.dynamics.columns)
         arms = self.dynamics.columns[self._robot.arms]
         self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
         self._delay = self._robot.command_delay
-        self._waist = PostureTask("waist", np.array([self._robot.waist]), 10.0)
+        self._waist = PostureTask(np.array([self._robot.waist]), 10.0)
         self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
         self._waist.weight[:] = self.params.waist_weight
-        self._still = PostureTask("held joints", held, 10.0)
+        self._still = PostureTask(held, 10.0)
         self._still.target[:] = robot.nominal[held]
         self._still.stiffness[:], self._still.damping[:] = self.params.waist_gains
         self._still.weight[:] = self.params.held_weight
-        self._arms = PostureTask("arms", self._robot.arms, self.params.takeover_speed)
+        self._arms = PostureTask(self._robot.arms, self.params.takeover_speed)
         self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
         self._slip = SlipWatch(self.params.friction, robot.weight)
@@ -158,7 +129,6 @@ class WholeBodyController:
         self._relaxed = 0
         self._held = 0
         self._last: JointCommand | None = None
-        self._started = False
         self._outcome: _Outcome | None = None
         self._waist.rate[0] = 0.0
         self._hand_load.reset()
@@ -183,29 +153,28 @@ class WholeBodyController:
     @property
     def footholds(self) -> np.ndarray:
         """Where the soles of the feet in the air should land, world x and y [m], shape (2, 2); NaN for the others."""
-        return self._locomotion.footholds.copy() if self._started else np.full((2, 2), np.nan)
+        return self._locomotion.footholds.copy()
 
     @property
     def planned_acceleration(self) -> np.ndarray | None:
         """Joint accelerations that the last command should cause [rad/s^2], shape (n,); None for a fallback."""
         outcome = self._outcome
-        if outcome is None or outcome.solution is None or outcome.output is not Output.SOLUTION:
+        if outcome is None or outcome.output is not Output.SOLUTION:
             return None
         return outcome.solution.acceleration[self._columns]
 
     def reset(self, state: RobotState) -> None:
-        """Forget the past and start from this state, standing.
-
-        Args:
-            state: state to start from.
-        """
+        """Forget the past and start from this state, which has position and velocity, standing."""
+        if state.position is None or state.velocity is None:
+            raise ConfigError(
+                "qp needs the position and the velocity of the pelvis, which this state lacks; complete it with a "
+                "hugwbc.runtime.StateEstimator"
+            )
         self._clear()
         self._qp.reset()
         self._slip.reset()
         self._locomotion.plan.reset()
-        self._odometry.reset()
         self._predictor.reset()
-        state = self._odometry.complete(state, np.ones(2, dtype=bool), 0.0)
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
         ground = min(self.dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
@@ -213,7 +182,6 @@ class WholeBodyController:
         height = float(pelvis.position[2] - ground - self._robot.nominal_height)
         pitch = float(np.arcsin(np.clip(-pelvis.rotation[2, 0], -1.0, 1.0)))
         self._filter.reset(height, pitch, float(state.q[self._robot.waist]))
-        self._started = True
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the joint command for the next period.
@@ -222,11 +190,10 @@ class WholeBodyController:
         both.
 
         Args:
-            state: measured or estimated state; position, velocity and foot forces may be missing.
+            state: measured or estimated state, with position and velocity; foot forces may be missing.
             command: command to follow, within its ranges.
             upper_body: targets of the arm joints under external control, within the joints' ranges.
         """
-        state = self._odometry.complete(state, self._locomotion.contact, self.period)
         assert state.position is not None and state.velocity is not None
         self._locomotion.follow_jumps(state.position, state.velocity, self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
@@ -236,7 +203,7 @@ class WholeBodyController:
         self.dynamics.hand_force = self._hand_load.force
         self.dynamics.update(state)
         self._watch_slips(state)
-        smooth, report = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
+        smooth = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
         self._set_posture(smooth, upper_body)
         still = [self._still] if self._robot.held.size else []
@@ -247,13 +214,13 @@ class WholeBodyController:
         points = self._locomotion.contact_points(self.dynamics)
         solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.planned_forces)
         if solution.status is QpStatus.FAILED:
-            return self._fall_back(solution, report)
+            return self._fall_back(solution)
         self._relaxed += solution.status is QpStatus.RELAXED
         self._held = 0
         # The next reading may be older than this command: the predictor has to know what happened in between.
         self._predictor.record(solution.acceleration)
         self._last = self._joint_command(state, solution)
-        self._outcome = _Outcome(Output.SOLUTION, solution, report, tasks, terms)
+        self._outcome = _Outcome(Output.SOLUTION, solution)
         return self._last
 
     def _watch_slips(self, state: RobotState) -> None:
@@ -335,15 +302,15 @@ class WholeBodyController:
             tau=np.minimum(np.maximum(solution.torque + friction, self._lowest_torque), self._highest_torque),
         )
 
-    def _fall_back(self, solution: QpSolution, report: tuple[str, ...]) -> JointCommand:
+    def _fall_back(self, solution: QpSolution) -> JointCommand:
         """Return the last good command for up to `hold_time`, then one that only damps the joints."""
         self._fallbacks += 1
         self._held += 1
         self._predictor.record(np.zeros(self.dynamics.nv))  # what a fallback causes is not known
         if self._last is not None and self._held * self.period <= self.params.hold_time:
-            self._outcome = _Outcome(Output.HELD, solution, report, [], [])
+            self._outcome = _Outcome(Output.HELD, solution)
             return self._last
-        self._outcome = _Outcome(Output.DAMPING, solution, report, [], [])
+        self._outcome = _Outcome(Output.DAMPING, solution)
         zero = np.zeros_like(self._robot.kp)
         return JointCommand(
             q=self._robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self._robot.kd.copy(), tau=zero.copy()
@@ -354,25 +321,21 @@ class WholeBodyController:
         """State after the last tick, assembled when it is read."""
         if self._outcome is None:
             return Diagnostics()
-        output, solution, report, tasks, terms = self._outcome
+        output, solution = self._outcome
         plan = self._locomotion.plan
-        solved = solution is not None and solution.status is not QpStatus.FAILED
-        forces = solution.forces if solution is not None and solved else np.zeros((len(CONTACT_POINTS), 3))
+        solved = solution.status is not QpStatus.FAILED
+        forces = solution.forces if solved else np.zeros((len(CONTACT_POINTS), 3))
         return Diagnostics(
             output=output,
-            status=QpStatus.FAILED if solution is None else solution.status,
-            iterations=0 if solution is None else solution.iterations,
+            status=solution.status,
             mode=plan.mode,
             swing=None if plan.swing is None else SIDES[plan.swing],
             contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
-            task_errors={task.name: TaskError(t.error, task.unit) for task, t in zip(tasks, terms, strict=True)},
-            next_foothold=self._locomotion.foothold if self._started else None,
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
-            out_of_reach=self._locomotion.out_of_reach if self._started else 0,
-            failed_plans=self._locomotion.failed_plans if self._started else 0,
+            out_of_reach=self._locomotion.out_of_reach,
+            failed_plans=self._locomotion.failed_plans,
             friction=self._slip.friction,
-            report=report,
         )
 
 
@@ -380,7 +343,4 @@ class _Outcome(NamedTuple):
     """Results of a tick, from which `diagnostics` is assembled only when it is read."""
 
     output: Output
-    solution: QpSolution | None
-    report: tuple[str, ...]
-    tasks: list[Task]
-    terms: list[TaskTerms]
+    solution: QpSolution

@@ -45,13 +45,7 @@ class ArmDrive:
         self._payload.reset()
 
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
-        """Return arm targets with the gains and the feed-forward torque of the servo.
-
-        Args:
-            upper_body: targets as the source gives them.
-            state: the robot now; the servo waits for a usable one.
-            dt: the period [s].
-        """
+        """Return arm targets with the gains and the feed-forward torque of the servo."""
         upper_body = self._admitted(upper_body)
         if not upper_body.indicator:
             self._wrench = FREE
@@ -165,13 +159,7 @@ class Handover:
         self._elapsed = HANDOVER_TIME
 
     def __call__(self, command: JointCommand, upper_body: UpperBody, dt: float) -> JointCommand:
-        """Return the command without a jump of the arms where `upper_body` takes or releases them.
-
-        Args:
-            command: the joint command, finite and within the limits.
-            upper_body: the external control that the controller was given.
-            dt: time since the last call [s].
-        """
+        """Return the command without a jump of the arms where `upper_body` takes or releases them."""
         changes = self._last is not None and self._taken is not upper_body.indicator
         self._taken = upper_body.indicator
         if changes or self._elapsed < HANDOVER_TIME:

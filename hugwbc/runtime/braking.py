@@ -50,13 +50,7 @@ class Braking:
         self._at_rest = 0.0  # [s] since the commanded velocity is 0
 
     def __call__(self, command: Command, state: RobotState, dt: float) -> Command:
-        """Return the command for the next period.
-
-        Args:
-            command: within the ranges of its gait.
-            state: the robot now.
-            dt: the period [s].
-        """
+        """Return the command for the next period."""
         if self._last.gait is Gait.STANDING:
             self._stood += dt
             self.active = command.gait is not Gait.STANDING and self._stood < PAUSE

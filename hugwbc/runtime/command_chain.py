@@ -92,13 +92,7 @@ class CommandChain:
         self._asked: Command | None = None
 
     def __call__(self, command: Command, state: RobotState, dt: float) -> Command:
-        """Return the command that the controller is to follow in the next period, and count what was changed.
-
-        Args:
-            command: as the source gives it.
-            state: the robot now.
-            dt: the period [s].
-        """
+        """Return the command that the controller is to follow in the next period, and count what was changed."""
         if not isinstance(command, Command):
             what = f"a command is a {type(command).__name__}: keeping the last good one"
             self._log.count("source_failures", what)

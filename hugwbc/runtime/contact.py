@@ -1,4 +1,4 @@
-"""Ground reactions inferred from joint torques: the H1 has no foot sensors.
+"""Forces on feet and hands inferred from joint torques: the H1 has no sensors for them.
 
 The generalised momentum p = M(q) v of the robot changes by what is known (motors, gravity, Coriolis terms) and by what
 is not: external forces. Its residual (De Luca and Mattone, "Actuator failure detection and isolation using generalized
@@ -8,7 +8,7 @@ momenta", ICRA 2003) is a first-order low-pass of the generalised external force
 
 The right-hand form takes one pass of recursive Newton-Euler, with dv/dt the difference between two readings.
 
-What the arms feel of it acts on the hands (`hugwbc.runtime.hand_force`). Both feet share what the pelvis and the legs
+What the arms feel of it acts on the hands (`HandForceObserver`). Both feet share what the pelvis and the legs
 feel by least squares, as if nothing touched the hands. Soles that part cannot both stand: the slower one, with more
 load, then bears it all. Each sole is a narrow line: it transmits a force and the moments about its lateral and its
 vertical axis.
@@ -22,7 +22,6 @@ from eigenpy import LLT  # Pinocchio's: NumPy's `solve` takes longer to look at 
 
 from hugwbc.kinematics import Kinematics, in_place
 from hugwbc.robot import SIDES
-from hugwbc.runtime.hand_force import HandForceObserver
 from hugwbc.state import RobotState
 
 _FEET = len(SIDES)
@@ -47,6 +46,60 @@ _RAISED, _MOVES = 0.05, 0.3  # share of the leg's length, [m/s]
 _FAMILIAR = 1.6e5  # [rad^2/s^4], sum of squared accelerations of a joint that counts as much as what was told
 _BAND = 0.25  # share of a joint's inertia up to which what seems to be missing counts as noise
 _LEAST, _MOST = -0.5, 4.0  # share of it that can be missing
+_HAND_RATE = 20.0  # [1/s], bandwidth of the hands' forces; noise of torques and joint velocities is mostly above it
+_HAND_PRIOR = 60.0  # [N], standard deviation of a force on a hand before anything is known about it
+_HAND_TORQUE = 0.3  # [N*m], that of a joint's residual besides friction: motor constants, masses, zero positions
+
+
+class HandForceObserver:
+    """Estimate the force on each hand from outside, from the residual of the generalised momentum.
+
+    The H1 has no sensors for it. The residual's rows of an arm's four joints hold the force f on that hand alone:
+    r = J^T f, with the hand's Jacobian J over these joints. Weighted least squares with a prior gives
+
+        f = (J W J^T + 1 / s^2)^-1 J W r.
+
+    The weights W are the inverse squares of what each joint leaves unknown. The largest part of it is Coulomb friction:
+    the drive of a joint at rest holds any torque up to it, which motors do not show. The force of a still hand is known
+    to about that friction divided by its lever arm, 2 to 3 N on the H1. The prior s keeps directions out that an arm
+    cannot feel, such as along a stretched arm.
+
+    A force is taken to act at the hand frame, the tip of the forearm. One that acts elsewhere on the forearm gives the
+    force at the hand that loads the joints alike.
+
+    Attributes:
+        force: force on the left and the right hand, world frame [N], shape (2, 3).
+    """
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        """Set up for the robot of a kinematics, whose joint Jacobians are current whenever `infer` is called."""
+        self._kinematics, robot = kinematics, kinematics.robot
+        self._hands = [kinematics.frame_id(f"{side}_hand") for side in SIDES]
+        joints = robot.arms.reshape(len(SIDES), -1)
+        self._arms = [in_place(columns) for columns in kinematics.columns[joints]]
+        self._weights = 1.0 / (robot.friction[joints] ** 2 + _HAND_TORQUE**2)
+        self._prior = np.eye(3) / _HAND_PRIOR**2
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: nothing is in the hands."""
+        self.force = np.zeros((len(SIDES), 3))
+
+    def infer(self, residual: np.ndarray, dt: float) -> None:
+        """Take in the residual of one reading.
+
+        Args:
+            residual: generalised external force [N, N*m], shape (25,).
+            dt: since the last reading [s].
+        """
+        model, data = self._kinematics.model, self._kinematics.data
+        share = 1.0 - math.exp(-_HAND_RATE * dt)
+        self.force = self.force.copy()
+        for force, hand, arm, weights in zip(self.force, self._hands, self._arms, self._weights, strict=True):
+            jacobian = pin.getFrameJacobian(model, data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, arm]
+            weighted = jacobian * weights
+            felt = LLT(weighted.dot(jacobian.T) + self._prior).solve(weighted.dot(residual[arm]))
+            force += share * (felt - force)
 
 
 class SwingInertia:

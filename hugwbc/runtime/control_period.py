@@ -16,7 +16,6 @@ from hugwbc.runtime.motor_watch import MotorWatch
 from hugwbc.runtime.safety import SafetyFilter, StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
-from hugwbc.runtime.snapshot import PlanView
 from hugwbc.runtime.source_stage import SourceStage
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.view import View
@@ -61,7 +60,6 @@ class ControlPeriod:
         chain: of the command; its `command` is what the robot is asked for now.
         log: counts what the stages change (`SafetyLog.report`).
         period: of the controller [s].
-        plan: what the controller plans.
         estimator: gives the controller the state from noisy sensors; None where the readings tell it.
         upper_body: turns hand targets into arm targets; None ignores hand targets, with a warning.
         motors: finds dead motors of the legs.
@@ -82,16 +80,7 @@ class ControlPeriod:
         estimator: StateEstimator | None,
         upper_body: UpperBodySource | None = None,
     ) -> None:
-        """Connect the parts.
-
-        Args:
-            controller: any object with the members of `Controller`.
-            source: gives commands and hand targets over time.
-            sight: what a source that looks at robot and objects sees.
-            robot: whose limits are kept, and whose arms are driven.
-            estimator: estimates the state from the readings; None where they tell it.
-            upper_body: turns hand targets into arm targets; None ignores hand targets.
-        """
+        """Connect the parts."""
         self.estimator, self.upper_body = estimator, upper_body
         self._robot = robot
         self.log = SafetyLog()
@@ -102,7 +91,7 @@ class ControlPeriod:
         self._check, self._limit = StateCheck(robot), SafetyFilter(robot, self.log)
         self.guard = Guard(controller, self._check, self._limit, self.log)
         self._handover = Handover(robot.arms)
-        self.period, self.plan = self.guard.period, PlanView(self.guard, self.log)
+        self.period = self.guard.period
         self._update_due = Due(min(self.period, LONGEST_UPDATE))
         self._unseen: list[RobotState] = []  # by the estimator
         self._free_arms, self._started = UpperBody.none(), False
@@ -144,7 +133,7 @@ class ControlPeriod:
         if driven and not self.estimate.coasted:  # what was replaced tells nothing of the motors
             self.motors.see(reading, now, behind=behind)
         if self._update_due(now):
-            planned = self.plan.acceleration if driven else None
+            planned = self.guard.planned_acceleration if driven else None
             self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)
             self._unseen.clear()
 

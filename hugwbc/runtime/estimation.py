@@ -155,8 +155,6 @@ class StateEstimator:
 
     Attributes:
         contact: which feet stand, shape (2,), bool.
-        foot_force: their inferred ground reactions, world frame [N], shape (2, 3).
-        hand_force: inferred force on each hand from outside, world frame [N], shape (2, 3).
         gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
         guard: refuses readings that cannot be true, and fills the gaps.
     """
@@ -176,11 +174,7 @@ class StateEstimator:
         # Variances per second of what drives velocity, feet and biases at random; orientation and position only follow.
         # Those of the biases never change; `_predict` sets those of velocity and feet.
         self._drive = np.zeros(_SIZE)
-        for rows, density in (
-            (_GYRO_BIAS, _GYRO_BIAS_WALK),
-            (_ACCELEROMETER_BIAS, _ACCELEROMETER_BIAS_WALK),
-        ):
-            self._drive[rows] = density**2
+        self._drive[_GYRO_BIAS], self._drive[_ACCELEROMETER_BIAS] = _GYRO_BIAS_WALK**2, _ACCELEROMETER_BIAS_WALK**2
         self._observer = ContactObserver(kinematics, base_weight)
         self._joints = JointFilter(self._robot)
         self.guard = ReadingGuard(self._robot)
@@ -192,11 +186,6 @@ class StateEstimator:
     def foot_force(self) -> np.ndarray:
         """Inferred ground reaction on each foot, world frame [N], shape (2, 3)."""
         return self._observer.force
-
-    @property
-    def hand_force(self) -> np.ndarray:
-        """Inferred force on each hand from outside, world frame [N], shape (2, 3)."""
-        return self._observer.hands.force
 
     def reset(self, state: RobotState, period: float = _READING) -> RobotState:
         """Start from a robot that stands at rest.

@@ -1,4 +1,4 @@
-"""The guard around a controller: whatever the controller does, there is a joint command."""
+"""The guard around a controller: whatever the controller does, there is a joint command, and its plan can be read."""
 
 import dataclasses
 import time
@@ -8,6 +8,7 @@ import numpy as np
 
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
+from hugwbc.numeric import floats
 from hugwbc.runtime.safety import StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import RobotState
@@ -66,13 +67,7 @@ class Guard:
         self._begun = True
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Return the controller's joint command within all limits, or the last good one, or damping.
-
-        Args:
-            state: the robot now.
-            command: what to follow.
-            upper_body: the arms' part replaces that of the controller's answer.
-        """
+        """Return the controller's joint command within all limits, or the last good one, or damping."""
         self.last_tick_s = 0.0
         output = self._output(state, command, upper_body)
         if output is None:
@@ -123,3 +118,25 @@ class Guard:
         zero = np.zeros_like(self.robot.kd)
         q = state.q if np.all(np.isfinite(state.q)) else self._last.q
         return JointCommand(q=q, dq=zero, kp=zero, kd=self.robot.kd, tau=zero)
+
+    def _planned(self, name: str, shape: tuple[int, ...]) -> np.ndarray | None:
+        """Return a part of the plan, if the controller has one and gives it in its form."""
+        value = self._log.ask("failures", f"{name} of {self.name}", lambda: getattr(self.controller, name, None))
+        return floats(value, shape)
+
+    @property
+    def phase(self) -> float:
+        """The controller's common gait phase in [0, 1); NaN without one."""
+        phase = self._planned("phase", ())
+        return np.nan if phase is None else float(phase)
+
+    @property
+    def footholds(self) -> np.ndarray:
+        """The planned footholds, world x and y [m], shape (2, 2); NaN without a plan. The array is the caller's."""
+        footholds = self._planned("footholds", (2, 2))
+        return np.full((2, 2), np.nan) if footholds is None else footholds.copy()
+
+    @property
+    def planned_acceleration(self) -> np.ndarray | None:
+        """The planned joint accelerations [rad/s^2], shape (n,); None without a plan."""
+        return self._planned("planned_acceleration", self.robot.kp.shape)

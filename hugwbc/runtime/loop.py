@@ -12,8 +12,7 @@ from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.sight import Sight, SimulatedWorld
-from hugwbc.runtime.snapshot import Snapshot
-from hugwbc.runtime.trace import CONTACT_FORCE
+from hugwbc.runtime.trace import CONTACT_FORCE, Snapshot
 from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.view import View
 from hugwbc.sim import Engine
@@ -23,13 +22,7 @@ from hugwbc.upper_ik import UpperBodySource
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:
-    """Return the number of physics steps in a control period.
-
-    Args:
-        period: the controller's period [s].
-        timestep: of the physics [s].
-        name: the controller's name, for the message.
-    """
+    """Return the number of physics steps in a control period."""
     substeps = round(period / timestep)
     if substeps < 1 or abs(substeps * timestep - period) > 1e-9:
         raise ConfigError(
@@ -128,11 +121,11 @@ class ControlLoop:
         return Snapshot(
             qpos=simulation.qpos,
             gait=int(self.control.chain.command.gait),
-            phase=self.control.plan.phase,
+            phase=self.control.guard.phase,
             foot_contact=foot_contacts(state),
             foot_force=state.foot_force.copy(),
             pressure_centre=simulation.pressure_centres,
-            foothold=self.control.plan.footholds,
+            foothold=self.control.guard.footholds,
             hand_target_world=world_targets(self.control.hands, state),
             arm_target=self._arm_target(),
             hand_force=np.zeros((2, 3)) if state.hand_force is None else state.hand_force.copy(),

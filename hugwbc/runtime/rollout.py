@@ -12,8 +12,7 @@ from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.runtime.snapshot import SCENE_FIELDS, SNAPSHOT_FIELDS, Snapshot
-from hugwbc.runtime.trace import RECORD_PERIOD, TouchDownWatch, Trace
+from hugwbc.runtime.trace import RECORD_PERIOD, SCENE_FIELDS, SNAPSHOT_FIELDS, Snapshot, TouchDownWatch, Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Disturber, Engine, Force
 from hugwbc.state import RobotState

@@ -187,12 +187,7 @@ class Sight:
         self._poses = None
 
     def look(self, time: float, state: RobotState) -> View:
-        """Return the view at a time [s].
-
-        Args:
-            time: since the start of the run [s].
-            state: the estimate, or the reading of a robot that needs none.
-        """
+        """Return the view at a time [s]."""
         picture, refused = self._world.picture(), self._check.refusal
         if self._drifting:
             picture = self._check.admitted(picture, state)

@@ -1,26 +1,76 @@
-"""The record of one run of a controller, which metrics, plots and replays read, and the watch over its touch-downs."""
+"""A robot at one time, the record of a run, its file, and the watch over touch-downs.
+
+A file of a record is one .npz with every array and a text for the rest, without pickled objects.
+"""
 
 import dataclasses
+import io
+import json
 import math
+import pathlib
 from typing import Any
 
 import numpy as np
 
+from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.files import write_whole, writing
 from hugwbc.robot import DEFAULT_ROBOT
 from hugwbc.runtime.safety_report import SafetyReport
+from hugwbc.scripts.motion import UNREADABLE
+from hugwbc.settings_file import parse
 from hugwbc.sim.scenes.scene import Scene
 
 RECORD_PERIOD = 0.02  # [s] between two samples
 CONTACT_FORCE = 1.0  # [N]; a foot with a larger vertical ground reaction counts as on the ground
 IMPACT_TIME = 0.01  # [s]; the force of an impact is averaged over it, so that it hardly depends on the time step
 SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for a shorter time has bounced, not stepped
+_FORMAT = 1
+_ABOUT = "about"  # name of the array of a file that holds the text
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Snapshot:
+    """One robot at one time, in the world frame.
+
+    Attributes:
+        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,).
+        gait: value of `Gait`.
+        phase: the controller's common gait phase in [0, 1); NaN without one.
+        foot_contact: whether the left and the right foot are on the ground, shape (2,), bool.
+        foot_force: ground reaction on each foot [N], shape (2, 3).
+        pressure_centre: point where that force acts [m], shape (2, 3); NaN for a foot in the air.
+        foothold: where the controller plans to put the centre of each sole next, x and y [m], shape (2, 2); NaN for a
+            foot without a plan.
+        hand_target_world: targets of both hands [m], shape (2, 3); NaN without one.
+        arm_target: arm joint positions that the inverse kinematics or a motion asks for [rad], shape (8,); NaN where
+            the controller moves the arms.
+        hand_force: force on each hand from outside [N], shape (2, 3).
+        object_pose: position [m] and quaternion (w, x, y, z) of every body of the scene, in the order of
+            `Scene.body_names`, shape (bodies, 7).
+    """
+
+    qpos: np.ndarray
+    gait: int
+    phase: float
+    foot_contact: np.ndarray
+    foot_force: np.ndarray
+    pressure_centre: np.ndarray
+    foothold: np.ndarray
+    hand_target_world: np.ndarray
+    arm_target: np.ndarray
+    hand_force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))
+    object_pose: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 7)))
+
+
+SNAPSHOT_FIELDS = tuple(field.name for field in dataclasses.fields(Snapshot))
+SCENE_FIELDS = ("hand_force", "object_pose")  # which a record has only of a robot among objects
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Trace:
     """The record of one run: T samples, one every `RECORD_PERIOD`.
 
-    `hugwbc.runtime.trace_file` keeps it in a file, `hugwbc.viz.show.keep_replay` writes a page that replays it.
+    `write_trace` keeps it in a file, `hugwbc.viz.show.keep_replay` writes a page that replays it.
 
     Attributes:
         name: name of the controller.
@@ -107,6 +157,83 @@ class Trace:
         around = f", {len(self.scene.objects)} objects" if self.scene is not None else ""
         seconds = float(self.time[-1] - self.time[0]) + RECORD_PERIOD if len(self.time) else 0.0
         return f"Trace('{self.name}', {seconds:.1f} s, {len(self.time)} samples, {fate}, {self.robot}{around})"
+
+
+def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
+    """Write a record to a file and return its path.
+
+    Args:
+        path: path of the file; .npz is added to a name without it.
+        trace: the record.
+    """
+    path = pathlib.Path(path)
+    path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")
+    arrays: dict[str, np.ndarray] = {}
+    about: dict[str, Any] = {"format": _FORMAT, "pairs": []}
+    for field in dataclasses.fields(Trace):
+        value = getattr(trace, field.name)
+        if isinstance(value, np.ndarray):
+            arrays[field.name] = value
+        elif field.name == "scene":
+            about["scene"] = None if value is None else scene_text(value)
+        elif field.name == "safety":
+            about["safety"] = dataclasses.asdict(value)
+        elif isinstance(value, tuple) and field.name != "problems":  # one array for each foot
+            about["pairs"].append(field.name)
+            arrays |= {f"{field.name}/{foot}": entry for foot, entry in enumerate(value)}
+        else:
+            about[field.name] = value
+    file = io.BytesIO()
+    arrays[_ABOUT] = np.array(json.dumps(about))
+    np.savez_compressed(file, allow_pickle=False, **arrays)
+    with writing(path):
+        write_whole(path, file.getvalue())
+    return path
+
+
+def read_trace(path: str | pathlib.Path) -> Trace:
+    """Read a record that `write_trace` wrote.
+
+    Args:
+        path: path of the file.
+    """
+    path = pathlib.Path(path)
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        about = json.loads(str(arrays.pop(_ABOUT)[()]))
+        if about.pop("format") != _FORMAT:
+            raise ConfigError(f"{path} was written by another version of hugwbc; run it again to record it anew")
+        for name in about.pop("pairs"):
+            arrays[name] = (arrays.pop(f"{name}/0"), arrays.pop(f"{name}/1"))
+        about["safety"] = SafetyReport(**about["safety"] | {"messages": tuple(about["safety"]["messages"])})
+        about["problems"] = tuple(about["problems"])
+        if about["scene"] is not None:
+            about["scene"] = parse(Scene, about["scene"], path)
+        return Trace(**about, **arrays)
+    except OSError as error:
+        raise ConfigError(
+            f"cannot read {path}: {error.strerror or error}; give a file that write_trace wrote"
+        ) from error
+    except HugwbcError:
+        raise
+    except (*UNREADABLE, TypeError, AttributeError) as error:
+        raise ConfigError(f"{path} is not a recorded run ({error}); give a file that write_trace wrote") from error
+
+
+def scene_text(scene: Scene) -> str:
+    """Return a scene without variation as text that `settings_file.parse` reads: JSON, which is YAML as well."""
+    things = []
+    for thing in scene.objects:
+        fields = {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)}
+        given = {name: value for name, value in fields.items() if value is not None}
+        if "mjcf" in given:
+            given["mjcf"] = str(pathlib.Path(given["mjcf"]).resolve())
+        else:
+            given = {"kind": thing.kind, **given}
+        things.append(given)
+    whole = {"about": scene.about, "robot": scene.robot, "ground": scene.ground, "objects": things}
+    return json.dumps({name: value for name, value in whole.items() if value is not None}, ensure_ascii=False)
 
 
 class TouchDownWatch:

@@ -9,8 +9,7 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.rollout import rollout
-from hugwbc.runtime.snapshot import Snapshot
-from hugwbc.runtime.trace import Trace
+from hugwbc.runtime.trace import Snapshot, Trace
 from hugwbc.sim import Simulation
 from hugwbc.tasks.record import Ending, TaskRecord, TaskWatch
 from hugwbc.tasks.task import Task

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hugwbc.errors import ConfigError
-from hugwbc.runtime.snapshot import SNAPSHOT_FIELDS, Snapshot
-from hugwbc.runtime.trace import Trace
+from hugwbc.runtime.trace import SNAPSHOT_FIELDS, Snapshot, Trace
 
 LANE = 1.5  # [m], distance between robots side by side
 FRAMED_RADIUS = 1.0  # [m], distance from the point looked at up to which a robot is well in the picture

@@ -14,7 +14,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
 from hugwbc.robot import SIDES, Robot
-from hugwbc.runtime.snapshot import Snapshot
+from hugwbc.runtime.trace import Snapshot
 from hugwbc.sim.layout import robot_layout
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z, homogeneous
 

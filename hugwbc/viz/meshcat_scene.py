@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from hugwbc.robot import Robot
-from hugwbc.runtime.snapshot import Snapshot
+from hugwbc.runtime.trace import Snapshot
 from hugwbc.sim import scenes
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes

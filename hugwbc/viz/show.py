@@ -22,8 +22,7 @@ from hugwbc.files import writing
 from hugwbc.robot import Robot
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.rollout import rollout
-from hugwbc.runtime.snapshot import Snapshot
-from hugwbc.runtime.trace import Trace
+from hugwbc.runtime.trace import Snapshot, Trace
 from hugwbc.scripts.command_source import CommandSource
 from hugwbc.sim import Engine, Force, Scene, Simulation
 from hugwbc.state import RobotState

@@ -23,8 +23,7 @@ from PIL import Image, ImageDraw, ImageFont
 from hugwbc import rotations
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
-from hugwbc.runtime.trace import Trace
-from hugwbc.runtime.trace_file import read_trace, write_trace
+from hugwbc.runtime.trace import Trace, read_trace, write_trace
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter, camera_path, check_traces, frame_samples, lanes, snapshot
 from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, footprint, mark_shapes

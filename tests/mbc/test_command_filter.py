@@ -17,11 +17,11 @@ LIGHT = load_robot("h1-2023")
 def _history(command, seconds, start=(0.0, 0.0, 0.0), robot=load_robot()):  # noqa: B008
     command_filter = CommandFilter(PARAMS, robot)
     command_filter.reset(*start)
-    return [command_filter.update(command, DT)[0] for _ in range(round(seconds / DT))]
+    return [command_filter.update(command, DT) for _ in range(round(seconds / DT))]
 
 
 def _after(ticks, command, gait=None, commands=None):
-    """The command and the report after so many ticks, of a filter that is new unless it is given."""
+    """The command after so many ticks, of a filter that is new unless it is given."""
     commands = commands or CommandFilter(PARAMS, load_robot())
     for _ in range(ticks):
         result = commands.update(command, DT, gait or GaitState())
@@ -49,12 +49,12 @@ def test_a_posture_arrives_exactly_and_what_does_not_move_is_not_worked_out_agai
     command_filter, command = CommandFilter(PARAMS, load_robot()), Command(h=-0.2, p=0.4, w=-1.0)
     command_filter.reset(0.0, 0.0, 0.0)
     ticks = [command_filter.update(command, DT) for _ in range(round(4.0 / DT))]
-    last = ticks[-1][0]
+    last = ticks[-1]
     assert (last.h, last.p, last.w) == (-0.2, 0.4, -1.0)
     assert (last.h_rate, last.p_rate, last.w_rate) == (0.0, 0.0, 0.0)
     assert command_filter.update(command, DT) is ticks[-1]
-    assert command_filter.update(Command(h=-0.1), DT)[0].h > -0.2
-    assert command_filter.update(command, DT, GaitState(stepping=True))[0].h != -0.2
+    assert command_filter.update(Command(h=-0.1), DT).h > -0.2
+    assert command_filter.update(command, DT, GaitState(stepping=True)).h != -0.2
 
 
 def test_velocities_ramp():
@@ -64,37 +64,10 @@ def test_velocities_ramp():
     assert np.max(np.abs(np.diff(velocity, axis=0)) / DT, axis=0) == pytest.approx(PARAMS.velocity_rate)
 
 
-def test_a_squat_too_deep_to_walk_in_is_limited_and_reported():
-    smooth, report = _after(2000, Command(h=-0.3, l=0.3, gait=Gait.WALKING))
+def test_a_squat_too_deep_to_walk_in_is_limited():
+    smooth = _after(2000, Command(h=-0.3, l=0.3, gait=Gait.WALKING))
     assert -0.2 < smooth.h < -0.1
     assert smooth.l < 0.2
-    assert any(line.startswith("h = -0.3") for line in report)
-    assert any(line.startswith("l = 0.3") for line in report)
-
-
-@pytest.mark.parametrize(
-    ("command", "report"),
-    [
-        (Command(v_x=0.9, gait=Gait.WALKING), ()),
-        (Command(gait=Gait.JUMPING), ()),
-        (
-            Command(v_x=2.0, f=2.5, l=0.1, gait=Gait.WALKING),
-            ("h = 0 m leaves the trailing leg too short at this speed: using -0.11 m",),
-        ),
-        (Command(gait=Gait.HOPPING_LEFT), ("h = 0 m is too high for a leg that leans: using -0.06 m",)),
-        (Command(h=-0.08, gait=Gait.HOPPING_LEFT), ()),
-    ],
-    ids=str,
-)
-def test_a_height_that_the_gait_lowers_is_reported(command, report):
-    assert _after(1500, command, commands=CommandFilter(PARAMS, LIGHT))[1] == report
-
-
-@pytest.mark.parametrize("v_x", [0.3, 1.8])
-def test_the_report_names_the_height_that_is_used(v_x):
-    smooth, report = _after(2000, Command(v_x=v_x, h=-0.3, gait=Gait.WALKING))
-    assert smooth.h > -0.25
-    assert any(line.endswith(f"using {smooth.h:.2f} m") for line in report)
 
 
 def test_a_squat_that_strays_is_as_high_as_the_speed_that_it_has_needs():
@@ -102,33 +75,24 @@ def test_a_squat_that_strays_is_as_high_as_the_speed_that_it_has_needs():
     for v_x, stray in ((0.0, 0.0), (0.0, -0.6), (-0.6, 0.0)):
         command_filter = CommandFilter(PARAMS, load_robot())
         asked = dataclasses.replace(command, v_x=v_x)
-        heights[v_x, stray] = _after(1000, asked, GaitState(stray=stray), command_filter)[0].h
+        heights[v_x, stray] = _after(1000, asked, GaitState(stray=stray), command_filter).h
     assert heights[0.0, -0.6] == pytest.approx(heights[-0.6, 0.0]) and heights[0.0, -0.6] > heights[0.0, 0.0] + 0.05
     # Once it has come to rest, it squats again.
-    assert _after(1000, command, commands=command_filter)[0].h == pytest.approx(heights[0.0, 0.0])
-
-
-def test_fast_walking_lowers_the_pelvis():
-    slow = _history(Command(v_x=0.5, gait=Gait.WALKING), 4.0)[-1]
-    fast = _history(Command(v_x=2.0, gait=Gait.WALKING), 4.0, robot=LIGHT)[-1]
-    assert slow.h == pytest.approx(0.0, abs=1e-6)
-    assert fast.h == pytest.approx(-PARAMS.speed_lowering * (2.0 - PARAMS.lowering_from), abs=1e-3)
+    assert _after(1000, command, commands=command_filter).h == pytest.approx(heights[0.0, 0.0])
 
 
 def test_a_walk_is_no_faster_than_the_hips_can_swing_the_legs():
     command = Command(v_x=2.0, gait=Gait.WALKING)
-    smooth, report = _after(1000, command)
+    smooth = _after(1000, command)
     fastest = fastest_walk(PARAMS, 2.0, robot=load_robot())
     assert smooth.velocity[0] == pytest.approx(fastest) and 1.5 < fastest < 2.0
-    assert any(line.startswith("v_x = 2 m/s is too fast") for line in report)
 
 
 def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
-    smooth, report = _after(2000, Command(h=-0.3, l=0.35, f=1.5, gait=Gait.JUMPING))
+    smooth = _after(2000, Command(h=-0.3, l=0.35, f=1.5, gait=Gait.JUMPING))
     # The body rises and sinks by g / (32 f^2) = 0.1363 m.
     assert smooth.h == pytest.approx(PARAMS.leap_depth + 0.1363, abs=1e-3)
     assert smooth.l == pytest.approx(0.31 + smooth.h + 0.1363, abs=1e-3)
-    assert len(report) == 2
 
 
 def test_a_robot_that_stands_on_nearly_straight_legs_bends_them_to_jump():
@@ -141,29 +105,28 @@ def test_a_robot_that_stands_on_nearly_straight_legs_bends_them_to_jump():
 
 def test_jumps_are_slower_than_a_walk():
     jump = Command(v_x=1.8, gait=Gait.JUMPING)
-    command, report = _after(2000, jump, GaitState(running=Gait.JUMPING))
+    command = _after(2000, jump, GaitState(running=Gait.JUMPING))
     assert command.velocity[0] == pytest.approx(1.4, abs=0.02), "what the H1 reaches in jumps of 2 Hz"
-    assert any("v_x = 1.8" in sentence for sentence in report)
-    assert _after(2000, dataclasses.replace(jump, f=3.0))[0].velocity[0] < 1.0, "faster swings leave less"
+    assert _after(2000, dataclasses.replace(jump, f=3.0)).velocity[0] < 1.0, "faster swings leave less"
 
 
 @pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])
 def test_a_hop_is_lowered_slowly_and_less_where_it_travels_or_turns(gait):
     hops, deep = GaitState(running=gait), Command(h=-0.3, gait=gait)
     commands = CommandFilter(PARAMS, load_robot())
-    before = _after(1000, Command(gait=gait), GaitState(running=gait, waiting=True), commands)[0].h
-    assert before - _after(100, deep, hops, commands)[0].h < 0.012, "0.2 s, in which a walk gets 0.07 m lower"
-    lowest = _after(2000, deep, hops, commands)[0].h
+    before = _after(1000, Command(gait=gait), GaitState(running=gait, waiting=True), commands).h
+    assert before - _after(100, deep, hops, commands).h < 0.012, "0.2 s, in which a walk gets 0.07 m lower"
+    lowest = _after(2000, deep, hops, commands).h
     for faster in (dict(v_x=-0.4), dict(v_y=0.3, omega=0.2), dict(omega=-0.5)):
-        moving = _after(2000, dataclasses.replace(deep, **faster), hops, commands)[0].h
+        moving = _after(2000, dataclasses.replace(deep, **faster), hops, commands).h
         assert moving == pytest.approx(-PARAMS.hop_lowering) and lowest < moving - 0.02
 
 
 def test_a_jump_from_a_squat_does_not_travel():
     deep, jumps = Command(h=-0.3, gait=Gait.JUMPING), GaitState(running=Gait.JUMPING)
-    lowest = _after(3000, deep, jumps)[0].h
+    lowest = _after(3000, deep, jumps).h
     for faster in (dict(v_x=-0.3), dict(v_y=0.3, omega=0.3)):
-        assert _after(3000, dataclasses.replace(deep, **faster), jumps)[0].h == pytest.approx(-PARAMS.jump_lowering)
+        assert _after(3000, dataclasses.replace(deep, **faster), jumps).h == pytest.approx(-PARAMS.jump_lowering)
     assert lowest < -0.16
 
 
@@ -171,9 +134,9 @@ def test_the_last_leap_keeps_its_posture():
     commands, leaps = CommandFilter(PARAMS, load_robot()), GaitState(running=Gait.JUMPING)
     _after(1000, Command(p=0.2, w=0.3, gait=Gait.JUMPING), leaps, commands)
     for gait in (Gait.WALKING, Gait.STANDING):
-        command, _ = _after(300, Command(w=-0.5, gait=gait), leaps, commands)
+        command = _after(300, Command(w=-0.5, gait=gait), leaps, commands)
         assert (command.p, command.w) == (0.2, 0.3)
-    command, _ = _after(1000, Command(w=-0.5, gait=Gait.STANDING), GaitState(), commands)
+    command = _after(1000, Command(w=-0.5, gait=Gait.STANDING), GaitState(), commands)
     assert (command.p, command.w) == (0.0, -0.5)
 
 
@@ -181,9 +144,9 @@ def test_it_comes_to_rest_before_it_changes_gait():
     commands = CommandFilter(PARAMS, load_robot())
     walk, jump = (Command(v_x=0.5, gait=gait) for gait in (Gait.WALKING, Gait.JUMPING))
     _after(1000, walk, GaitState(running=Gait.WALKING), commands)
-    smooth, _ = _after(1000, jump, GaitState(running=Gait.WALKING), commands)
+    smooth = _after(1000, jump, GaitState(running=Gait.WALKING), commands)
     assert smooth.velocity == pytest.approx([0.0, 0.0], abs=1e-9)
-    smooth, _ = _after(1000, jump, GaitState(running=Gait.JUMPING), commands)
+    smooth = _after(1000, jump, GaitState(running=Gait.JUMPING), commands)
     assert smooth.velocity == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
@@ -201,19 +164,19 @@ def test_a_lower_command_never_walks_higher(v_x):
 
 def test_a_gait_that_comes_to_rest_keeps_its_frequency_and_its_limits():
     commands, hopping = CommandFilter(PARAMS, load_robot()), GaitState(running=Gait.HOPPING_LEFT)
-    hop, _ = _after(2000, Command(gait=Gait.HOPPING_LEFT), hopping, commands)
+    hop = _after(2000, Command(gait=Gait.HOPPING_LEFT), hopping, commands)
     walk = Command(f=3.5, gait=Gait.WALKING)
-    smooth, _ = _after(1000, walk, hopping, commands)
+    smooth = _after(1000, walk, hopping, commands)
     assert (smooth.f, smooth.h) == (hop.f, hop.h) == (2.0, -PARAMS.hop_lowering)
-    smooth, _ = _after(2000, walk, GaitState(running=Gait.WALKING), commands)
+    smooth = _after(2000, walk, GaitState(running=Gait.WALKING), commands)
     assert (smooth.f, smooth.h) == (3.5, 0.0)
 
 
 def test_a_hop_gathers_speed_only_once_it_hops():
     commands, command = CommandFilter(PARAMS, load_robot()), Command(v_x=0.6, omega=-0.6, gait=Gait.HOPPING_RIGHT)
-    smooth, _ = _after(500, command, GaitState(running=Gait.HOPPING_RIGHT, waiting=True), commands)
+    smooth = _after(500, command, GaitState(running=Gait.HOPPING_RIGHT, waiting=True), commands)
     assert smooth.velocity == pytest.approx([0.0, 0.0]) and smooth.omega == 0.0
-    smooth, _ = _after(100, command, GaitState(running=Gait.HOPPING_RIGHT), commands)
+    smooth = _after(100, command, GaitState(running=Gait.HOPPING_RIGHT), commands)
     gathered = 100 * DT * np.array(PARAMS.velocity_rate)
     assert [smooth.velocity[0], smooth.omega] == pytest.approx([gathered[0], -gathered[2]])
 
@@ -223,11 +186,10 @@ def test_a_sideways_hop_is_slow_where_the_leg_crosses_over(gait, outwards):
     for side, most in ((outwards, 0.6), (-outwards, PARAMS.hop_inward_speed)):
         commands, velocities = CommandFilter(PARAMS, load_robot()), []
         for _ in range(1000):
-            smooth, report = commands.update(Command(v_y=0.6 * side, gait=gait), DT, GaitState(running=gait))
+            smooth = commands.update(Command(v_y=0.6 * side, gait=gait), DT, GaitState(running=gait))
             velocities.append(smooth.velocity[1])
         assert velocities[-1] == pytest.approx(most * side)
         assert np.abs(np.diff(velocities)).max() == pytest.approx(PARAMS.hop_side_rate * DT)
-        assert any("crosses over" in line for line in report) is (most < 0.6)
 
 
 def _steps(trim, errors, ticks=125, *, velocity=(1.0, 0.0), **leap):
@@ -248,13 +210,6 @@ def test_sway_that_alternates_between_steps_is_not_integrated():
     trim = VelocityTrim(PARAMS)
     _steps(trim, [(0.0, 0.1), (0.0, -0.1)] * 5)
     assert trim.value == pytest.approx([0.0, 0.0], abs=1e-12)
-
-
-def test_a_lasting_error_is_added_up_per_step():
-    trim = VelocityTrim(PARAMS)
-    _steps(trim, [(0.05, -0.02)] * 5)
-    # The first step only fills the average.
-    assert trim.value == pytest.approx(4 * PARAMS.velocity_integral * np.array([0.05, -0.02]))
 
 
 def test_steps_during_and_after_a_change_of_command_do_not_count():

@@ -1,4 +1,4 @@
-"""Geometry of the feet, and the ground from feet that stand on a slope in the simulation."""
+"""Geometry of the feet, the ground from feet that stand on a slope in the simulation, and slips."""
 
 import dataclasses
 import math
@@ -6,14 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import JointCommand, load_robot, rotations
-from hugwbc.mbc import feet
+from hugwbc import Command, Gait, JointCommand, load_robot, rotations
+from hugwbc.mbc import WholeBodyController, feet
 from hugwbc.mbc.dynamics import Dynamics
-from hugwbc.sim import Simulation, rough_terrain
+from hugwbc.mbc.feet import SlipWatch
+from hugwbc.runtime import Constant, rollout
+from hugwbc.sim import Simulation, Variation, rough_terrain
 
 ROBOT = load_robot()
 SLOPE, YAW = 0.1, 0.4
 BOTH = np.ones(2, dtype=bool)
+DT = 0.004
+LOAD = np.array([[30.0, 40.0, 300.0], [0.0, 0.0, 0.0]])
 
 
 @pytest.mark.parametrize("foot", [0, 1])
@@ -118,3 +122,61 @@ def test_a_foot_that_turns_does_not_rest(standing_on_a_slope):
     ground, dynamics = feet.Ground(), _updated(dataclasses.replace(standing_on_a_slope, dq=dq))
     ground.update(dynamics, BOTH, YAW, 0.002)
     assert ground.resting.tolist() == [False, True]
+
+
+def after(watch, speed, seconds, load=LOAD, dt=DT):
+    """Let the left sole move at a speed for some time."""
+    for _ in range(round(seconds / dt)):
+        watch.update(np.array([[0.0, speed], [0.0, 0.0]]), load, dt)
+    return watch
+
+
+@pytest.mark.parametrize(
+    ("speed", "seconds", "load"),
+    [
+        (0.2, 2.0, LOAD),  # as every sole moves a little
+        (0.8, 0.012, LOAD),  # a slide at a touch-down
+        (3.0, 0.5, [[0.0, 5.0, 50.0], [30.0, 40.0, 300.0]]),  # a sole without load
+        (1.0, 0.5, [[0.0, 180.0, 300.0], [0.0, 0.0, 0.0]]),  # against much friction: on good ground
+    ],
+)
+def test_what_is_no_slip_leaves_all_friction(speed, seconds, load):
+    watch = after(SlipWatch(0.7, 582.0), speed, seconds, np.array(load))
+    assert (watch.friction, watch.fastest) == (0.7, math.inf)
+
+
+def test_one_reading_of_a_slow_controller_is_no_slip_and_several_are():
+    watch = after(SlipWatch(0.7, 582.0), 0.8, 0.02, dt=0.02)  # of a sole that touches down
+    assert after(watch, 0.0, 0.4, dt=0.02).friction == 0.7
+    assert after(watch, 0.8, 0.1, dt=0.02).friction < 0.3
+
+
+def test_good_ground_that_was_taken_for_slippery_is_soon_good_again():
+    watch = after(SlipWatch(0.7, 582.0), 0.47, 0.2)
+    assert after(watch, 0.0, 10.0).friction == 0.7
+    # What slips a second time is slippery: the friction rises slowly from below that.
+    after(after(after(watch, 0.47, 0.2), 0.0, 7.0), 0.47, 0.2)
+    assert after(watch, 0.0, 20.0).friction < 0.6
+
+
+def test_a_slip_lowers_the_friction_and_the_speed_until_the_ground_holds():
+    watch = after(SlipWatch(0.7, 582.0), 0.47, 0.2)
+    assert watch.friction == pytest.approx(0.21)
+    assert watch.fastest < 0.6
+    low = watch.friction
+    assert low < after(watch, 0.0, 5.0).friction < 0.7
+    assert after(watch, 0.0, 60.0).friction == 0.7
+    watch = after(SlipWatch(0.7, 582.0), 2.0, 5.0)
+    assert watch.friction > 0.0
+    watch.reset()
+    assert watch.friction == 0.7
+
+
+@pytest.mark.parametrize("friction", [0.8, 0.3])
+def test_it_walks_on_good_and_on_slippery_ground(friction):
+    controller = WholeBodyController(load_robot())
+    simulation = Simulation(variation=Variation(friction=friction), seed=5)
+    trace = rollout(controller, Constant(Command(v_x=0.5, gait=Gait.WALKING)), simulation, duration=3.0)
+    assert not trace.fell
+    found = controller.diagnostics.friction
+    assert found == 0.7 if friction == 0.8 else found < 0.3

@@ -21,7 +21,7 @@ LEG = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
 
 
 def _command(gait):
-    return CommandFilter(PARAMS, load_robot()).update(Command(gait=gait), DT, GaitState(running=gait))[0]
+    return CommandFilter(PARAMS, load_robot()).update(Command(gait=gait), DT, GaitState(running=gait))
 
 
 def _foothold(dynamics, gait, plan, velocity, foot, yaw=0.0):

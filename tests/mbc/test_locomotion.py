@@ -81,13 +81,6 @@ def test_it_walks_forward_at_the_commanded_speed_frequency_and_swing_height():
     assert run.table[:, 7:].max(axis=0) == pytest.approx([0.15, 0.15], abs=0.015)
 
 
-def test_it_keeps_the_speed_of_a_command_that_never_rests():
-    rng = np.random.default_rng(0)
-    run = Run(lambda _: Command(v_x=0.5 + rng.uniform(-0.01, 0.01), gait=WALKING), 4.0, since=2.5)
-    assert run.good
-    assert run.mean("v_x") == pytest.approx(0.5, abs=0.02)
-
-
 def test_it_turns_on_the_spot_far_from_the_origin():
     run = Run(Command(omega=0.4, f=1.5, gait=WALKING), 4.0, since=2.0, xy=(10.0, -5.0), yaw=2.0)
     assert run.good

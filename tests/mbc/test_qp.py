@@ -9,7 +9,7 @@ from hugwbc import Command, Gait, UpperBody, load_robot
 from hugwbc.mbc import WholeBodyController
 from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus, WholeBodyQp, friction_pyramid, proxqp
+from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus, WholeBodyQp, friction_pyramid
 from hugwbc.mbc.tasks import TaskTerms
 from hugwbc.sim import Simulation
 
@@ -17,10 +17,8 @@ ROBOT = load_robot()
 ALL = np.ones(4, dtype=bool)
 
 
-def _random_terms(rng, rows=31):
-    return TaskTerms(
-        rng.normal(size=(rows, 25)), np.zeros(rows), rng.uniform(-5, 5, rows), rng.uniform(1, 100, rows), np.zeros(rows)
-    )
+def _random_terms(rng, demand):
+    return TaskTerms(rng.normal(size=(31, 25)), np.zeros(31), rng.uniform(-demand, demand, 31), rng.uniform(1, 100, 31))
 
 
 def _qp(dynamics, **changes):
@@ -52,7 +50,7 @@ def test_solutions_obey_physics_and_limits(random_state):
     for _ in range(40):
         dynamics.update(random_state(rng))
         contact = rng.random(4) < 0.7
-        solution = qp.solve(dynamics, [_random_terms(rng)], contact)
+        solution = qp.solve(dynamics, [_random_terms(rng, 5)], contact)
         assert solution.status is not QpStatus.FAILED
         residual = _residual(dynamics, solution)
         assert residual[:6] == pytest.approx(np.zeros(6), abs=1e-3)
@@ -70,7 +68,7 @@ def test_without_active_limits_it_is_the_equality_constrained_least_squares_solu
     # Ask for accelerations near zero of everything: standing still, far from every limit.
     jacobian, weight = np.eye(25), rng.uniform(10, 100, 25)
     target = rng.uniform(-0.05, 0.05, 25)
-    terms = TaskTerms(jacobian, np.zeros(25), target, weight, np.zeros(25))
+    terms = TaskTerms(jacobian, np.zeros(25), target, weight)
     solution = _qp(dynamics, qp_tolerance=1e-9).solve(dynamics, [terms], ALL)
 
     points = np.vstack([dynamics.frame(name).jacobian[:3] for name in CONTACT_POINTS])
@@ -94,7 +92,7 @@ def test_a_joint_brakes_before_its_limit(dynamics_of):
     dynamics = dynamics_of(q=q, dq=dq)
     wanted = np.zeros(25)
     wanted[dynamics.columns[knee]] = 200.0
-    terms = TaskTerms(np.eye(25), np.zeros(25), wanted, np.ones(25), np.zeros(25))
+    terms = TaskTerms(np.eye(25), np.zeros(25), wanted, np.ones(25))
     solution = _qp(dynamics).solve(dynamics, [terms], np.zeros(4, dtype=bool))
     assert solution.status is QpStatus.SOLVED
     # 0.03 rad before the margin at 10 rad/s: it has to slow down, although the task asks it to speed up.
@@ -106,25 +104,13 @@ def test_infeasible_joint_limits_are_dropped_and_said_so(standing_state):
     # Far beyond the limit and speeding outwards with all joints: no torque within the limits brakes that at once.
     dynamics.update(dataclasses.replace(standing_state, q=ROBOT.upper + 0.5, dq=np.full(19, 100.0)))
     qp = _qp(dynamics)
-    terms = TaskTerms(np.eye(25), np.zeros(25), np.zeros(25), np.ones(25), np.zeros(25))
+    terms = TaskTerms(np.eye(25), np.zeros(25), np.zeros(25), np.ones(25))
     solution = qp.solve(dynamics, [terms], ALL)
     assert solution.status is QpStatus.RELAXED
     assert np.all(np.abs(solution.torque) <= ROBOT.torque_limit * (1.0 + 1e-3))
-    assert solution.iterations < 1000  # tens of milliseconds, not seconds
     # The next ordinary problem is solved as if nothing had happened.
     dynamics.update(standing_state)
     assert qp.solve(dynamics, [terms], ALL).status is QpStatus.SOLVED
-
-
-def test_forces_lean_against_a_turned_world(dynamics_of):
-    dynamics = dynamics_of(yaw=1.0)
-    # Accelerate the centre of mass by 0.5 m/s^2 along world x and nothing else: Newton's second law gives the force.
-    jacobian = np.vstack((dynamics.com_jacobian, dynamics.momentum_jacobian))
-    target = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-    terms = TaskTerms(jacobian, np.zeros(6), target, np.full(6, 1e4), np.zeros(6))
-    solution = _qp(dynamics, qp_tolerance=1e-8).solve(dynamics, [terms], ALL)
-    total = solution.forces.sum(axis=0)
-    assert total == pytest.approx([dynamics.mass * 0.5, 0.0, dynamics.mass * 9.81], abs=0.5)
 
 
 def _solve_with_daqp(qp):
@@ -143,9 +129,7 @@ def test_another_algorithm_agrees_where_limits_bind(random_state):
     qp = _qp(dynamics, qp_tolerance=1e-9, qp_max_iterations=200)
     for _ in range(40):
         dynamics.update(random_state(rng))
-        rows = rng.uniform(-30, 30, 31), rng.uniform(1, 100, 31)
-        terms = TaskTerms(rng.normal(size=(31, 25)), np.zeros(31), *rows, np.zeros(31))
-        solution = qp.solve(dynamics, [terms], rng.random(4) < 0.7)
+        solution = qp.solve(dynamics, [_random_terms(rng, 30)], rng.random(4) < 0.7)
         if solution.status is not QpStatus.SOLVED:
             continue
         other = _solve_with_daqp(qp)
@@ -157,10 +141,6 @@ def test_another_algorithm_agrees_where_limits_bind(random_state):
         assert abs(mine - best) < 1e-6 * abs(best)
         bound += bool(np.any(np.abs(solution.torque) > 0.999 * 0.95 * ROBOT.torque_limit))
     assert bound > 10
-
-
-def test_the_build_is_the_one_for_any_processor():
-    assert "avx" not in proxqp.__name__
 
 
 def test_controllers_whose_memory_lies_elsewhere_give_the_same_torques():

@@ -25,7 +25,7 @@ def _follow(dynamics, plan, seconds, *, omega=0.0, v_x=0.0, ground=None, start=N
     """The references after some time with a command that has been reached."""
     command_filter, command = CommandFilter(PARAMS, load_robot()), Command(v_x=v_x, omega=omega, gait=Gait.WALKING)
     for _ in range(500):
-        smooth, _ = command_filter.update(command, DT)
+        smooth = command_filter.update(command, DT)
     references = References(PARAMS, plan, ground or Ground())
     references.reset(start or dynamics)
     for _ in range(round(seconds / DT)):

@@ -26,7 +26,7 @@ class Step:
         self.references = References(PARAMS, self.plan, self.ground)
         self.walking = Walking(PARAMS, self.plan, self.references, self.ground)
         self.task = SwingFootTask(PARAMS, "left", load_robot())
-        self.smooth, _ = CommandFilter(PARAMS, load_robot()).update(Command(gait=Gait.WALKING), DT)
+        self.smooth = CommandFilter(PARAMS, load_robot()).update(Command(gait=Gait.WALKING), DT)
         self.dynamics.update(state)
         self.references.reset(self.dynamics)
         while self.plan.mode is not Mode.WALKING:

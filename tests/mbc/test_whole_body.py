@@ -1,4 +1,4 @@
-"""The controller as others see it: fallbacks, reports, symmetry, and limits, without a simulation."""
+"""The controller as others see it: fallbacks, counts, symmetry, and limits, without a simulation."""
 
 import dataclasses
 import math
@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc import Command, Controller, Gait, UpperBody, load_robot, rotations
+from hugwbc import Command, Gait, UpperBody, load_robot, rotations
 from hugwbc.errors import ConfigError
 from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
-from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
 from hugwbc.mirror import load_mirror, mirror_command
@@ -34,13 +33,6 @@ def _total_torque(joint_command, state):
     return joint_command.tau + gain
 
 
-def test_it_is_a_controller():
-    controller = WholeBodyController(load_robot())
-    assert isinstance(controller, Controller)
-    assert controller.name == "qp"
-    assert controller.period == 0.004
-
-
 @pytest.mark.parametrize("period", [0.0, -0.002, math.nan, math.inf])
 def test_a_period_that_is_no_time_is_refused(period):
     with pytest.raises(ConfigError, match="give a finite time above 0"):
@@ -57,9 +49,6 @@ def test_standing_still_it_carries_the_weight(controller, standing_state):
     knees = command.tau[ROBOT.indices(["left_knee_joint", "right_knee_joint"])]
     assert np.all(knees < -20.0)
     assert knees[0] == pytest.approx(knees[1], rel=0.1)
-    assert {error.unit for error in diagnostics.task_errors.values()} >= {"m", "rad"}
-    assert diagnostics.task_errors["pelvis orientation"].value == pytest.approx(np.zeros(3), abs=1e-3)
-    assert diagnostics.next_foothold is None and diagnostics.report == ()
 
 
 @pytest.mark.parametrize("name", ["h1", "h1-2023"])
@@ -81,7 +70,7 @@ def test_it_says_where_the_foot_in_the_air_is_to_land(standing_state):
     while controller.diagnostics.swing is None and controller.phase < 1.0:
         controller.act(standing_state, walk, NONE)
     swing = ("left", "right").index(controller.diagnostics.swing)
-    assert controller.footholds[swing] == pytest.approx(controller.diagnostics.next_foothold)
+    assert np.isfinite(controller.footholds[swing]).all()
     assert np.isnan(controller.footholds[1 - swing]).all()
 
 
@@ -89,7 +78,6 @@ def test_in_a_jump_both_feet_have_footholds_in_flight_and_none_in_stance(control
     seen = []
     for _ in range(480):  # by the clock alone, past the first flight
         controller.act(standing_state, Command(gait=Gait.JUMPING), NONE)
-        assert controller.diagnostics.next_foothold is None
         seen.append((controller.phase >= 0.5, bool(np.isfinite(controller.footholds).all())))
     assert [flight for flight, _ in seen] == [planned for _, planned in seen]
     assert [seen[0][0], seen[-1][0]] == [False, False] and any(flight for flight, _ in seen)
@@ -155,12 +143,13 @@ def test_absurd_states_in_a_jump_give_finite_torques_within_the_limits(standing_
             assert np.all(np.abs(command.tau) <= 0.95 * ROBOT.torque_limit + 1e-9)
 
 
-def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, standing_state):
+def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, standing_state, monkeypatch):
     rng = np.random.default_rng(3)
     mirror = load_mirror(load_robot())
     # A tight tolerance, so that the two optima are the same number and not only the same within the solver's.
     params = ControllerParams(qp_tolerance=1e-10)
     command = Command(h=-0.1, p=0.2, w=0.4)
+    monkeypatch.setattr("hugwbc.kinematics.pinocchio_model", lambda _: symmetric_model)
     for _ in range(5):
         state = dataclasses.replace(
             standing_state,
@@ -173,7 +162,7 @@ def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, stand
         arms = UpperBody.targets(rng.uniform(-0.3, 0.3, 8), rng.uniform(-0.5, 0.5, 8))
         torques, other_arms = [], UpperBody.targets(mirror.arms(arms.q, ROBOT), mirror.arms(arms.dq, ROBOT))
         for s, c, u in ((state, command, arms), (mirror.state(state), mirror_command(command), other_arms)):
-            controller = WholeBodyController(load_robot(), params, dynamics=Dynamics(load_robot(), symmetric_model))
+            controller = WholeBodyController(load_robot(), params)
             controller.reset(s)
             torques.append(controller.act(s, c, u).tau)
             assert controller.diagnostics.status is QpStatus.SOLVED

@@ -179,8 +179,3 @@ def test_a_told_payload_counts_and_a_soft_hand_gives_way():
     soft = dataclasses.replace(BODY, wrench=HandWrench.of(stiffness=200.0))
     assert learn(observer, soft, pulled(-40.0)) is soft
     learn(observer, BODY, pulled(-40.0))
-
-
-def test_without_forces_nothing_is_learned():
-    state = make_state(load_robot().nominal)
-    assert learn(PayloadObserver(), BODY, state) is BODY

@@ -17,18 +17,6 @@ from tests.conftest import ByHand, Recorder, make_state
 ROBOT = load_robot()
 
 
-def test_a_good_period_passes_unchanged():
-    recorder = Recorder()
-    period, command = ByHand(recorder), Command(v_x=0.5, gait=Gait.WALKING)
-    period.start(make_state())
-    output = period.act(make_state(), command, UpperBody.none())
-    assert recorder.seen[-1][1] == command
-    np.testing.assert_array_equal(output.q, ROBOT.nominal)
-    report = period.report()
-    assert report.ticks == 1
-    assert report.messages == () and report.commands_clamped == {} and report.held == 0
-
-
 def test_the_robot_kneels_when_a_motor_is_dead():
     period = ByHand(HoldController(ROBOT))
     state = make_state()

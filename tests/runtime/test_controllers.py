@@ -6,7 +6,6 @@ import tomllib
 import pytest
 
 import hugwbc
-from hugwbc.cli import main
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
@@ -174,11 +173,6 @@ def test_a_source_tree_that_is_not_installed_has_an_identity(monkeypatch):
     installed = ControllerSpec("learned").identity()
     monkeypatch.setattr(importlib.metadata, "version", nothing_installed)
     assert ControllerSpec("learned").identity() == installed
-
-
-def test_the_command_line_names_what_is_valid(capsys):
-    assert main(["evaluate", "--controller", "lernt"]) == 2
-    assert "Valid: learned, qp, hold, leggedlab-h1, unitree-h1" in capsys.readouterr().err
 
 
 def test_a_policy_for_what_takes_none_is_refused(theirs):

@@ -65,14 +65,6 @@ def test_what_fades_after_a_hand_back_does_not_push_the_arms_beyond_the_limits()
     assert loop.control.log.report().positions_limited > 0
 
 
-def test_the_filter_is_not_asked_twice_where_nothing_fades():
-    loop = ControlLoop(_Swinging(load_robot()), Constant(Command()), Simulation(sensing="exact"))
-    loop.reset()
-    for tick in range(3):
-        loop.decide(tick * loop.period)
-    assert loop.control.log.report().positions_limited == 0 and loop.control.log.report().ticks == 3
-
-
 def test_a_controller_reads_the_estimate_where_there_is_an_estimator():
     """The sensors do not know where the robot is; the true state does."""
 

@@ -150,13 +150,6 @@ def test_a_bad_duration_is_refused(simulation, duration):
         rollout(HoldController(load_robot()), Constant(Command()), simulation, duration=duration)
 
 
-def test_a_time_step_that_does_not_divide_the_period_is_refused():
-    with pytest.raises(ConfigError, match="not a multiple of the physics time step"):
-        rollout(
-            HoldController(load_robot()), Constant(Command()), Simulation(sensing="exact", timestep=0.003), duration=0.1
-        )
-
-
 def test_a_run_shorter_than_a_control_period_has_one_step():
     trace = rollout(HoldController(load_robot()), Constant(Command()), Simulation(sensing="exact"), duration=0.005)
     assert trace.steps == 1 and len(trace.time) == 1 and not trace.fell

@@ -83,7 +83,3 @@ def test_a_fast_walk_and_a_hard_landing_are_none():
     fast = {"velocity": np.array([3.0, 0.0, 0.5]), "angular_velocity": np.array([0.0, 5.0, 0.0])}
     assert CHECK.fault(make_state(pitch=0.8, dq=2.0 * ROBOT.velocity_limit, **fast)) == ""
     assert CHECK.fault(make_state(ROBOT.lower - 0.3)) == ""
-
-
-def test_a_state_of_another_robots_joints_is_none():
-    assert CHECK.fault(CHECK.admit(make_state(np.zeros(29), dq=np.zeros(29))))

@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc import Gait, RobotState, load_robot
 from hugwbc.kinematics import Kinematics
-from hugwbc.runtime.snapshot import Snapshot
+from hugwbc.runtime.trace import Snapshot
 from hugwbc.sim.robot_model import load_model
 from hugwbc.viz.marks import FORCE_SCALE, HAND_FORCE_SCALE, Marks, hull_edges, in_stance
 

@@ -8,7 +8,7 @@ import pytest
 
 from hugwbc.errors import ConfigError
 from hugwbc.runtime import SafetyReport, Trace, read_trace, write_trace
-from hugwbc.runtime.trace_file import scene_text
+from hugwbc.runtime.trace import scene_text
 from hugwbc.settings_file import parse
 from hugwbc.sim.scenes import Box, Scene, Table, load_scene
 
