@@ -94,22 +94,23 @@ def _figure_table(title: str, figures: Sequence[Figure]) -> Table:
     columns: dict[str, dict[str, Cell]] = {}
     differences: dict[str, dict[str, str]] = {}
     for reference in dict.fromkeys(figure.reference for figure in figures):
-        part = [figure for figure in figures if figure.reference == reference]
+        mine = (figure for figure in figures if figure.reference == reference)
+        part = sorted(mine, key=lambda figure: figure.estimate is None)  # the measured ones first
         papers: dict[str, Cell] = {figure.quantity: figure.paper for figure in part if figure.paper is not None}
         if papers:
             columns[", ".join(filter(None, ("HugWBC, paper", reference)))] = papers
         for controller in filter(None, dict.fromkeys(figure.controller for figure in part)):
-            mine = [figure for figure in part if figure.controller == controller]
-            heading = f"{controller} (published)" if mine[0].estimate is None else controller
-            columns[heading] = {figure.quantity: _value(figure) for figure in mine}
-            differences[heading] = {figure.quantity: _difference(figure) for figure in mine}
+            of_it = [figure for figure in part if figure.controller == controller]
+            heading = f"{controller} (published)" if of_it[0].estimate is None else controller
+            columns[heading] = {figure.quantity: _value(figure) for figure in of_it}
+            differences[heading] = {figure.quantity: _difference(figure) for figure in of_it}
     against = next((figure.difference.against for figure in figures if figure.difference), "")
     rows: list[list[Cell]] = []
     for quantity, label in {figure.quantity: figure.label for figure in figures}.items():
         rows.append([label, *(column.get(quantity) for column in columns.values())])
         gaps = [differences.get(heading, {}).get(quantity, "") for heading in columns]
         if any(gaps):
-            rows.append([f"  minus {against}", *gaps])
+            rows.append([f"  minus {against}", *map(Marked, gaps)])
     return Table(title, ["", *columns], rows)
 
 

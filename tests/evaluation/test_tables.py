@@ -85,9 +85,9 @@ def test_tables_have_the_papers_the_measured_and_the_published_figures_and_diffe
             Marked("0.0377 [0.0277, 0.0477]", "unclear"),
             Marked("0.27", "published"),
         ],
-        ["  minus a", "", "", "-0.0123 [-0.0200, -0.0040] *", ""],
+        ["  minus a", *map(Marked, ("", "", "-0.0123 [-0.0200, -0.0040] *", ""))],
         ["success [m]", None, Marked("100"), Marked("62.5"), None],
-        ["  minus a", "", "", "-37.5 (p = 0.25)", ""],
+        ["  minus a", *map(Marked, ("", "", "-37.5 (p = 0.25)", ""))],
         ["force [m]", None, None, Marked("800 [800, –]"), None],
     ]
 
