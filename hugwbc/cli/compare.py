@@ -17,7 +17,7 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.tables import format_table
 from hugwbc.report.comparison_page import link_video, write_comparison
-from hugwbc.report.paper_table import PAIRED_NOTE, paired_tables, write_paper
+from hugwbc.report.paper_table import PAIRED_NOTE, write_paper
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script, while_walking
@@ -84,7 +84,7 @@ def _measure(words: Sequence[str]) -> int:
     output.check_writable(place.json)
     with output.output_folder(chosen.out):
         results = evaluate.measured(entries, place)
-        tables = paired_tables(results)
+        tables = evaluate.tables_of(results)
         notes = [PAIRED_NOTE.format(results[0].controller), *evaluate.notes(entries, results)]
         evaluate.say_figures(tables, notes, place.json)
         output.write_json(place.json, [evaluate.to_json(result) for result in results])

@@ -17,8 +17,7 @@ from hugwbc.evaluation.experiment import Experiment, Result
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
 from hugwbc.evaluation.study import Entry, remarks, run_study
-from hugwbc.evaluation.tables import INTERVAL_NOTE, Table, format_table
-from hugwbc.report.paper_table import paired_tables
+from hugwbc.evaluation.tables import INTERVAL_NOTE, Table, figure_tables, format_table
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.settings import seed_class
 from hugwbc.source import source_commit
@@ -56,14 +55,24 @@ def run(words: Sequence[str]) -> int:
     entry, place = parse_entry(words)
     check_writable(place.json)
     results = measured([entry], place)
-    say_figures(paired_tables(results), [INTERVAL_NOTE, *notes([entry], results)], place.json)
+    say_figures(tables_of(results), [INTERVAL_NOTE, *notes([entry], results)], place.json)
     write_json(place.json, to_json(results[0]))
     return 0
 
 
+def tables_of(results: Sequence[Result]) -> list[Table]:
+    """Return tables of what was measured."""
+    return figure_tables(figure for result in results for figure in result.figures if figure.estimate is not None)
+
+
 def say_figures(tables: Sequence[Table], lines: Sequence[str], json_path: pathlib.Path | None) -> None:
     """Print tables, and lines below them."""
-    say("\n\n".join([*(format_table(table.columns, table.rows) for table in tables), "\n".join(lines)]), json_path)
+    say(
+        "\n\n".join(
+            [*(format_table((table.title, *table.columns[1:]), table.rows) for table in tables), "\n".join(lines)]
+        ),
+        json_path,
+    )
 
 
 def parse_entry(words: Sequence[str]) -> tuple[Entry, ExecutionOptions]:

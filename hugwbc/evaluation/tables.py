@@ -8,17 +8,19 @@ from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from hugwbc.evaluation.figures import Comparison, Figure
+from hugwbc.evaluation.intervals import Estimate
 
 INTERVAL_NOTE = (
     "95 % intervals: of means by bootstrap over episodes; of percentages of episodes Wilson's score interval"
 )
+_DIGITS = 3  # of the largest number of a cell
 
 
 @dataclasses.dataclass(frozen=True)
 class Marked:
-    """A cell that is marked by a word and by its style."""
+    """A cell that a page marks by a word and by its style."""
 
-    text: str  # text of the cell, including the word
+    text: str  # text of the cell, without the word
     # worse than the reference; worse, but within the uncertainty; published and not measured here
     mark: Literal["", "worse", "unclear", "published"] = ""
 
@@ -74,49 +76,72 @@ CSV_COLUMNS = (
 )
 
 
-def comparison_table(figures: Sequence[Figure]) -> Table:
-    """Lay out the figures of one table: a row for each quantity, a column for the paper and each controller.
+def figure_tables(figures: Iterable[Figure]) -> list[Table]:
+    """Return a table for each title: a row for each quantity, a column for the paper and each controller.
 
-    A measured cell shows the value, its interval and the ratio to the paper's value. It is marked "worse" if it is
-    worse than the paper's, and "worse?" if it is worse by less than its uncertainty. Where the paper prints several
-    policies, each of them stands before the controllers that are compared with it.
+    A measured cell shows the value and its interval, and is marked if it is worse than the paper's. Where the paper
+    prints several policies, each of them stands before the controllers that are compared with it. Below a quantity
+    stands its difference from that of another controller.
     """
-    units = {figure.quantity: figure.unit for figure in figures}
-    columns: dict[str, list[Cell]] = {"": [f"{name} [{unit}]" if unit else name for name, unit in units.items()]}
+    titles: dict[str, list[Figure]] = {}
+    for figure in figures:
+        if figure.value is not None or figure.paper is not None:
+            titles.setdefault(figure.table, []).append(figure)
+    return [_figure_table(title, found) for title, found in titles.items()]
+
+
+def _figure_table(title: str, figures: Sequence[Figure]) -> Table:
+    columns: dict[str, dict[str, Cell]] = {}
+    differences: dict[str, dict[str, str]] = {}
     for reference in dict.fromkeys(figure.reference for figure in figures):
-        columns |= _columns([figure for figure in figures if figure.reference == reference], list(units))
-    return Table(figures[0].table, list(columns), list(map(list, zip(*columns.values(), strict=True))))
+        mine = (figure for figure in figures if figure.reference == reference)
+        part = sorted(mine, key=lambda figure: figure.estimate is None)  # the measured ones first
+        papers: dict[str, Cell] = {figure.quantity: figure.paper for figure in part if figure.paper is not None}
+        if papers:
+            columns[", ".join(filter(None, ("HugWBC, paper", reference)))] = papers
+        for controller in filter(None, dict.fromkeys(figure.controller for figure in part)):
+            of_it = [figure for figure in part if figure.controller == controller]
+            heading = f"{controller} (published)" if of_it[0].estimate is None else controller
+            columns[heading] = {figure.quantity: _value(figure) for figure in of_it}
+            differences[heading] = {figure.quantity: _difference(figure) for figure in of_it}
+    against = next((figure.difference.against for figure in figures if figure.difference), "")
+    rows: list[list[Cell]] = []
+    for quantity, label in {figure.quantity: figure.label for figure in figures}.items():
+        rows.append([label, *(column.get(quantity) for column in columns.values())])
+        gaps = [differences.get(heading, {}).get(quantity, "") for heading in columns]
+        if any(gaps):
+            rows.append([f"  minus {against}", *map(Marked, gaps)])
+    return Table(title, ["", *columns], rows)
 
 
-def _columns(figures: Sequence[Figure], quantities: Sequence[str]) -> dict[str, list[Cell]]:
-    """Return the columns of one of the paper's policies by heading: its own, if any, and the controllers'."""
-    columns: dict[str, list[Cell]] = {}
-    papers = {figure.quantity: figure.paper for figure in figures if figure.paper is not None}
-    if papers:
-        heading = ", ".join(filter(None, ("HugWBC, paper", figures[0].reference)))
-        columns[heading] = [papers.get(quantity) for quantity in quantities]
-    for controller in filter(None, dict.fromkeys(figure.controller for figure in figures)):
-        mine = {figure.quantity: figure for figure in figures if figure.controller == controller}
-        published = any(figure.estimate is None for figure in mine.values())
-        columns[f"{controller} (published)" if published else controller] = [_cell(mine.get(q)) for q in quantities]
-    return columns
+_MARKS = {Comparison.WORSE: "worse", Comparison.UNCLEAR_WORSE: "unclear"}
 
 
-def _cell(figure: Figure | None) -> Cell:
-    if figure is None or figure.value is None:
+def _value(figure: Figure) -> Marked | None:
+    if figure.value is None:
         return None
     if figure.estimate is None:
         return Marked(number(figure.value), "published")
-    parts = [number(figure.value)]
-    if figure.estimate.low is not None and figure.estimate.high is not None:
-        parts.append(f"[{number(figure.estimate.low, 2)}, {number(figure.estimate.high, 2)}]")
-    if figure.ratio is not None:
-        parts.append("× < 0.01" if 0.0 <= figure.ratio[0] < 0.01 else f"× {number(figure.ratio[0], 2)}")
-    if figure.against_paper is Comparison.WORSE:
-        return Marked(" ".join([*parts, "worse"]), "worse")
-    if figure.against_paper is Comparison.UNCLEAR_WORSE:
-        return Marked(" ".join([*parts, "worse?"]), "unclear")
-    return Marked(" ".join(parts))
+    return Marked(_with_bounds(figure.estimate, ""), _MARKS.get(figure.against_paper, ""))
+
+
+def _difference(figure: Figure) -> str:
+    found = figure.difference
+    if found is None:
+        return ""
+    p = "" if found.p is None else f" (p = {found.p:.2g})"
+    return f"{_with_bounds(found.estimate, '+')}{p}{' *' * found.is_clear}"
+
+
+def _with_bounds(estimate: Estimate, sign: str) -> str:
+    """Return a number and its interval, all with the decimals that give the largest of them `_DIGITS` digits."""
+    numbers = [v for v in (estimate.value, estimate.low, estimate.high) if v is not None]
+    largest = max(abs(number) for number in numbers)
+    decimals = 0 if largest == 0.0 else max(0, _DIGITS - 1 - math.floor(math.log10(largest)))
+    value, low, high = (
+        "–" if v is None else f"{v:{sign}.{decimals}f}" for v in (estimate.value, estimate.low, estimate.high)
+    )
+    return value if estimate.low is None and estimate.high is None else f"{value} [{low}, {high}]"
 
 
 def comparison_sentence(figures: Sequence[Figure], first: str, second: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from hugwbc.evaluation.tables import Cell, Marked, Table, cell_text
 from hugwbc.viz.plots import Panel
 
+WORDS = {"worse": " worse", "unclear": " worse?"}  # behind a cell of this mark
 _LONG_TEXT = 24  # characters; a column with a longer text wraps its lines
 
 
@@ -96,7 +97,7 @@ def _column_head(title: str, wordy: bool) -> str:
 def _cell(value: Cell, wordy: bool) -> str:
     name = value.mark if isinstance(value, Marked) else "text" if wordy else ""
     mark = f' class="{name}"' if name else ""
-    return f"<td{mark}>{html.escape(cell_text(value))}</td>"
+    return f"<td{mark}>{html.escape(cell_text(value))}{WORDS.get(name, '')}</td>"
 
 
 _TEMPLATE = """<!DOCTYPE html>

@@ -1,6 +1,5 @@
 """One table of several controllers for a paper: intervals, paired differences, as LaTeX, CSV and a picture."""
 
-import math
 import pathlib
 import re
 from collections.abc import Sequence
@@ -17,71 +16,12 @@ PAIRED_NOTE = (
     "interval, of percentages with the p of McNemar's exact test. * marks those that leave out 0, or p < 0.05. Figures "
     "that are no means over episodes have none."
 )
-_DIGITS = 3  # of the largest number of a cell
 _TEX = {
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "[": "{[}"},
     **{character: f"\\{character}" for character in "&%$#_{}"},
     **{"−": "$-$", "–": "--", "×": r"$\times$", "·": r"$\cdot$", "°": r"$^\circ$", "²": "$^2$", "³": "$^3$"},
     **{"⁶": "$^6$", "ω": r"$\omega$", "±": r"$\pm$", "<": "$<$", ">": "$>$", "|": "$|$"},
 }
-
-
-def paired_tables(results: Sequence[Result]) -> list[Table]:
-    """Return the figures of results of one experiment, a table for each of its titles, a column for each controller.
-
-    Below a quantity stands its difference from that of the first controller.
-    """
-    controllers = [result.controller for result in results]
-    tables = []
-    for title, quantities in _by_title(results).items():
-        papers = any(figure.paper is not None for found in quantities.values() for figure in found.values())
-        rows: list[list[str]] = []
-        for found in quantities.values():
-            first = next(iter(found.values()))
-            paper = next((f"{figure.paper:g}" for figure in found.values() if figure.paper is not None), "")
-            beside = [paper] if papers else []
-            rows.append([first.label, *(_value(found.get(name)) for name in controllers), *beside])
-            differences = [_difference(found.get(name)) for name in controllers]
-            if any(differences):
-                rows.append([f"  minus {controllers[0]}", *differences, *[""] * papers])
-        tables.append(Table(title, [title, *controllers, *["paper"] * papers], rows))
-    return tables
-
-
-def _by_title(results: Sequence[Result]) -> dict[str, dict[str, dict[str, Figure]]]:
-    """Return the measured figures by title, quantity and controller, without quantities of which there is no number."""
-    found: dict[str, dict[str, dict[str, Figure]]] = {}
-    for result in results:
-        for figure in result.figures:
-            if figure.estimate is not None:
-                found.setdefault(figure.table, {}).setdefault(figure.quantity, {})[result.controller] = figure
-    return {
-        title: {name: mine for name, mine in quantities.items() if any(f.value is not None for f in mine.values())}
-        for title, quantities in found.items()
-    }
-
-
-def _value(figure: Figure | None) -> str:
-    if figure is None or figure.estimate is None or figure.value is None:
-        return "–"
-    return _with_bounds(figure.estimate, "")
-
-
-def _difference(figure: Figure | None) -> str:
-    found = None if figure is None else figure.difference
-    if found is None:
-        return ""
-    p = "" if found.p is None else f" (p = {found.p:.2g})"
-    return f"{_with_bounds(found.estimate, '+')}{p}{' *' * found.is_clear}"
-
-
-def _with_bounds(estimate: Estimate, sign: str) -> str:
-    """Return a number and its interval, all with the decimals that give the largest of them `_DIGITS` digits."""
-    numbers = [v for v in (estimate.value, estimate.low, estimate.high) if v is not None]
-    largest = max(abs(number) for number in numbers)
-    decimals = 0 if largest == 0.0 else max(0, _DIGITS - 1 - math.floor(math.log10(largest)))
-    value, *bounds = (f"{number:{sign}.{decimals}f}" for number in numbers)
-    return f"{value} [{bounds[0]}, {bounds[1]}]" if bounds else value
 
 
 def tex_table(tables: Sequence[Table], notes: Sequence[str]) -> str:
@@ -91,7 +31,7 @@ def tex_table(tables: Sequence[Table], notes: Sequence[str]) -> str:
     lines += [f"  \\begin{{tabular}}{{@{{}}l{'r' * (width - 1)}@{{}}}}", r"    \toprule"]
     for number, table in enumerate(tables):
         lines += [r"    \midrule"] * (number > 0)
-        lines += [f"    {_tex_row(table.columns, width)}", r"    \midrule"]
+        lines += [f"    {_tex_row([table.title, *table.columns[1:]], width)}", r"    \midrule"]
         lines += [f"    {_tex_row(row, width)}" for row in table.rows]
     lines += [
         r"    \bottomrule",
@@ -120,7 +60,7 @@ def write_paper(
     Args:
         folder: where to.
         results: the results.
-        tables: those of `paired_tables`.
+        tables: their tables.
         notes: sentences for the caption.
     """
     figures = [figure for result in results for figure in result.figures if figure.estimate is not None]
@@ -136,17 +76,18 @@ def write_paper(
 
 def _picture(results: Sequence[Result]) -> str:
     """Return a picture of the figures with intervals, and of their differences."""
+    found: dict[tuple[str, str], dict[str, Figure]] = {}
+    for result in results:
+        for figure in result.figures:
+            found.setdefault((figure.table, figure.label), {})[result.controller] = figure
+    several = len({title for title, _ in found}) > 1
     rows: list[tuple[str, list[Bar | None], list[Bar | None]]] = []
-    titles = _by_title(results)
-    for title, quantities in titles.items():
-        for found in quantities.values():
-            figures = [found.get(result.controller) for result in results]
-            values = [_bar(figure and figure.estimate) for figure in figures]
-            if all(bar is None or bar.low is None for bar in values):
-                continue
-            gaps = [_bar(f.difference.estimate) if f and f.difference else None for f in figures]
-            label = next(iter(found.values())).label
-            rows.append((f"{title}: {label}" if len(titles) > 1 else label, values, gaps))
+    for (title, label), mine in found.items():
+        figures = [mine.get(result.controller) for result in results]
+        values = [_bar(figure and figure.estimate) for figure in figures]
+        if any(bar and bar.low is not None for bar in values):
+            gaps = [_bar(figure.difference.estimate) if figure and figure.difference else None for figure in figures]
+            rows.append((f"{title}: {label}" if several else label, values, gaps))
     names = [result.controller for result in results]
     return interval_bars(rows, names, f"paired difference from {names[0]}")
 

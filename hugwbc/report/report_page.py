@@ -9,17 +9,18 @@ from typing import Any
 from hugwbc.evaluation.experiment import Experiment, Result, Section, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.figures import Figure
-from hugwbc.evaluation.tables import Table, comparison_sentence, comparison_table, figures_csv
+from hugwbc.evaluation.tables import Table, comparison_sentence, figure_tables, figures_csv
 from hugwbc.files import write_whole
 from hugwbc.report import page
 from hugwbc.viz.framing import LABEL_COLOURS
 
 TITLE = "Whole-body control of the Unitree H1"
 LEGEND = (
-    "A cell has the mean over episodes, its 95 % bootstrap interval, and the ratio to the paper's figure. 'worse' "
-    "marks what is worse than the paper's figure by more than that interval, 'worse?' by less. Falls have a score "
-    "interval. The paper's column was not measured under our conditions: its policies were trained and tested in "
-    "another simulator (Isaac Gym), with wider randomisation and another description of the robot (51.65 kg)."
+    "A cell has the mean over episodes and its 95 % bootstrap interval; falls have a score interval. 'worse' marks "
+    "what is worse than the paper's figure by more than that interval, 'worse?' by less. Below a quantity stands its "
+    "difference from the first controller over the same episodes; * marks one that is hardly chance. The paper's "
+    "column was not measured under our conditions: its policies were trained and tested in another simulator (Isaac "
+    "Gym), with wider randomisation and another description of the robot (51.65 kg)."
 )
 
 
@@ -48,8 +49,8 @@ class Report:
 
     def tables(self, experiment: Experiment[Any]) -> list[Table]:
         """Return the tables of an experiment's section."""
-        titles = dict.fromkeys(figure.table for result in self.of(experiment) for figure in result.figures)
-        return [comparison_table([f for f in self.figures if f.table == title]) for title in titles]
+        titles = {figure.table for result in self.of(experiment) for figure in result.figures}
+        return figure_tables(figure for figure in self.figures if figure.table in titles)
 
     def write(self, folder: pathlib.Path) -> list[pathlib.Path]:
         """Write the page and the CSV to a folder, and return their paths."""

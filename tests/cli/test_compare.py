@@ -95,7 +95,7 @@ def test_a_table_of_an_experiment_has_paired_differences_of_controllers_by_their
     assert main([*words, "--results", str(tmp_path / "rows"), "--out", str(out), "--timestep", "0.005"]) == 0
     text = capsys.readouterr().out
     title, _, first, second, *_ = text.splitlines()
-    assert f"leaning ({own}:Other)" in title and f"leaning ({own}:Twin)" in title and title.endswith("paper")
+    assert f"leaning ({own}:Other)" in title and f"leaning ({own}:Twin)" in title and "HugWBC, paper" in title
     assert first.startswith("E_h [m]") and second.startswith("  minus hold")
     assert "rest on 2 or more each; below 8" in text and "6 episodes, seed 3" in text
     with (out / "figures.csv").open() as file:

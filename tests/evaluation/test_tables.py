@@ -11,7 +11,7 @@ from hugwbc.evaluation.tables import (
     Marked,
     cell_text,
     comparison_sentence,
-    comparison_table,
+    figure_tables,
     figures_csv,
     format_table,
 )
@@ -22,7 +22,7 @@ from tests.conftest import figure
     ("value", "text"),
     [
         (None, "–"), (float("nan"), "–"), (True, "yes"), (0.012345, "0.0123"), (1234.5, "1234"), (12, "12"), ("a", "a"),
-        (Marked("2 worse", "worse"), "2 worse"),
+        (Marked("2", "worse"), "2"),
     ],
 )  # fmt: skip
 def test_cells(value, text):
@@ -61,24 +61,34 @@ def test_every_figure_is_a_line_with_its_source():
     assert found == ["learned", "2", "1", "3", "7", ""]
 
 
-def test_table_of_measured_and_published_figures():
+def test_tables_have_the_papers_the_measured_and_the_published_figures_and_differences():
+    pair, share = (
+        Difference("a", Estimate(-0.0123, -0.02, -0.004, 8)),
+        Difference("a", Estimate(-37.5, None, None, 8), 0.25),
+    )
     figures = [
         figure(0.06, 0.05, 0.07, paper=0.03),
-        figure(0.032, 0.02, 0.05, paper=0.03, controller="b"),
+        dataclasses.replace(figure(0.0377, 0.0277, 0.0477, paper=0.03, controller="b"), difference=pair),
         figure(None, None, None, controller="HOVER", published=0.27),
-        figure(5.0, None, None, quantity="falls"),
+        figure(100.0, None, None, quantity="success"),
+        dataclasses.replace(figure(62.5, None, None, quantity="success", controller="b"), difference=share),
+        figure(800.0, 800.0, None, quantity="force", controller="b"),
+        figure(None, None, None, quantity="nobody has it"),
     ]
-    table = comparison_table(figures)
-    assert list(table.columns) == ["", "HugWBC, paper", "a", "b", "HOVER (published)"]
+    (table,) = figure_tables(figures)
+    assert (table.title, table.columns) == ("T", ["", "HugWBC, paper", "a", "b", "HOVER (published)"])
     assert table.rows == [
         [
             "E_h [m]",
             0.03,
-            Marked("0.06 [0.05, 0.07] × 2 worse", "worse"),
-            Marked("0.032 [0.02, 0.05] × 1.1 worse?", "unclear"),
+            Marked("0.0600 [0.0500, 0.0700]", "worse"),
+            Marked("0.0377 [0.0277, 0.0477]", "unclear"),
             Marked("0.27", "published"),
         ],
-        ["falls [m]", None, Marked("5"), None, None],
+        ["  minus a", *map(Marked, ("", "", "-0.0123 [-0.0200, -0.0040] *", ""))],
+        ["success [m]", None, Marked("100"), Marked("62.5"), None],
+        ["  minus a", *map(Marked, ("", "", "-37.5 (p = 0.25)", ""))],
+        ["force [m]", None, None, Marked("800 [800, –]"), None],
     ]
 
 

@@ -13,7 +13,7 @@ def test_text_is_escaped_everywhere():
 def test_marks_are_classes_and_headings_are_targets():
     rows = [("E", Marked("2", "worse"), Marked("3", "published"), 4.0)]
     html = page.table_html(Table("Single command, walking", ("", "a", "b", "c"), rows), level=3)
-    assert '<td class="worse">2</td><td class="published">3</td><td>4</td>' in html
+    assert '<td class="worse">2 worse</td><td class="published">3</td><td>4</td>' in html
     assert '<h3 id="single-command-walking">Single command, walking</h3>' in html
     assert page.anchor("Single command, walking") == "single-command-walking"
 

@@ -7,7 +7,8 @@ from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.experiment import Result
 from hugwbc.evaluation.figures import Difference, Figure
 from hugwbc.evaluation.intervals import Estimate
-from hugwbc.report.paper_table import paired_tables, tex_table, tex_text, write_paper
+from hugwbc.evaluation.tables import figure_tables
+from hugwbc.report.paper_table import tex_table, tex_text, write_paper
 
 PAIR = Difference("qp", Estimate(-0.0123, -0.02, -0.004, 8))
 SHARE = Difference("qp", Estimate(-37.5, None, None, 8), 0.25)
@@ -17,26 +18,22 @@ def result(controller, value, share, pair=None, of_share=None):
     table, first = "Walk & stop, 100 %", Estimate(value, value - 0.01, value + 0.01, 8)
     figures = [
         Figure(table, "E_vx_low", "m/s²", first, 0.03, controller=controller, difference=pair),
-        Figure(table, "success", "% of episodes", Estimate(share, 30.0, 99.0, 8), difference=of_share),
-        Figure("Falls", "worst", "m", Estimate(2.0, None, None, 8)),
-        Figure("Falls", "nobody has it", "s", Estimate(None, None, None, 0)),
+        Figure(
+            table,
+            "success",
+            "% of episodes",
+            Estimate(share, 30.0, 99.0, 8),
+            controller=controller,
+            difference=of_share,
+        ),
+        Figure("Falls", "worst", "m", Estimate(2.0, None, None, 8), controller=controller),
+        Figure("Falls", "nobody has it", "s", Estimate(None, None, None, 0), controller=controller),
     ]
     return Result("mine", controller, Settings(), [], [], figures)
 
 
 RESULTS = [result("qp", 0.05, 100.0), result("my_{own}", 0.0377, 62.5, PAIR, SHARE)]
-
-
-def test_differences_stand_below_their_quantity():
-    first, second = paired_tables(RESULTS)
-    assert list(first.columns) == ["Walk & stop, 100 %", "qp", "my_{own}", "paper"]
-    assert first.rows == [
-        ["E_vx_low [m/s²]", "0.0500 [0.0400, 0.0600]", "0.0377 [0.0277, 0.0477]", "0.03"],
-        ["  minus qp", "", "-0.0123 [-0.0200, -0.0040] *", ""],
-        ["success [% of episodes]", "100 [30, 99]", "62.5 [30.0, 99.0]", ""],
-        ["  minus qp", "", "-37.5 (p = 0.25)", ""],
-    ]
-    assert second.rows == [["worst [m]", "2.00", "2.00"]]
+TABLES = figure_tables(figure for result in RESULTS for figure in result.figures)
 
 
 def cells(row):
@@ -44,7 +41,7 @@ def cells(row):
 
 
 def test_the_latex_is_balanced_and_every_row_has_every_cell():
-    text = tex_table(paired_tables(RESULTS), ["Seed 3, p < 0.05; 95 % of #2 ~ x^2 \\ $."])
+    text = tex_table(TABLES, ["Seed 3, p < 0.05; 95 % of #2 ~ x^2 \\ $."])
     plain = re.sub(r"\\[\\&%$#_{}]", "", text)  # escaped characters
     assert plain.count("{") == plain.count("}") and plain.count("$") % 2 == 0 and "#" not in plain
     begun, ended = (re.findall(rf"\\{word}{{(\w+)}}", text) for word in ("begin", "end"))
@@ -59,7 +56,7 @@ def test_the_latex_is_balanced_and_every_row_has_every_cell():
 
 
 def test_what_is_written(tmp_path):
-    paths = write_paper(tmp_path, RESULTS, paired_tables(RESULTS), ["A note."])
+    paths = write_paper(tmp_path, RESULTS, TABLES, ["A note."])
     assert [path.name for path in paths] == ["table.tex", "figures.csv", "figure.svg"]
     assert "my_{own},measured,0.0377" in (tmp_path / "figures.csv").read_text()
     root = ET.fromstring((tmp_path / "figure.svg").read_text())
