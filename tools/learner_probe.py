@@ -23,8 +23,9 @@ from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, LoadConfig, PPOConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.policy import checkpoint, critic_observations as obs
+from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.networks import load_into
+from hugwbc.learned.policy.terms import COMMAND
 from hugwbc.learned.rl.ppo import PPO, Rollout, generalised_advantage, log_probability
 
 V_X, OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
@@ -220,7 +221,7 @@ def slope(ppo: PPO, advantage: torch.Tensor, commands: torch.Tensor, column: int
     walking = r.group == int(Gait.WALKING)
     coordinates = ppo.network.actor._command
     more = torch.zeros(*commands.shape[:2], len(coordinates.matrix))
-    more[..., column] = step * commands[..., column] * torch.tensor(obs.COMMAND[0].scale)[column]
+    more[..., column] = step * commands[..., column] * torch.tensor(COMMAND[0].scale)[column]
     change = coordinates(more.flatten(0, 1)).view_as(more)
     log_std = ppo.network.exploration()
     moves = [

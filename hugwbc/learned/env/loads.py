@@ -6,7 +6,7 @@ import torch
 
 from hugwbc import rotations
 from hugwbc.learned.config import LoadConfig
-from hugwbc.learned.env.random_numbers import rand, randint, randn, uniform
+from hugwbc.learned.env.randomization import rand, randint, randn, uniform
 from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.batch import RobotBatch
 

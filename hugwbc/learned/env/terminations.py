@@ -21,12 +21,7 @@ def fallen(readings: Readings, robot: Robot) -> torch.Tensor:
 
 
 def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
-    """Return whether the held foot of a hopping robot is on the ground, shape (n,), bool.
-
-    Args:
-        readings: state of the robots.
-        gait: values of `Gait`, shape (n,).
-    """
+    """Return whether the held foot of a hopping robot is on the ground, shape (n,), bool."""
     return (held(gait) & feet_on_ground(readings.foot_force)).any(1)
 
 

@@ -6,22 +6,16 @@ from collections.abc import Sequence
 
 import torch
 
-from hugwbc.learned.policy.layout import (
-    ACTION as ACTION,
-    COMMAND as COMMAND,
-    CRITIC_CORE as CRITIC_CORE,
-    ESTIMATE as ESTIMATE,
-    FRAME as FRAME,
-    HISTORY as HISTORY,
-    HISTORY_FRAMES as HISTORY_FRAMES,
-    LENGTH_SCALE as LENGTH_SCALE,
-    PRIVILEGED as PRIVILEGED,
-    TERRAIN_SHAPE as TERRAIN_SHAPE,
-    TERRAIN_SIZE as TERRAIN_SIZE,
-    TERRAIN_SPACING as TERRAIN_SPACING,
-)
 from hugwbc.learned.policy.symmetry import SignedPermutation
-from hugwbc.learned.policy.terms import Part as Part, size_of as size_of
+from hugwbc.learned.policy.terms import (
+    ESTIMATE,
+    FRAME,
+    PRIVILEGED,
+    TERRAIN_SHAPE,
+    TERRAIN_SIZE,
+    TERRAIN_SPACING,
+    Part,
+)
 from hugwbc.robot import Robot
 
 
