@@ -44,16 +44,6 @@ def test_measured_quantities_agree_with_pinocchio(small_env: HumanoidEnv) -> Non
         assert small_env.readings.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
 
 
-def test_newest_frame_is_last_in_the_history() -> None:
-    config = dataclasses.replace(EnvConfig(), count=4, randomization=RandomizationConfig(sensing=(0.0, 0.0)))
-    env = HumanoidEnv(config, seed=0, threads=1)
-    action = 0.1 * torch.ones(4, 19)
-    env.step(action)
-    newest = env.observe().history[:, -63:]
-    torch.testing.assert_close(newest[:, -19:], action)
-    torch.testing.assert_close(newest[:, 3:6], env.readings.gravity)
-
-
 def test_same_seed_same_run_whatever_the_threads() -> None:
     config = dataclasses.replace(EnvConfig(), count=8)
     a, b = HumanoidEnv(config, seed=5, threads=1), HumanoidEnv(config, seed=5, threads=2)

@@ -202,17 +202,6 @@ def test_a_latency_of_a_control_step_shifts_the_motion_by_one() -> None:
     assert (other.simulation.qpos - prompt.simulation.qpos).abs().max() > 0.01
 
 
-def test_steps_one_by_one_are_a_control_step() -> None:
-    split, whole = BatchSimulation(3, robot=load_robot()), BatchSimulation(3, robot=load_robot())
-    latency = Latency(np.zeros(3, dtype=int), 4, split)
-    for step in range(10):
-        for simulation in (split, whole):
-            simulation.ctrl[:] = simulation.tensor(ROBOT.nominal + 0.1 * np.sin(step + np.arange(19)))
-        latency.step()
-        whole.step(4)
-    np.testing.assert_array_equal(split.qpos, whole.qpos)
-
-
 def test_the_state_of_a_run_without_latency_goes_on_with_one() -> None:
     """What acted last goes on until the first late target."""
     late, prompt = make(0.03), make(0.0)

@@ -32,11 +32,6 @@ def test_sizes_are_the_paper_s() -> None:
     assert 8 + len(Gait) + 2 * 2 + 1 == 18 and size_of(CRITIC_CORE, ROBOT) == 63 + 18 + 40
 
 
-def test_sizes_are_those_of_29_joints_and_9_links_for_a_g1() -> None:
-    parts = (FRAME, COMMAND, PRIVILEGED, ESTIMATE)
-    assert [size_of(part, G1) for part in parts] == [3 + 3 + 3 * 29, 18, 29 + 9, 6]
-
-
 def test_terrain_points_span_the_published_grid() -> None:
     points = obs.terrain_points()
     assert points.shape == (221, 2)
