@@ -95,13 +95,7 @@ class SplitLinear(nn.Module):
     """
 
     def __init__(self, inputs: tuple[int, int], outputs: tuple[int, int], gain: float = 1.0) -> None:
-        """Draw weights as a full layer has them.
-
-        Args:
-            inputs: numbers of even and odd coordinates.
-            outputs: the same of what comes out.
-            gain: factor on the initial weights.
-        """
+        """Draw weights as a full layer has them, times a gain, between numbers of even and odd coordinates."""
         super().__init__()
         self.even = nn.Linear(inputs[0], outputs[0])
         self.odd = nn.Linear(inputs[1], outputs[1], bias=False)
