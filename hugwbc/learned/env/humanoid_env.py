@@ -25,7 +25,17 @@ from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
-from hugwbc.learned.policy.terms import COMMAND, FRAME, HISTORY_FRAMES, Sensed, further_terms, observe, size_of
+from hugwbc.learned.policy.terms import (
+    COMMAND,
+    ESTIMATE,
+    FRAME,
+    HISTORY_FRAMES,
+    PRIVILEGED,
+    Sensed,
+    further_terms,
+    observe,
+    size_of,
+)
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.batch import BatchSimulation, RobotBatch
@@ -398,22 +408,24 @@ class HumanoidEnv:
         if any(term.noise for term in self.further):
             further += (2.0 * rand(self.generator, *further.shape) - 1.0) * self._further_noise
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
-        privileged = obs.privileged(
+        mass, latency = self._body_facts[robots].unbind(1)
+        privileged = obs.side_by_side(
+            PRIVILEGED,
             velocity,
-            height - self.command[robots, _H],
+            (height - self.command[robots, _H])[:, None],
             clearance,
-            self.friction[robots],
-            r.foot_force[robots],
-            r.link_force[robots] > LINK_CONTACT_FORCE,
+            self.friction[robots, None],
+            r.foot_force[robots].flatten(1),
+            (r.link_force[robots] > LINK_CONTACT_FORCE).to(velocity.dtype),
             self.bias[robots],
-            self.loads.observation(r.heading)[robots],
-            self._body_facts[robots],
+            *self.loads.observation(r.heading)[robots].split((2, 6, 3), 1),
+            mass[:, None] - 1.0,
+            latency[:, None],
         )
         terrain = terrain_samples(self.ground, r.position[robots], r.heading[robots], height, self.robot.nominal_height)
         critic = torch.cat((history[:, -self.history.shape[2] :], command, privileged, further, terrain), dim=1)
-        return Observation(
-            history, torch.cat((command, further), 1), critic, obs.estimate_target(velocity, clearance, height)
-        )
+        estimate = obs.side_by_side(ESTIMATE, velocity, clearance, height[:, None])
+        return Observation(history, torch.cat((command, further), 1), critic, estimate)
 
     def _sensed(self, robots: torch.Tensor | slice, *frame: torch.Tensor) -> Sensed:
         """Return what robots (all, or indices) sense, in the order of `observations.FRAME`, and are told."""

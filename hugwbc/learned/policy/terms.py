@@ -305,24 +305,24 @@ HISTORY = FRAME * HISTORY_FRAMES
 COMMAND = tuple(TERMS[name] for name in COMMAND_TERMS)
 ACTION = (Part("joint targets", "joints", "joints"),)
 ESTIMATE = (
-    Part("velocity of the pelvis in the heading frame", 3, _VECTOR, scale=2.0),
-    Part("clearance of the left and the right sole", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
-    Part("pelvis height minus the nominal one", 1, (1.0,), scale=LENGTH_SCALE),
+    Part("velocity of the pelvis in the heading frame [m/s]", 3, _VECTOR, scale=2.0),
+    Part("clearance of the left and the right sole [m]", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
+    Part("pelvis height minus the nominal one [m]", 1, (1.0,), scale=LENGTH_SCALE),
 )
 ESTIMATE_SIZE = sum(int(part.size) for part in ESTIMATE)
 PRIVILEGED = (  # what the critic sees besides frame, command and terrain
-    Part("velocity of the pelvis in the heading frame", 3, _VECTOR, scale=2.0),
-    Part("measured minus commanded height", 1, (1.0,), scale=LENGTH_SCALE),
-    Part("clearance of the left and the right sole", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
-    Part("friction coefficient", 1, (1.0,)),
-    Part("ground reaction on the left and the right foot", 6, _VECTOR, sides=True, scale=0.002),
-    Part("whether each link touches something", "links", "links"),
-    Part("filtered errors of v_x, v_y and omega", 3, (1.0, -1.0, -1.0), scale=5.0),
-    Part("payload of the left and the right hand", 2, (1.0,), sides=True, scale=0.25),
-    Part("force on the left and the right hand", 6, _VECTOR, sides=True, scale=0.02),
-    Part("force on the trunk", 3, _VECTOR, scale=0.02),
+    Part("velocity of the pelvis in the heading frame [m/s]", 3, _VECTOR, scale=2.0),
+    Part("measured minus commanded height [m]", 1, (1.0,), scale=LENGTH_SCALE),
+    Part("clearance of the left and the right sole [m]", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
+    Part("friction coefficient of the robot's geometry", 1, (1.0,)),
+    Part("ground reaction on the left and the right foot [N]", 6, _VECTOR, sides=True, scale=0.002),
+    Part("whether each of `Robot.contact_links` touches something", "links", "links"),
+    Part("filtered errors of v_x, v_y [m/s] and omega [rad/s]", 3, (1.0, -1.0, -1.0), scale=5.0),
+    Part("payload of the left and the right hand [kg]", 2, (1.0,), sides=True, scale=0.25),
+    Part("force on the left and the right hand in the heading frame [N]", 6, _VECTOR, sides=True, scale=0.02),
+    Part("force on the trunk in the heading frame [N]", 3, _VECTOR, scale=0.02),
     Part("mass of the robot, minus 1 of its description", 1, (1.0,), scale=5.0),
-    Part("latency", 1, (1.0,), scale=50.0),
+    Part("latency [s]", 1, (1.0,), scale=50.0),
 )
 CRITIC_CORE = (*FRAME, *COMMAND, *PRIVILEGED)  # what is left of what it sees without the terrain
 
