@@ -13,9 +13,8 @@ from gymnasium.vector.utils import batch_space
 from hugwbc.errors import ConfigError
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
-from hugwbc.learned.policy.terms import further_terms
+from hugwbc.learned.policy.terms import ACTION, COMMAND, HISTORY, further_terms, size_of
 from hugwbc.numeric import floats
 from hugwbc.robot import load_robot
 
@@ -27,10 +26,10 @@ _LAST_SEED = 2**31 - 1
 def _spaces(config: EnvConfig) -> tuple[spaces.Box, spaces.Box]:
     """Return the spaces of a robot's actions and of its observations, including terms besides the paper's."""
     robot = load_robot(config.robot)
-    seen = (*obs.HISTORY, *obs.COMMAND, *further_terms(config.observations, robot))
-    bounds = ((obs.ACTION, LARGEST_ACTION), (seen, _LARGEST))
+    seen = (*HISTORY, *COMMAND, *further_terms(config.observations, robot))
+    bounds = ((ACTION, LARGEST_ACTION), (seen, _LARGEST))
     action, observation = (
-        spaces.Box(-largest, largest, (obs.size_of(parts, robot),), np.float32) for parts, largest in bounds
+        spaces.Box(-largest, largest, (size_of(parts, robot),), np.float32) for parts, largest in bounds
     )
     return action, observation
 

@@ -37,16 +37,7 @@ class H1RslRlEnv(VecEnv):
         curriculum: bool = True,
         device: str = "cpu",
     ) -> None:
-        """Build the robots and begin an episode of each.
-
-        Args:
-            num_envs: number of robots.
-            config: settings of the environment; None for those of the training.
-            seed: of all random numbers of the environment.
-            threads: threads of the simulation.
-            curriculum: whether levels of noise, speed and penalties rise as in the training.
-            device: device of the tensors that come and go.
-        """
+        """Build the robots from a seed; arguments as of `H1VectorEnv`, and the device of the tensors to and fro."""
         self.robots = H1VectorEnv(num_envs, config=config, threads=threads, curriculum=curriculum)
         self.num_envs, self.num_actions, self.device = num_envs, self.robots.joints, device
         self.cfg = self.robots.config

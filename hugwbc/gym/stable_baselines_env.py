@@ -32,15 +32,7 @@ class H1StableBaselinesEnv(VecEnv):
         threads: int = 1,
         curriculum: bool = True,
     ) -> None:
-        """Set up the robots; they are built by `reset`.
-
-        Args:
-            num_envs: number of robots.
-            config: settings of the environment; None for those of the training.
-            seed: of all random numbers of the environment, until `seed` is called.
-            threads: threads of the simulation.
-            curriculum: whether levels of noise, speed and penalties rise as in the training.
-        """
+        """Set up the robots, which `reset` builds from a seed; other arguments as of `H1VectorEnv`."""
         self.robots = H1VectorEnv(num_envs, config=config, threads=threads, curriculum=curriculum)
         space = self.robots.single_action_space
         actions = gymnasium.spaces.Box(-LARGEST_ACTION, LARGEST_ACTION, space.shape, np.float32)

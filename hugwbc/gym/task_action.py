@@ -6,13 +6,10 @@ import numpy as np
 
 from hugwbc.behaviours.hands import points_in, points_of
 from hugwbc.commands import Command
-from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, View
 from hugwbc.tasks.demonstration import ACTION_NAMES
-
-GRIP_KINDS = ("squeeze", "attach", None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,8 +53,8 @@ _BODY = (
     Entry("p", 0.0, 0.4, "rad"),
     Entry("w", -1.0, 1.0, "rad"),
 )
-_SQUEEZE = (Entry("squeeze", -60.0, 60.0, "N"),)
-_GRIPS = tuple(Entry(f"{side}_grip") for side in SIDES)
+GRIPS = {"squeeze": (Entry("squeeze", -60.0, 60.0, "N"),), "attach": tuple(Entry(f"{side}_grip") for side in SIDES)}
+"""How a task's hands grip: by a force between both, or by the idealised gripper of each; and the entries for it."""
 _VELOCITIES = ("v_x", "v_y", "omega")
 
 
@@ -103,16 +100,8 @@ class ActionLayout:
     """
 
     def __init__(self, grip: str | None) -> None:
-        """Set the order.
-
-        Args:
-            grip: how the task's hands grip: "squeeze" for a force between both, "attach" for the idealised gripper of
-                each, None for not at all.
-        """
-        if grip not in GRIP_KINDS:
-            raise ConfigError(f"grip is {grip!r}; give one of {', '.join(map(repr, GRIP_KINDS))}")
-        last = {"squeeze": _SQUEEZE, "attach": _GRIPS, None: ()}[grip]
-        self.entries = (*_BODY, *_hand("left"), *_hand("right"), *last)
+        """Set the order for hands that grip in one of the ways of `GRIPS`, or not at all."""
+        self.entries = (*_BODY, *_hand("left"), *_hand("right"), *(GRIPS[grip] if grip else ()))
         self.names = tuple(entry.name for entry in self.entries)
         self._switch = np.array([entry.is_switch for entry in self.entries])
         low, high = np.array([(entry.low, entry.high) for entry in self.entries]).T

@@ -268,11 +268,7 @@ class VelocityTrim:
 
 
 def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:
-    """Move a value to a target for one tick; `limits` bound its rate and its acceleration.
-
-    Returns:
-        The value and its rate after the tick.
-    """
+    """Return a value and its rate a tick nearer to a target; `limits` bound its rate and its acceleration."""
     fastest, quickest = limits
     gap, change = target - value, quickest * dt
     if abs(gap) <= change * dt and abs(gap / dt - rate) <= change:  # it arrives in this tick, and can stop in the next

@@ -70,15 +70,7 @@ class Pendulum(NamedTuple):
         return cls(pivot[:2], com, omega, com + lead)
 
     def com_after(self, cop: np.ndarray, time: float) -> np.ndarray:
-        """Return the centre of mass after some time over a fixed centre of pressure.
-
-        Args:
-            cop: centre of pressure in the world [m], shape (2,).
-            time: time from now [s].
-
-        Returns:
-            Centre of mass in the world [m], shape (2,).
-        """
+        """Return the centre of mass after a time [s] over a fixed centre of pressure, both in the world [m], (2,)."""
         # About the centre of pressure, c + c' / omega grows as e^{omega t} and c - c' / omega decays as e^{-omega t}.
         growth = math.exp(self.omega * time)
         diverged = (self.dcm - cop) * growth

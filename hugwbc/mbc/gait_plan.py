@@ -40,11 +40,7 @@ class GaitPlan:
     """
 
     def __init__(self, gather_time: float = 0.0) -> None:
-        """Start with a plan that stands.
-
-        Args:
-            gather_time: by how much the first and the last stance of a series of leaps are longer [s].
-        """
+        """Stand; the first and the last stance of a series of leaps are longer by the time to gather [s]."""
         self._gather_time = gather_time
         self.reset()
 
@@ -91,11 +87,7 @@ class GaitPlan:
         return self.step_time + self.delay
 
     def retime(self, remaining: float) -> None:
-        """Let the current step of a walk end at another time; its clock runs faster or slower until then.
-
-        Args:
-            remaining: new time to the end of the step [s], above 0.
-        """
+        """Let the current step of a walk end in another time [s], above 0; its clock is faster or slower until then."""
         self.delay += remaining - self.remaining
         self._pace = (0.5 - self.phase % 0.5) / (self.frequency * remaining)
 

@@ -15,19 +15,9 @@ _SHORTEST = 0.02  # [s]; a shorter quintic to a moving target would ask for unbo
 def quintic_advance(
     x: float, v: float, a: float, x_end: float, v_end: float, a_end: float, T: float, dt: float
 ) -> tuple[float, float, float]:
-    """Return position, velocity and acceleration after `dt` on the quintic from a state to a target.
+    """Return position, velocity and acceleration `dt` [s] later, at most T, on the quintic to a state after T [s].
 
     It works on one axis at a time: on three numbers, floats are several times faster than arrays.
-
-    Args:
-        x: position now.
-        v: velocity now.
-        a: acceleration now.
-        x_end: position after T.
-        v_end: velocity after T.
-        a_end: acceleration after T.
-        T: duration [s], positive.
-        dt: time from now [s]; beyond T it counts as T.
     """
     # How far constant acceleration misses the target at T in position, velocity and acceleration, as lengths.
     position = x_end - (x + v * T + 0.5 * a * T * T)

@@ -165,11 +165,7 @@ class WholeBodyController:
 
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, which has position and velocity, standing."""
-        if state.position is None or state.velocity is None:
-            raise ConfigError(
-                "qp needs the position and the velocity of the pelvis, which this state lacks; complete it with a "
-                "hugwbc.runtime.StateEstimator"
-            )
+        _motion(state)
         self._clear()
         self._qp.reset()
         self._slip.reset()
@@ -194,8 +190,7 @@ class WholeBodyController:
             command: command to follow, within its ranges.
             upper_body: targets of the arm joints under external control, within the joints' ranges.
         """
-        assert state.position is not None and state.velocity is not None
-        self._locomotion.follow_jumps(state.position, state.velocity, self.period)
+        self._locomotion.follow_jumps(*_motion(state), self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
         state = self._predictor.predict(state, self._delay)
         stepping = self._locomotion.plan.mode is Mode.WALKING
@@ -337,6 +332,16 @@ class WholeBodyController:
             failed_plans=self._locomotion.failed_plans,
             friction=self._slip.friction,
         )
+
+
+def _motion(state: RobotState) -> tuple[np.ndarray, np.ndarray]:
+    """Return position and velocity of the pelvis, or refuse a state without them."""
+    if state.position is None or state.velocity is None:
+        raise ConfigError(
+            "qp needs the position and the velocity of the pelvis, which this state lacks; complete it with a "
+            "hugwbc.runtime.StateEstimator"
+        )
+    return state.position, state.velocity
 
 
 class _Outcome(NamedTuple):

@@ -82,14 +82,7 @@ class JointFilter:
         self._qq, self._qv, self._vv = (np.full_like(self.q, value) for value in (self._noise[0], 0.0, self._noise[1]))
 
     def update(self, q: np.ndarray, dq: np.ndarray, dt: float, planned: np.ndarray | None = None) -> None:
-        """Predict over `dt` [s], then correct by a reading of positions and velocities.
-
-        Args:
-            q: reading [rad], shape (n,).
-            dq: reading [rad/s], shape (n,).
-            dt: since the last reading [s].
-            planned: accelerations that a controller planned for this time [rad/s^2], shape (n,).
-        """
+        """Predict over `dt` [s], by accelerations [rad/s^2] if they were planned for it, then correct by a reading."""
         kind = round(dt, 6), planned is None
         if kind != self._steady:
             self._set_gains(dt, kind)

@@ -68,12 +68,7 @@ class ReadingGuard:
         self.reset(None)
 
     def reset(self, state: RobotState | None, period: float = 0.002) -> None:
-        """Forget the past, and take a robot that stands still as the first reading.
-
-        Args:
-            state: that reading; None for the next one.
-            period: usual time between two readings [s].
-        """
+        """Forget the past; a robot that stands still, if given, is the first reading of one in every period [s]."""
         self._history, self._least_lead = round(_HISTORY / period), round(_LEAST_LEAD / period)
         self._records, self._end = np.zeros((2 * self._history, self._torque.stop)), self._history
         self._past = self._records[: self._history]  # the latest readings, a view

@@ -35,7 +35,7 @@ def rollout(
     past_falls: bool = False,
     strict: bool = True,
 ) -> Trace:
-    """Run a controller from a standing start until it falls or the time is over.
+    """Return the record of a run from a standing start until the robot falls or the time is over.
 
     The loop runs at the controller's period and the physics at its own time step; a sample is recorded every
     `RECORD_PERIOD`. The controller reads the estimated state; the record holds the true one.
@@ -59,9 +59,6 @@ def rollout(
         strict: whether a mistake in the code of the controller or of a source ends the run with a `ConfigError`: what
             it raises, and what is no joint command, command or target. Otherwise it is counted in `Trace.safety`, as on
             a robot.
-
-    Returns:
-        The record of the run.
     """
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")

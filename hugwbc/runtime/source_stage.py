@@ -25,14 +25,7 @@ class SourceStage:
     placed: RobotState
 
     def __init__(self, source: CommandSource, sight: Sight, log: SafetyLog, *, moves_hands: bool) -> None:
-        """Connect a source.
-
-        Args:
-            source: gives commands and hand targets over time.
-            sight: what a source that looks sees.
-            log: counts what the source does wrong.
-            moves_hands: whether something turns hand targets into arm targets; else they are ignored, with a warning.
-        """
+        """Connect a source; where nothing moves the hands, hand targets are ignored with a warning."""
         self._source, self._sight, self._log, self._moves_hands = source, sight, log, moves_hands
         self._seeing = source if isinstance(source, SeeingSource) else None
         self._warned = False

@@ -35,8 +35,3 @@ def test_what_would_fail_later_is_refused_at_once_and_by_name(settings: Callable
     for name, value in BAD[settings]:
         with pytest.raises(HugwbcError, match=rf"{name}\b.* (is|=) "):
             settings(**{name: value})
-
-
-def test_a_term_but_for_those_of_the_curricula_can_be_switched_off() -> None:
-    assert config.RewardWeights(feet_slip=0.0).feet_slip == 0.0
-    assert config.ExtraWeights(alive=0.0).alive == 0.0

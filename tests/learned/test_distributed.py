@@ -4,15 +4,19 @@ import pathlib
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
 
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
 from hugwbc.learned import distributed
+from hugwbc.learned.distributed import Stop, StoppedError, stopped_by_signals
 from hugwbc.learned.policy import checkpoint, load_policy
 
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
 # What every process runs: its share of the stored samples, one update, one move of the curricula.
 LEARN = """
 import sys
@@ -173,3 +177,41 @@ def test_each_process_but_the_first_has_files_of_its_own(monkeypatch: pytest.Mon
     assert distributed.rank_path(path) == path
     monkeypatch.setattr(distributed, "rank", lambda: 2)
     assert distributed.rank_path(path) == pathlib.Path("runs") / "checkpoint-rank2.safetensors"
+
+
+@pytest.fixture
+def ctrl_c_interrupts() -> Iterator[None]:
+    """Let SIGINT raise: a shell without job control makes its background processes ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_each_signal_asks_once_and_then_does_what_it_did(ctrl_c_interrupts) -> None:
+    before = [signal.getsignal(number) for number in NUMBERS]
+    with stopped_by_signals() as stop:
+        stop.check()
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.requested
+        with pytest.raises(StoppedError):
+            stop.check()
+        os.kill(os.getpid(), signal.SIGTERM)  # the other signal of one Ctrl-C under torchrun
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        assert [signal.getsignal(number) for number in NUMBERS] == before
+    assert [signal.getsignal(number) for number in NUMBERS] == before
+
+
+def test_work_in_a_thread_is_not_asked() -> None:
+    before = [signal.getsignal(number) for number in NUMBERS]
+    seen: list[Stop] = []
+
+    def work() -> None:
+        with stopped_by_signals() as stop:
+            assert [signal.getsignal(number) for number in NUMBERS] == before
+            seen.append(stop)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert [stop.requested for stop in seen] == [False]

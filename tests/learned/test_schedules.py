@@ -1,7 +1,7 @@
 import pytest
 
 from hugwbc.errors import HugwbcError
-from hugwbc.learned.config import PPOConfig, Schedule, TrainConfig
+from hugwbc.learned.config import Schedule, TrainConfig
 
 
 def test_a_value_is_linear_between_points_and_stays_outside() -> None:
@@ -50,8 +50,3 @@ def test_settings_that_depend_on_each_other_change_together() -> None:
 def test_what_cannot_be_is_refused_before_the_training(name: str, points: dict, shape: str, said: str) -> None:
     with pytest.raises(HugwbcError, match=said):
         TrainConfig(schedules={name: Schedule(points, shape)})  # type: ignore[arg-type]
-
-
-def test_without_schedules_nothing_changes() -> None:
-    config = TrainConfig(ppo=PPOConfig(horizon=7))
-    assert config.at(1e9) == config

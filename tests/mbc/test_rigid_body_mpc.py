@@ -137,14 +137,6 @@ def test_the_plan_is_mirrored_with_the_state():
     assert other == pytest.approx((one * flip)[:, [2, 3, 0, 1]], abs=0.5)
 
 
-def test_the_plan_is_followed_through_its_intervals():
-    plan = _solve(_body(velocity=np.array([0.5, 0.0, -1.0])), _stance(0.24), _take_off())
-    assert plan.interval == pytest.approx(0.04)
-    assert np.array_equal(plan.at(0.0), plan.forces[0])
-    assert np.array_equal(plan.at(0.09), plan.forces[2])
-    assert np.array_equal(plan.at(9.0), plan.forces[-1])
-
-
 def test_a_broken_body_gets_an_even_push_and_the_next_one_a_plan():
     mpc, stance = RigidBodyMpc(PARAMS, 4, ANKLE), _stance(0.25)
     for broken in ({"inertia": np.zeros((3, 3))}, {"velocity": np.full(3, np.nan)}):

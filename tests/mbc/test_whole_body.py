@@ -1,6 +1,7 @@
 """The controller as others see it: fallbacks, counts, symmetry, and limits, without a simulation."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -37,6 +38,14 @@ def _total_torque(joint_command, state):
 def test_a_period_that_is_no_time_is_refused(period):
     with pytest.raises(ConfigError, match="give a finite time above 0"):
         WholeBodyController(load_robot(), period=period)
+
+
+def test_a_state_without_position_or_velocity_is_refused(controller, standing_state):
+    for lacking in ("position", "velocity"):
+        state = dataclasses.replace(standing_state, **{lacking: None})
+        for call in (controller.reset, functools.partial(controller.act, command=Command(), upper_body=NONE)):
+            with pytest.raises(ConfigError, match="complete it with a"):
+                call(state)
 
 
 def test_standing_still_it_carries_the_weight(controller, standing_state):

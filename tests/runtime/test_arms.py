@@ -1,17 +1,16 @@
 """Arms under external control: which targets are admitted, and how the arms change hands."""
 
 import dataclasses
-import time
 
 import numpy as np
 import pytest
 
-from hugwbc import Command, JointCommand, UpperBody, load_robot
+from hugwbc import JointCommand, UpperBody, load_robot
 from hugwbc.controller import override_arms
 from hugwbc.hand_wrench import HandWrench
 from hugwbc.runtime.arms import BAND, LEARNED, ArmDrive, Handover, PayloadObserver
 from hugwbc.runtime.safety_report import SafetyLog
-from tests.conftest import ByHand, Recorder, bad_state, make_state
+from tests.conftest import make_state
 
 ROBOT = load_robot()
 DT = 0.02
@@ -73,43 +72,6 @@ def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
     before, taken = 20.0 * 0.1 - 0.5 * 0.5, 5.0 + 140.0 * 0.1 - 8.0 * 0.5
     assert [torques[t] for t in (39, 40, 79, 80, 119)] == pytest.approx([before, before, taken, taken, before])
     assert np.abs(np.diff(torques)).max() < 1.5
-
-
-def unchanged(handover, command, upper_body, dt):
-    return command
-
-
-def test_the_handover_acts_on_the_filtered_command_and_its_sum_is_limited_again(monkeypatch):
-    """Takeovers, releases, arms beyond the limits, broken states and outputs: as a blend behind the filter would be."""
-    rng = np.random.default_rng(0)
-    recorders = Recorder(), Recorder()
-    safe, plain = (ByHand(recorder) for recorder in recorders)
-    plain.control._handover.__class__ = type("NoHandover", (Handover,), {"__call__": unchanged})
-    monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
-    for period in (safe, plain):
-        period.start(make_state())
-    behind = Handover(ROBOT.arms)
-    arms, faded = UpperBody.none(), 0
-    for tick in range(1000):
-        if tick % 20 == 0:
-            arms = UpperBody.none() if rng.random() < 0.6 else UpperBody.targets(rng.uniform(-3.0, 3.0, 8))
-        q = ROBOT.nominal + rng.normal(0.0, 2.0, 19)
-        answer = override_arms(JointCommand.position(ROBOT, q), arms, ROBOT)
-        fault = rng.random()
-        if fault < 0.05:
-            answer = RuntimeError("no solution")
-        recorders[0].answer = recorders[1].answer = answer
-        state = bad_state() if 0.05 < fault < 0.1 or tick % 500 > 480 else make_state()
-        found = safe.act(state, Command(), arms)
-        filtered = plain.act(state, Command(), arms)
-        expected = behind(filtered, arms, plain.control.period)
-        if expected is not filtered:
-            faded, expected = faded + 1, plain.control._limit(expected)
-        for field in dataclasses.fields(JointCommand):
-            name, vector = field.name, getattr(expected, field.name)
-            np.testing.assert_array_equal(getattr(found, name), vector)
-    assert safe.report() == plain.report()
-    assert faded > 50 and safe.report().held > 0 and safe.report().damped > 0
 
 
 @pytest.mark.parametrize("soft", [0.0, 5.0])

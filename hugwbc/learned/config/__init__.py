@@ -9,7 +9,7 @@ from hugwbc.learned.config.environment import (
     RewardWeights,
     TerrainConfig,
 )
-from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
+from hugwbc.learned.config.robot_settings import LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import Schedule
 from hugwbc.learned.config.training_settings import (
     CALIBRATED_COMMANDS,
@@ -21,7 +21,6 @@ from hugwbc.learned.config.training_settings import (
 
 __all__ = [
     "CALIBRATED_COMMANDS",
-    "ArmServoGains",
     "CalibrationConfig",
     "CommandConfig",
     "CurriculumConfig",

@@ -11,11 +11,10 @@ from pydantic import Field
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.learned import ACTION_SCALE, WAIST_RATE
-from hugwbc.learned.config.robot_settings import ArmServoGains, LoadConfig, RandomizationConfig
+from hugwbc.learned.config.robot_settings import LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.policy.contract import Contract, History, Term
-from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES
-from hugwbc.learned.policy.terms import TERMS, further_terms
+from hugwbc.learned.policy.terms import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES, TERMS, further_terms
 from hugwbc.robot import Robot, load_robot
 from hugwbc.settings import Count, Gain, NotNegative, Positive, RobotName, Share, settings
 
@@ -258,7 +257,6 @@ class EnvConfig:
     terms: Annotated[dict[str, RewardTerm], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
     """Further rewards by name, for settings written in Python."""
     loads: LoadConfig = dataclasses.field(default_factory=LoadConfig)
-    arm_servo: ArmServoGains = dataclasses.field(default_factory=ArmServoGains)
     curriculum: CurriculumConfig = dataclasses.field(default_factory=CurriculumConfig)
     terrain: TerrainConfig = dataclasses.field(default_factory=TerrainConfig)
 

@@ -1,14 +1,12 @@
-"""Settings of the training robots: differences from their description, loads, and gains of moved arms."""
+"""Settings of the training robots: differences from their description, and loads."""
 
 from collections.abc import Callable
 from typing import Annotated, TypeVar
 
-import numpy as np
 import tyro
 from pydantic import AfterValidator, Field, ValidationInfo
 
 from hugwbc.errors import ConfigError
-from hugwbc.robot import Robot
 from hugwbc.settings import Count, NotNegative, Positive, Share, refusing, settings
 
 _Number = TypeVar("_Number")
@@ -56,8 +54,6 @@ class RandomizationConfig:
     """Half-width of a push, which changes the horizontal velocity of the pelvis [m/s]."""
     push_interval: Count = 400
     """Mean number of control steps between two pushes of a robot."""
-    noise: NotNegative = 0.0
-    """Scale of the paper's observation noise; 1 is the paper's (angular velocity 0.2, gravity 0.05, q 0.01, dq 1.5)."""
     sensing: Ascending[NotNegative] = (0.0, 1.5)
     """Factor on the sensor errors of the arena (`hugwbc.sim.sensors.ROBOT`: noise, biases and offsets of encoders,
     joint speeds, gyro and attitude), one value per robot; 0 for the true state."""
@@ -114,25 +110,3 @@ class LoadConfig:
     """Mean time between the end of a force on the trunk and the next one [s]."""
     trunk_time: Range = (0.2, 1.2)
     """Shortest and longest time for which a force on the trunk acts [s]."""
-
-
-@settings
-class ArmServoGains:
-    """Gains of the arms while they are under external control.
-
-    They are those of the arm servo that moves them when a policy runs, whose stiffness the maker's teleoperation of the
-    H1 has. Its feed-forward torque is left out: the sag without it is 2 degrees, and the pelvis bears the same weight.
-    """
-
-    stiffness: NotNegative = 140.0
-    """Of every arm joint [N*m/rad]."""
-    shoulder_damping: NotNegative = 10.0
-    """Of shoulder pitch and roll [N*m*s/rad]."""
-    distal_damping: NotNegative = 3.0
-    """Of shoulder yaw and elbow [N*m*s/rad]."""
-
-    def of(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-        """Return stiffness and damping of the arm joints of a robot, at most the servo's own, (arm joints,) each."""
-        whole = np.isin(robot.arms, (robot.pair("shoulder_pitch"), robot.pair("shoulder_roll")))
-        damping = np.where(whole, self.shoulder_damping, self.distal_damping)
-        return np.minimum(self.stiffness, robot.arm_kp), np.minimum(damping, robot.arm_kd)

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from hugwbc.learned.config import ArmServoGains
-from hugwbc.learned.env.random_numbers import rand, randint
+from hugwbc.learned.env.randomization import rand, randint
 from hugwbc.mirror import load_mirror
 from hugwbc.robot import Robot
 from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
@@ -33,16 +32,7 @@ class NoiseTargets:
     def __init__(
         self, robot: Robot, count: int, interval: int, generator: torch.Generator, paired: float = 0.0
     ) -> None:
-        """Start at the nominal posture.
-
-        Args:
-            robot: whose arms.
-            count: number of robots.
-            interval: control steps between two draws of a target.
-            generator: source of the draws.
-            paired: share of the draws that are mirror-symmetric, as of arms that carry something together; 0 in the
-                paper.
-        """
+        """Start at the nominal posture; the share `paired` of the draws is mirror-symmetric, as of arms that carry."""
         self.interval, self._paired = interval, paired
         device = generator.device
         # The partner of each arm joint, from 1, with its sign.
@@ -101,14 +91,7 @@ class MotionTargets:
     """Motions: each is played from a random frame to its end, and another one follows."""
 
     def __init__(self, robot: Robot, count: int, motions: Sequence[ArmMotion], generator: torch.Generator) -> None:
-        """Start at the nominal posture.
-
-        Args:
-            robot: whose arms.
-            count: number of robots.
-            motions: motions at any rate; they are resampled to the control rate.
-            generator: source of the choices.
-        """
+        """Start at the nominal posture; motions of any rate are resampled to the control rate."""
         device = generator.device
         clips = [torch.tensor(motion.resampled().positions, dtype=torch.float32) for motion in motions]
         self._frames = torch.cat(clips).to(device)
@@ -172,18 +155,7 @@ def make_arm_targets(
     generator: torch.Generator,
     paired: float = 0.0,
 ) -> ArmTargets:
-    """Build the source of arm targets of an intervention, for training and for evaluation.
-
-    Args:
-        kind: "motion", or anything else for noise, which does no harm where nothing is intervened.
-        robot: whose arms.
-        count: number of robots.
-        interval: control steps between two draws of the noise.
-        motions: folder of motion files; None for generated motions.
-        motions_seed: seed of the generated motions.
-        generator: source of the draws.
-        paired: share of the noise's draws that are mirror-symmetric.
-    """
+    """Build the source of arm targets: motions, of a folder or generated with a seed, or else the paper's noise."""
     if kind != "motion":
         return NoiseTargets(robot, count, interval, generator, paired)
     clips = generate_motions(robot, motions_seed) if motions is None else load_motions(motions, robot)
@@ -203,14 +175,7 @@ class Intervention:
     def __init__(
         self, eligible: torch.Tensor, flip_probability: float, source: ArmTargets, generator: torch.Generator
     ) -> None:
-        """Start without intervention.
-
-        Args:
-            eligible: whether a robot may be intervened, shape (n,), bool.
-            flip_probability: probability per control step that I(t) flips.
-            source: source of the arm targets.
-            generator: source of the flips.
-        """
+        """Start without intervention; `flip_probability` is that of I(t) in a control step."""
         self.eligible = eligible
         self.flip_probability = flip_probability
         self.alpha = 0.0
@@ -234,11 +199,7 @@ class Intervention:
         return self.source.targets()
 
     def blend(self, policy: torch.Tensor) -> torch.Tensor:
-        """Blend the external targets into the policy's where I = 1; return what the joints receive [rad].
-
-        Args:
-            policy: arm targets of the policy [rad], shape (n, arm joints).
-        """
+        """Blend the external targets into the policy's where I = 1, both [rad], shape (n, arm joints)."""
         blended = self.alpha * self.targets() + (1.0 - self.alpha) * policy
         return torch.where(self.active[:, None], blended, policy)
 
@@ -258,17 +219,12 @@ class ArmGains:
     """Stiffness and damping of the arm joints of n robots, between the policy's and the servo's.
 
     Under an intervention of noise level alpha the arms follow a mixture of external targets and the policy's, and their
-    gains are the same mixture.
+    gains are the same mixture. The servo's feed-forward torque is left out: the sag without it is 2 degrees, and the
+    pelvis bears the same weight.
     """
 
-    def __init__(self, simulation: RobotBatch, robot: Robot, servo: ArmServoGains) -> None:
-        """Take the policy's gains from the robots; their random factors apply to the servo's as well.
-
-        Args:
-            simulation: the robots, with their own gains.
-            robot: the robot as described.
-            servo: gains of the servo.
-        """
+    def __init__(self, simulation: RobotBatch, robot: Robot) -> None:
+        """Take the policy's gains from the robots; their random factors apply to the servo's as well."""
         self._arms = torch.as_tensor(robot.arms, device=simulation.device)
         self._gain = simulation.expand("actuator_gainprm")
         self._bias = simulation.expand("actuator_biasprm")
@@ -276,7 +232,7 @@ class ArmGains:
         own = self._gain[:, self._arms, 0]
         bias = self._bias[:, self._arms]
         damping = -bias[..., 2]
-        gains = robot.kp[robot.arms], robot.kd[robot.arms], *servo.of(robot)
+        gains = robot.kp[robot.arms], robot.kd[robot.arms], robot.arm_kp, robot.arm_kd
         kp, kd, stiffness, servo_damping = map(simulation.tensor, gains)
         self._offset = bias[..., 0] / own
         self._own = own, damping

@@ -5,8 +5,7 @@ from typing import Any
 
 import torch
 
-from hugwbc.learned.env.random_numbers import restore as restore_generator
-from hugwbc.learned.env.randomization import Latency
+from hugwbc.learned.env.randomization import Latency, restore as restore_generator
 from hugwbc.learned.env.readings import read
 
 # Tensors of the environment, parts with a state of their own, and arrays of the simulation.

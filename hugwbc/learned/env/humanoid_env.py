@@ -13,22 +13,29 @@ from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.env import environment_state, terminations
 from hugwbc.learned.env.arm_intervention import ArmGains, Intervention, make_arm_targets
-from hugwbc.learned.env.command_sampling import draw_commands
-from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.learned.env.curriculum import Curriculum, draw_commands
 from hugwbc.learned.env.loads import Loads
-from hugwbc.learned.env.random_numbers import rand, randint
-from hugwbc.learned.env.randomization import Latency, draw_delays, push, randomize
+from hugwbc.learned.env.randomization import Latency, SensorErrors, draw_delays, push, rand, randint, randomize
 from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor
 from hugwbc.learned.env.rewards import check_terms, evaluate_terms, relative_tracking, reward_terms
 from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
-from hugwbc.learned.env.sensor_errors import SensorErrors
 from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
-from hugwbc.learned.policy.terms import Sensed, further_terms, observe
+from hugwbc.learned.policy.terms import (
+    COMMAND,
+    ESTIMATE,
+    FRAME,
+    HISTORY_FRAMES,
+    PRIVILEGED,
+    Sensed,
+    further_terms,
+    observe,
+    size_of,
+)
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.batch import BatchSimulation, RobotBatch
@@ -59,7 +66,6 @@ class HumanoidEnv:
         actions: last three policy outputs, newest first, shape (3, n, joints).
         history: last five proprioceptive frames, oldest first, shape (n, 5, size).
         friction: sliding friction of each robot, shape (n,).
-        noise: half-widths of the paper's observation noise, shape (size,).
         further: observation terms besides the paper's.
         sensors: errors of the sensors.
         loads: what the robots carry and what pulls and pushes them.
@@ -123,7 +129,7 @@ class HumanoidEnv:
             paired=config.noise_paired,
         )
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
-        self.arm_gains = ArmGains(self.simulation, self.robot, config.arm_servo)
+        self.arm_gains = ArmGains(self.simulation, self.robot)
         self.loads = Loads(self.simulation, self.robot, config.loads, ~self.agile, self.generator, self.dt)
         self.mass = tensor(self.simulation.expand("body_mass").sum(1) / self.robot.mass)
         seconds = np.zeros(self.count) if delays is None else delays * config.timestep
@@ -134,7 +140,6 @@ class HumanoidEnv:
         self.statistics = Statistics(self.count, self.robot.waist, hopping=hops, device=place)
         self.further = further_terms(config.observations, self.robot)
         self._further_noise = obs.noise_amplitude(self.further, self.robot).to(place)
-        self.noise = obs.noise_amplitude(obs.FRAME, self.robot).to(place) * config.randomization.noise
         joints = len(self.robot.joint_names)
         self.sensors = SensorErrors(self.count, joints, config.randomization.sensing, self.generator)
         grace = config.held_foot_grace
@@ -145,7 +150,7 @@ class HumanoidEnv:
         self.gait, self.age = zeros(2, self.count, dtype=torch.long)
         self.phase, self.waist = zeros(2, self.count)
         self.actions = zeros(3, self.count, joints)
-        self.history = zeros(self.count, obs.HISTORY_FRAMES, len(self.noise))
+        self.history = zeros(self.count, HISTORY_FRAMES, size_of(FRAME, self.robot))
         self.posture, self.bias = zeros(self.count, 2), zeros(self.count, 3)
         self.begin_episodes(torch.arange(self.count, device=place))
         nobody = zeros(self.count, dtype=torch.bool)
@@ -171,11 +176,7 @@ class HumanoidEnv:
     # Stepping -------------------------------------------------------------------------------------------------------
 
     def step(self, action: torch.Tensor) -> StepResult:
-        """Advance all robots by one control step and restart the episodes that ended.
-
-        Args:
-            action: outputs of the policy, shape (n, joints).
-        """
+        """Advance all robots by a control step with actions, shape (n, joints), and restart the episodes that ended."""
         self.actions = torch.stack((action, self.actions[0], self.actions[1]))
         previous = self.readings
         acting = self._outside()
@@ -306,11 +307,7 @@ class HumanoidEnv:
     # Episodes -------------------------------------------------------------------------------------------------------
 
     def begin_episodes(self, robots: torch.Tensor) -> None:
-        """Restart robots: nominal pose with noise or recorded motion, random heading, new command.
-
-        Args:
-            robots: indices, shape (k,).
-        """
+        """Restart robots (indices): nominal pose with noise or recorded motion, random heading, new command."""
         count = robots.numel()
         if not count:
             return
@@ -358,12 +355,9 @@ class HumanoidEnv:
                 self.held_foot.restart(robots, self.age[robots])
 
     def _start_in_motion(self, robots: torch.Tensor) -> torch.Tensor:
-        """Replace the stand of some robots, just set up, by recorded motion of their gait.
+        """Replace the stand of some robots (indices), just set up, by recorded motion of their gait.
 
         They keep their place and take command and history from the record.
-
-        Args:
-            robots: indices, shape (k,).
 
         Returns:
             Indices of the robots that start in motion; empty without a record.
@@ -400,39 +394,38 @@ class HumanoidEnv:
     # Observations ---------------------------------------------------------------------------------------------------
 
     def _frame(self) -> torch.Tensor:
-        """Return the proprioceptive frame of the current state with new noise, shape (n, size)."""
+        """Return the proprioceptive frame of the current state with new errors of the sensors, shape (n, size)."""
         r = self.sensors.sensed(self.readings)
         sensed = (r.angular_velocity, r.gravity, r.q, r.dq, self.actions[0])
-        frame = observe(obs.FRAME, self._sensed(_ALL, *sensed))
-        if self.config.randomization.noise > 0.0:
-            frame = frame + (2.0 * rand(self.generator, *frame.shape) - 1.0) * self.noise
-        return frame
+        return observe(FRAME, self._sensed(_ALL, *sensed))
 
     def observe(self, robots: torch.Tensor | slice = _ALL) -> Observation:
         """Return the observations of the current state, of all robots or of some (indices)."""
         r = self.readings
         history = self.history[robots].flatten(1)
         sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1], self._pose, self.robot))
-        command, further = observe(obs.COMMAND, sensed), observe(self.further, sensed)
+        command, further = observe(COMMAND, sensed), observe(self.further, sensed)
         if any(term.noise for term in self.further):
             further += (2.0 * rand(self.generator, *further.shape) - 1.0) * self._further_noise
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
-        privileged = obs.privileged(
+        mass, latency = self._body_facts[robots].unbind(1)
+        privileged = obs.side_by_side(
+            PRIVILEGED,
             velocity,
-            height - self.command[robots, _H],
+            (height - self.command[robots, _H])[:, None],
             clearance,
-            self.friction[robots],
-            r.foot_force[robots],
-            r.link_force[robots] > LINK_CONTACT_FORCE,
+            self.friction[robots, None],
+            r.foot_force[robots].flatten(1),
+            (r.link_force[robots] > LINK_CONTACT_FORCE).to(velocity.dtype),
             self.bias[robots],
-            self.loads.observation(r.heading)[robots],
-            self._body_facts[robots],
+            *self.loads.observation(r.heading)[robots].split((2, 6, 3), 1),
+            mass[:, None] - 1.0,
+            latency[:, None],
         )
         terrain = terrain_samples(self.ground, r.position[robots], r.heading[robots], height, self.robot.nominal_height)
-        critic = torch.cat((history[:, -len(self.noise) :], command, privileged, further, terrain), dim=1)
-        return Observation(
-            history, torch.cat((command, further), 1), critic, obs.estimate_target(velocity, clearance, height)
-        )
+        critic = torch.cat((history[:, -self.history.shape[2] :], command, privileged, further, terrain), dim=1)
+        estimate = obs.side_by_side(ESTIMATE, velocity, clearance, height[:, None])
+        return Observation(history, torch.cat((command, further), 1), critic, estimate)
 
     def _sensed(self, robots: torch.Tensor | slice, *frame: torch.Tensor) -> Sensed:
         """Return what robots (all, or indices) sense, in the order of `observations.FRAME`, and are told."""
@@ -446,12 +439,7 @@ class HumanoidEnv:
         return environment_state.state_of(self)
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what `state_dict` returned.
-
-        Args:
-            state: of a run with as many robots. Where its settings of latency, ground or intervention differ from
-                these, the part in question starts afresh.
-        """
+        """Restore what `state_dict` returned (`environment_state.restore`)."""
         environment_state.restore(self, state)
 
 

@@ -6,7 +6,7 @@ import torch
 
 from hugwbc import rotations
 from hugwbc.learned.config import LoadConfig
-from hugwbc.learned.env.random_numbers import rand, randint, randn, uniform
+from hugwbc.learned.env.randomization import rand, randint, randn, uniform
 from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.batch import RobotBatch
 
@@ -38,16 +38,7 @@ class Loads:
         generator: torch.Generator,
         dt: float,
     ) -> None:
-        """Take the robots as they are without loads.
-
-        Args:
-            simulation: the robots, with their own model parameters.
-            robot: the robot as described.
-            config: the largest values.
-            eligible: which robots may be loaded, shape (n,), bool.
-            generator: source of the draws.
-            dt: control period [s].
-        """
+        """Take the robots as they are without loads, and which of them, (n,), bool, may have some."""
         self.config, self._eligible, self._generator, self._dt = config, eligible, generator, dt
         self._simulation, count, device = simulation, simulation.count, simulation.device
         self._forearms = torch.tensor([simulation.model.body(link).id for link in robot.hand_links], device=device)
@@ -145,11 +136,7 @@ class Loads:
         forces[:, self._trunk, :3] = self.trunk_force.to(forces)
 
     def observation(self, heading: torch.Tensor) -> torch.Tensor:
-        """Return payloads [kg] and forces in the heading frame [N]: of both hands, then the trunk's, shape (n, 11).
-
-        Args:
-            heading: yaw of the pelvises [rad], shape (n,).
-        """
+        """Return payloads [kg] and forces in the heading frame [N]: of both hands, then the trunk's, shape (n, 11)."""
         forces = torch.cat((self.hand_force, self.trunk_force[:, None]), dim=1)
         cos, sin = heading.cos()[:, None], heading.sin()[:, None]
         x, y, z = forces.unbind(2)

@@ -1,16 +1,56 @@
-"""Domain randomisation: per-robot model parameters and action latency, drawn once, and pushes.
+"""Domain randomisation: model parameters and action latency of each robot, pushes, errors of the sensors.
 
 Parameters are friction, masses and their centres, gains, strength and offset of the joints.
 """
+
+import dataclasses
+import functools
+import zlib
 
 import numpy as np
 import torch
 
 from hugwbc.learned.config import RandomizationConfig
-from hugwbc.learned.env.random_numbers import rand
+from hugwbc.learned.env.readings import Readings
 from hugwbc.sim.batch import RobotBatch
+from hugwbc.sim.sensors import ROBOT
 
 _UNCHANGED = (1.0, 1.0)
+
+# Random numbers, on the device of their generator ------------------------------------------------------------------
+
+
+def rand(generator: torch.Generator, *shape: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+    """Draw uniform numbers in [0, 1)."""
+    return torch.rand(shape, generator=generator, device=generator.device, dtype=dtype)
+
+
+def randn(generator: torch.Generator, *shape: int) -> torch.Tensor:
+    """Draw normal numbers."""
+    return torch.randn(shape, generator=generator, device=generator.device)
+
+
+def randint(generator: torch.Generator, high: int, *shape: int) -> torch.Tensor:
+    """Draw whole numbers from 0 to high - 1."""
+    return torch.randint(high, shape, generator=generator, device=generator.device)
+
+
+def uniform(
+    generator: torch.Generator, count: int, low: float | torch.Tensor, high: float | torch.Tensor
+) -> torch.Tensor:
+    """Draw uniform numbers between `low` and `high`, shape (count,)."""
+    return low + rand(generator, count) * (high - low)
+
+
+def restore(generator: torch.Generator, state: torch.Tensor) -> None:
+    """Continue from the state of a generator; from that of another kind of device, begin with a seed made of it."""
+    if state.shape == generator.get_state().shape:
+        generator.set_state(state)
+    else:
+        generator.manual_seed(zlib.crc32(state.numpy().tobytes()))
+
+
+# Models ---------------------------------------------------------------------------------------------------------------
 
 
 def randomize(
@@ -101,11 +141,6 @@ def push(simulation: RobotBatch, config: RandomizationConfig, generator: torch.G
     """Change the horizontal velocity of the pelvis of random robots before a control step.
 
     Returns which robots were pushed, shape (n,), bool.
-
-    Args:
-        simulation: the batch.
-        config: frequency and size of the pushes.
-        generator: source of the draws.
     """
     pushed = rand(generator, simulation.count) < 1.0 / config.push_interval
     ids = pushed.nonzero().squeeze(1)
@@ -166,3 +201,63 @@ def draw_delays(
     if latency[1] == 0.0:
         return None
     return np.round(rng.uniform(*latency, count) / timestep).astype(int)
+
+
+class SensorErrors:
+    """What sensors add to the true state: white noise, and offsets and biases that stay for an episode.
+
+    They are those of the profile `ROBOT`, times a factor of each robot. Walks of the biases are left out: over an
+    episode they are a tenth of the biases. The age of the readings is part of the latency of the actions.
+
+    Attributes:
+        scale: factor of each robot, shape (n, 1).
+        encoder_offset: error of the joints' zero positions [rad], shape (n, joints).
+        gyro_bias: [rad/s], shape (n, 3).
+        tilt_bias: error of the attitude about the pelvis's axes [rad], shape (n, 3).
+    """
+
+    def __init__(self, count: int, joints: int, scale: tuple[float, float], generator: torch.Generator) -> None:
+        """Draw the factors of the robots; their errors are zero until `reset`."""
+        self._generator = generator
+        low, high = scale
+        self.active = high > 0.0
+        zeros = functools.partial(torch.zeros, count, device=generator.device)
+        self.scale = low + (high - low) * rand(generator, count, 1) if self.active else zeros(1)
+        self.encoder_offset, self.gyro_bias, self.tilt_bias = zeros(joints), zeros(3), zeros(3)
+
+    def reset(self, robots: torch.Tensor) -> None:
+        """Draw the offsets and biases of a new episode for robots (indices)."""
+        if not self.active:
+            return
+        p, scale, count = ROBOT, self.scale[robots], robots.numel()
+        self.encoder_offset[robots] = scale * self._normal(p.encoder_offset, count, self.encoder_offset.shape[1])
+        self.gyro_bias[robots] = scale * self._normal(p.gyro_bias, count, 3)
+        self.tilt_bias[robots] = scale * self._normal(p.attitude_bias, count, 3)
+
+    def sensed(self, readings: Readings) -> Readings:
+        """Return the readings with the errors of the sensors in what a policy observes."""
+        if not self.active:
+            return readings
+        p, scale = ROBOT, self.scale
+        count, joints = readings.q.shape
+        tilt = self.tilt_bias + scale * self._normal(p.attitude, count, 3)
+        gravity = readings.gravity + torch.linalg.cross(tilt, readings.gravity)
+        return dataclasses.replace(
+            readings,
+            q=readings.q + self.encoder_offset + scale * self._normal(p.encoder, count, joints),
+            dq=readings.dq + scale * self._normal(p.joint_velocity, count, joints),
+            angular_velocity=readings.angular_velocity + self.gyro_bias + scale * self._normal(p.gyro, count, 3),
+            gravity=torch.nn.functional.normalize(gravity, dim=1),
+        )
+
+    def _normal(self, deviation: float, rows: int, columns: int) -> torch.Tensor:
+        return deviation * randn(self._generator, rows, columns)
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Return everything that a resumed run needs; the factors are drawn again from the seed."""
+        return {"encoder_offset": self.encoder_offset, "gyro_bias": self.gyro_bias, "tilt_bias": self.tilt_bias}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore what `state_dict` returned."""
+        for name, value in state.items():
+            setattr(self, name, value.clone())

@@ -125,13 +125,7 @@ class Transition:
 
     @classmethod
     def between(cls, before: Readings, after: Readings, **others: torch.Tensor) -> "Transition":
-        """Put a control step together.
-
-        Args:
-            before: state before the step.
-            after: state after it.
-            others: the attributes that the two states do not tell.
-        """
+        """Put a control step together."""
         shared = (set(_names(cls)) & set(_names(Readings))) - set(others)
         return cls(
             **{name: getattr(after, name) for name in shared},
@@ -208,12 +202,7 @@ class Body:
 
 
 def read(simulation: RobotBatch, ground: RoughGround | None = None) -> Readings:
-    """Copy the current state of all robots of a batch.
-
-    Args:
-        simulation: the batch.
-        ground: rough ground below the robots; None for a plane at height zero.
-    """
+    """Copy the current state of all robots of a batch, on rough ground or on a plane at height zero."""
     qpos, qvel = tensor(simulation.qpos), tensor(simulation.qvel)
     w, x, y, z = torch.nn.functional.normalize(qpos[:, 3:7], dim=1).unbind(1)
     heading = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -256,12 +245,7 @@ def _to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
 
 
 def tracked(state: Readings | Transition, waist: int) -> torch.Tensor:
-    """Return what the robots execute of the commands `TRACKED`, shape (n, 6).
-
-    Args:
-        state: the readings, or a transition made of them.
-        waist: index of the waist joint.
-    """
+    """Return what the robots execute of the commands `TRACKED`, shape (n, 6)."""
     s = state
     return torch.stack((s.velocity[:, 0], s.velocity[:, 1], s.yaw_rate, s.height, s.pitch, s.q[:, waist]), dim=1)
 

@@ -305,12 +305,6 @@ def evaluate_terms(
 ) -> dict[str, torch.Tensor]:
     """Return the weighted rewards of a control step by term.
 
-    Args:
-        terms: what `reward_terms` returned.
-        transition: the control step.
-        body: constants of the robot.
-        penalty_scale: factor of the curriculum on the penalties.
-
     Returns:
         Rewards by term, shape (n,) each, already multiplied by the control period.
     """
@@ -322,12 +316,6 @@ def evaluate_terms(
 
 
 def relative_tracking(rewards: Mapping[str, torch.Tensor], terms: Mapping[str, RewardTerm], dt: float) -> torch.Tensor:
-    """Return the linear and angular tracking reward relative to their maxima, for the curricula, shape (n, 2).
-
-    Args:
-        rewards: what `evaluate_terms` returned.
-        terms: the terms that it was given.
-        dt: control period [s].
-    """
+    """Return the linear and angular tracking reward relative to their maxima, for the curricula, shape (n, 2)."""
     names = (linear_velocity_tracking.__name__, angular_velocity_tracking.__name__)
     return torch.stack([rewards[name] / (terms[name].weight * dt) for name in names], dim=1)

@@ -10,6 +10,7 @@ import torch
 from hugwbc.learned import distributed
 from hugwbc.learned.config import TerrainConfig
 from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.policy.terms import LENGTH_SCALE
 from hugwbc.sim.batch import RobotBatch
 from hugwbc.sim.terrain import level_terrain
 
@@ -20,6 +21,8 @@ _FOOTPRINT = torch.cartesian_prod(torch.linspace(-0.2, 0.3, 6), torch.linspace(-
 class RoughGround:
     """Rough ground of several levels, and the level of each of n robots.
 
+    Positions `xy` are those of pelvises in the world [m], shape (k, 2), and `heading` is their yaw [rad], shape (k,).
+
     Attributes:
         terrain: height field of all levels.
         level: level of each robot, shape (n,).
@@ -28,14 +31,7 @@ class RoughGround:
     def __init__(
         self, count: int, config: TerrainConfig, rng: np.random.Generator, device: torch.device | None = None
     ) -> None:
-        """Generate the ground and spread the robots over the first levels.
-
-        Args:
-            count: number of robots.
-            config: roughness, levels and threshold.
-            rng: source of the heights.
-            device: device of the robots.
-        """
+        """Generate the ground and spread the robots over the first levels."""
         ground = level_terrain(config.levels, config.roughness, rng)
         self.terrain = ground.field
         self.level = torch.arange(count, device=device) % (config.start_level + 1)
@@ -64,22 +60,11 @@ class RoughGround:
         return near + torch.maximum(u, v) * (corner - near) + torch.minimum(u, v) * (far - corner)
 
     def samples(self, xy: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
-        """Return the heights at the critic's sample points around robots [m], shape (k, 221).
-
-        Args:
-            xy: positions of the pelvises [m], shape (k, 2).
-            heading: yaw of the pelvises [rad], shape (k,).
-        """
+        """Return the heights at the critic's sample points around robots [m], shape (k, 221)."""
         return self.height_at(_around(xy, heading, self._points))
 
     def starts(self, robots: torch.Tensor, heading: torch.Tensor, sample: torch.Tensor) -> torch.Tensor:
-        """Return positions on the robots' levels to start at, above the highest ground under a stand, shape (k, 3).
-
-        Args:
-            robots: indices, shape (k,).
-            heading: yaw of the robots [rad], shape (k,).
-            sample: uniform numbers in [0, 1), shape (k, 2).
-        """
+        """Return positions on the robots' levels to start at, above the highest ground under a stand, shape (k, 3)."""
         xy = self._centres[self.level[robots]] + (sample - 0.5) * self._period
         z = self.height_at(_around(xy, heading, self._footprint)).amax(1)
         return torch.cat((xy, z[:, None]), dim=1)
@@ -88,21 +73,13 @@ class RoughGround:
         """Return by how much to move robots that are far from the middle of their region [m], shape (n, 2).
 
         Shifts are whole periods of the ground, zero for all other robots.
-
-        Args:
-            xy: positions of the pelvises [m], shape (n, 2).
         """
         offset = xy - self._centres[self.level]
         far = offset.abs() > 0.5 * self._period + _LATE
         return torch.where(far, -self._period * torch.round(offset / self._period), 0.0)
 
     def keep_inside(self, simulation: RobotBatch, xy: torch.Tensor) -> None:
-        """Move robots that approach the end of their region to a place where the ground is the same.
-
-        Args:
-            simulation: the batch.
-            xy: positions of the pelvises [m], shape (n, 2).
-        """
+        """Move robots that approach the end of their region to a place where the ground is the same."""
         shift = self.shift(xy)
         ids = shift.any(1).nonzero().squeeze(1)
         if ids.numel():
@@ -113,9 +90,6 @@ class RoughGround:
         """Return which robots are outside the region of their level, shape (n,), bool.
 
         This happens with the stored state of a run on other ground.
-
-        Args:
-            xy: positions of the pelvises [m], shape (n, 2).
         """
         return ((xy - self._centres[self.level]).abs() > self._period).any(1)
 
@@ -178,9 +152,9 @@ def terrain_samples(
         nominal_height: [m].
     """
     if ground is None:
-        return (height * obs.LENGTH_SCALE)[:, None]
+        return (height * LENGTH_SCALE)[:, None]
     below = position[:, 2:] - nominal_height - ground.samples(position[:, :2], heading)
-    return below.clamp(-1.0, 1.0) * obs.LENGTH_SCALE
+    return below.clamp(-1.0, 1.0) * LENGTH_SCALE
 
 
 def _around(xy: torch.Tensor, heading: torch.Tensor, points: torch.Tensor) -> torch.Tensor:

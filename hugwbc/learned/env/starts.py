@@ -9,10 +9,11 @@ import torch
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
-from hugwbc.learned.env.random_numbers import rand, uniform
+from hugwbc.learned.env.randomization import rand, uniform
 from hugwbc.learned.env.rough_ground import RoughGround
-from hugwbc.learned.policy import checkpoint, critic_observations as obs
+from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.records import versions
+from hugwbc.learned.policy.terms import FRAME, HISTORY_FRAMES, size_of
 from hugwbc.robot import Robot
 
 # Of a recorded state: position and velocity of the simulation, and what the environment keeps of a robot.
@@ -30,7 +31,7 @@ def column_shapes(robot: Robot) -> dict[str, tuple[int, ...]]:
         "qvel": (6 + joints,),
         "command": (len(COMMAND_NAMES),),
         "actions": (3, joints),
-        "history": (obs.HISTORY_FRAMES, obs.size_of(obs.FRAME, robot)),
+        "history": (HISTORY_FRAMES, size_of(FRAME, robot)),
     }
     return dict.fromkeys(COLUMNS, ()) | many
 
@@ -48,14 +49,7 @@ class RecordedStarts:
     def __init__(
         self, columns: Mapping[str, torch.Tensor], path: pathlib.Path, robot: Robot, device: torch.device | None = None
     ) -> None:
-        """Take the columns of a file.
-
-        Args:
-            columns: the columns by name.
-            path: path of the file, for messages.
-            robot: the robot that starts in them.
-            device: where to keep them.
-        """
+        """Take the columns of a file."""
         rows = len(columns["gait"]) if "gait" in columns else 0
         for name, shape in column_shapes(robot).items():
             found = tuple(columns[name].shape) if name in columns else None
@@ -80,11 +74,6 @@ class RecordedStarts:
         self, gait: torch.Tensor, share: float, generator: torch.Generator
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """Draw recorded states for a share of the robots, each of the robot's own gait.
-
-        Args:
-            gait: values of `Gait`, shape (k,).
-            share: probability that a robot gets a recorded state.
-            generator: source of the draws.
 
         Returns:
             Robots that get a state, as indices into `gait`, shape (m,), and the columns of these states, (m, ...).

@@ -21,12 +21,7 @@ def fallen(readings: Readings, robot: Robot) -> torch.Tensor:
 
 
 def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
-    """Return whether the held foot of a hopping robot is on the ground, shape (n,), bool.
-
-    Args:
-        readings: state of the robots.
-        gait: values of `Gait`, shape (n,).
-    """
+    """Return whether the held foot of a hopping robot is on the ground, shape (n,), bool."""
     return (held(gait) & feet_on_ground(readings.foot_force)).any(1)
 
 
@@ -42,14 +37,7 @@ class FeetRule:
     """
 
     def __init__(self, count: int, grace: float, dt: float, device: torch.device | None = None) -> None:
-        """Set up the rule.
-
-        Args:
-            count: number of robots.
-            grace: time after a new command in which it is still allowed [s].
-            dt: control period [s].
-            device: device of the robots.
-        """
+        """Set up the rule, which holds from a time after a new command on: the grace [s]."""
         self._grace, self._dt = grace, dt
         self.due, self.down = torch.zeros(2, count, device=device)
 

@@ -5,7 +5,7 @@ What needs torch is loaded on request: paths, contracts and exported networks do
 
 from typing import TYPE_CHECKING, Any
 
-from hugwbc.learned.policy.policy_files import (
+from hugwbc.learned.policy.network_files import (
     DEFAULT_POLICY,
     POLICY_FILE,
     policy_dir,

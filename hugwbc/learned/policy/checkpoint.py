@@ -12,7 +12,7 @@ from safetensors.torch import load, save
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.files import read_file, write_whole
-from hugwbc.learned.policy.policy_files import LARGEST_FILE, header_of
+from hugwbc.learned.policy.network_files import LARGEST_FILE, header_of
 
 FORMAT = "hugwbc-2"
 
@@ -28,14 +28,7 @@ def tensor_digest(tensors: Mapping[str, torch.Tensor], text: str) -> str:
 
 
 def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, metadata: dict[str, Any]) -> None:
-    """Write tensors and metadata to a file; an interruption leaves the old file whole.
-
-    Args:
-        path: path of the file; its folder is created if needed.
-        tensors: the tensors by name.
-        kind: kind of the file, such as "policy" or "checkpoint"; loading asks for it.
-        metadata: anything JSON can hold.
-    """
+    """Write tensors, and metadata that JSON holds, to a file of a kind; an interruption leaves the old file whole."""
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     text = json.dumps(metadata)
     header = {"format": FORMAT, "kind": kind, "sha256": tensor_digest(tensors, text), "metadata": text}
@@ -43,12 +36,7 @@ def save_file(path: pathlib.Path, tensors: dict[str, torch.Tensor], kind: str, m
 
 
 def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Read tensors and metadata of a file that `save_file` wrote.
-
-    Args:
-        path: path of the file.
-        kind: kind that the file must have.
-    """
+    """Read tensors and metadata of a file of a kind that `save_file` wrote."""
     try:
         data = read_file(pathlib.Path(path), LARGEST_FILE)
     except OSError as error:

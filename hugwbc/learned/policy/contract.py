@@ -15,14 +15,19 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
-from hugwbc.learned.policy.feed_forward import Curves, check_curves
-from hugwbc.learned.policy.policy_files import CONTRACT_FILE, policy_file
+from hugwbc.gait import Gait
+from hugwbc.learned.policy.network_files import CONTRACT_FILE, policy_file
 from hugwbc.learned.policy.terms import TERMS
 from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
 from hugwbc.settings import Beside, Gain, NotNegative, Positive, RobotName, Share, one_of, refusing, settings
 from hugwbc.settings_file import load
 
 _KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")
+LARGEST_CHANGE = {"v_x": 0.3, "v_y": 0.25, "omega": 0.3, "h": 0.06, "p": 0.1, "w": 0.3, "l": 0.15}
+"""Largest difference between a command and what is asked for [m/s, m/s, rad/s, m, rad, rad, m]: further away the policy
+was never trained. The gait's clock takes f as it is, so that f has no curve."""
+Curves = dict[str, dict[str, list[list[float]]]]  # gait -> command -> pairs of command and what to ask for
+_MOST_KNOTS = 100
 
 CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
 
@@ -45,6 +50,26 @@ def _of_robot(names: Any, info: ValidationInfo) -> Any:  # noqa: ANN401  what a 
     robot = load_robot(info.data.get("robot", DEFAULT_ROBOT))
     _known(names if isinstance(names, list | tuple) else (), robot)
     return robot.joint_names if names == "all" else names
+
+
+def check_curves(curves: Curves) -> Curves:
+    """Return curves: rising commands, and what to ask for, which differs from them by at most `LARGEST_CHANGE`."""
+    for label, of_gait in curves.items():
+        Gait.parse(label)
+        for name, pairs in of_gait.items():
+            if name not in LARGEST_CHANGE:
+                raise UnknownNameError("command with a curve", name, LARGEST_CHANGE, at=(label,))
+            if not 2 <= len(pairs) <= _MOST_KNOTS or any(len(pair) != 2 for pair in pairs):
+                raise ConfigError(f"a curve is not 2 to {_MOST_KNOTS} pairs of numbers", at=(label, name))
+            knots, asked = np.array(pairs).T
+            limit = LARGEST_CHANGE[name]
+            if not (np.diff(knots) > 0.0).all() or np.abs(asked - knots).max() > limit + 1e-9:
+                raise ConfigError(
+                    f"the curve of {label} {name} falls, or changes a command by more than {limit}; give "
+                    "rising commands and what to ask for, which is close to them",
+                    at=(label, name),
+                )
+    return curves
 
 
 Joints = Annotated[tuple[str, ...], AfterValidator(refusing(_once))]
@@ -153,7 +178,7 @@ class Contract:
         squat_gain: factor of the commanded height and pitch that the legs' joint targets follow
             (`hugwbc.learned.policy.leg_feed_forward`).
         swing_gain: share of the clock's swing of the feet, up to the commanded height, that they follow.
-        feed_forward: what to ask the network for, by gait and command (`hugwbc.learned.policy.feed_forward`).
+        feed_forward: what to ask the network for, by gait and command (`FeedForward`).
         policy: TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given
             otherwise.
     """
@@ -230,6 +255,40 @@ class Contract:
         return any(term.term in ("gait", "foot_sin", "foot_cos") for term in (*self.observation, *self.command))
 
 
+class FeedForward:
+    """What to request from a policy, so that it executes the command: curves by gait and command.
+
+    A trained policy is often precise but biased: it walks at 1.09 of the commanded speed, or squats two centimetres too
+    little. Curves that were measured once, linear between knots, take the mean error out. They change only what the
+    network reads; they use no measurement at run time, so that they cannot make anything unstable, and they cannot take
+    out what changes from robot to robot. Commands without a curve are unchanged.
+    """
+
+    def __init__(self, curves: Curves) -> None:
+        """Take curves that `check_curves` admits."""
+        self._curves = [
+            (int(Gait.parse(label)), COMMAND_NAMES.index(name), *np.array(pairs, dtype=float).T)
+            for label, of_gait in curves.items()
+            for name, pairs in of_gait.items()
+        ]
+
+    def asked(self, command: np.ndarray, gait: np.ndarray) -> np.ndarray:
+        """Return what to ask the network for, shape (n, 8).
+
+        Args:
+            command: commands, shape (n, 8).
+            gait: values of `Gait`, shape (n,).
+        """
+        if not self._curves:
+            return command
+        result = command.copy()
+        for value, column, knots, asked in self._curves:
+            rows = gait == value
+            if rows.any():
+                result[rows, column] += np.interp(command[rows, column], knots, asked - knots)
+        return result
+
+
 def load_contract(name: str | pathlib.Path) -> Contract:
     """Load a contract by the name of a shipped one, by path, or from a folder with a `contract.yaml`."""
     path = policy_file(name)
@@ -239,12 +298,7 @@ def load_contract(name: str | pathlib.Path) -> Contract:
 
 
 def contract_of(metadata: Mapping[str, Any], origin: object) -> Contract:
-    """Return the contract in a network's metadata.
-
-    Args:
-        metadata: metadata of the file.
-        origin: name of the file, for messages.
-    """
+    """Return the contract in a network's metadata."""
     fields = metadata.get("contract")
     if not isinstance(fields, Mapping):
         raise PolicyFileError(f"{origin} has no contract that this hugwbc reads; use the version that wrote it")

@@ -6,22 +6,8 @@ from collections.abc import Sequence
 
 import torch
 
-from hugwbc.learned.policy.layout import (
-    ACTION as ACTION,
-    COMMAND as COMMAND,
-    CRITIC_CORE as CRITIC_CORE,
-    ESTIMATE as ESTIMATE,
-    FRAME as FRAME,
-    HISTORY as HISTORY,
-    HISTORY_FRAMES as HISTORY_FRAMES,
-    LENGTH_SCALE as LENGTH_SCALE,
-    PRIVILEGED as PRIVILEGED,
-    TERRAIN_SHAPE as TERRAIN_SHAPE,
-    TERRAIN_SIZE as TERRAIN_SIZE,
-    TERRAIN_SPACING as TERRAIN_SPACING,
-)
 from hugwbc.learned.policy.symmetry import SignedPermutation
-from hugwbc.learned.policy.terms import Part as Part, size_of as size_of
+from hugwbc.learned.policy.terms import FRAME, TERRAIN_SHAPE, TERRAIN_SIZE, TERRAIN_SPACING, Part
 from hugwbc.robot import Robot
 
 
@@ -43,8 +29,8 @@ class Observation:
     estimate: torch.Tensor
 
 
-def _scaled(parts: Sequence[Part], *values: torch.Tensor) -> torch.Tensor:
-    """Return the numbers of parts, shape (n, size of each), in observation units, side by side."""
+def side_by_side(parts: Sequence[Part], *values: torch.Tensor) -> torch.Tensor:
+    """Return the numbers of parts, shape (n, size of each), side by side as the networks read them."""
     return torch.cat([value * torch.tensor(part.scale) for value, part in zip(values, parts, strict=True)], dim=1)
 
 
@@ -68,60 +54,6 @@ def in_units(frame: torch.Tensor, pose: torch.Tensor, robot: Robot) -> tuple[tor
         value / torch.tensor(part.scale, dtype=torch.float64) for value, part in values
     )
     return omega, gravity, offset + pose, dq, action
-
-
-def estimate_target(velocity: torch.Tensor, clearance: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
-    """Build the target of the estimator: base velocity, sole clearances, base height, shape (n, 6).
-
-    Args:
-        velocity: velocity of the pelvis in the heading frame [m/s], shape (n, 3).
-        clearance: clearance of both soles [m], shape (n, 2).
-        height: pelvis height minus the nominal one [m], shape (n,).
-    """
-    return _scaled(ESTIMATE, velocity, clearance, height[:, None])
-
-
-def privileged(
-    velocity: torch.Tensor,
-    height_error: torch.Tensor,
-    clearance: torch.Tensor,
-    friction: torch.Tensor,
-    foot_force: torch.Tensor,
-    link_contact: torch.Tensor,
-    bias: torch.Tensor,
-    load: torch.Tensor,
-    body: torch.Tensor,
-) -> torch.Tensor:
-    """Build the privileged part of the critic's observation, shape (n, 29 + contact links).
-
-    Args:
-        velocity: velocity of the pelvis in the heading frame [m/s], shape (n, 3).
-        height_error: measured minus commanded height [m], shape (n,).
-        clearance: clearance of both soles [m], shape (n, 2).
-        friction: friction coefficient of the robot's geometry, shape (n,).
-        foot_force: ground reaction on both feet [N], shape (n, 2, 3).
-        link_contact: contact flags of `Robot.contact_links`, shape (n, links), bool.
-        bias: filtered errors of v_x, v_y [m/s] and omega [rad/s], which some rewards depend on, shape (n, 3).
-        load: payload of the left and the right hand [kg], then the forces on the left hand, the right hand and the
-            trunk in the heading frame [N], shape (n, 11).
-        body: mass of the robot relative to its description, and latency [s], shape (n, 2).
-    """
-    payload, forces = load[:, :2], load[:, 2:]
-    mass, latency = body.unbind(1)
-    return _scaled(
-        PRIVILEGED,
-        velocity,
-        height_error[:, None],
-        clearance,
-        friction[:, None],
-        foot_force.flatten(1),
-        link_contact.to(velocity.dtype),
-        bias,
-        payload,
-        *forces.split((6, 3), 1),
-        mass[:, None] - 1.0,
-        latency[:, None],
-    )
 
 
 @functools.cache

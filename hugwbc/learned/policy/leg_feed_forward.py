@@ -83,20 +83,17 @@ def _clip(values: Array, low: Array | float, high: Array | float) -> Array:
 
 
 def swing_clearance(phase: Array, gait: Array, command: Array, period: float) -> Array:
-    """Return the clearance of both soles at the end of a control period [m], shape (n, 2).
-
-    Args:
-        phase: common phase at its begin, shape (n,).
-        gait: values of `Gait`, shape (n,).
-        command: commands, shape (n, 8).
-        period: control period [s].
-    """
+    """Return the clearance of both soles [m], shape (n, 2), at the end of a period [s] that begins at a phase."""
     later = gaits.advance_phase(phase, command[:, _F], period)
     return gaits.swing_height(gaits.homogenised_phase(gaits.foot_phases(double(later), gait)), command[:, _L : _L + 1])
 
 
 class CommandFeedForward:
-    """What the joint targets take from the commands alone, besides the policy's actions: waist, squat and swing."""
+    """What the joint targets take from the commands alone, besides the policy's actions: waist, squat and swing.
+
+    Of n robots: angle of the waist, shape (n,), height and pitch of the posture, (n, 2), common phase and `Gait`, (n,),
+    and commands, (n, 8).
+    """
 
     def __init__(self, contract: Contract, place: Place = np.asarray) -> None:
         """Take robot, period, rate and gains of a contract."""
@@ -108,26 +105,12 @@ class CommandFeedForward:
         self._squat, self._swing = contract.squat_gain, contract.swing_gain
 
     def follow(self, waist: Array, posture: Array, command: Array) -> tuple[Array, Array]:
-        """Return the angle of the waist [rad], height [m] and pitch [rad] after a control period.
-
-        Args:
-            waist: angle before it, shape (n,).
-            posture: height and pitch before it, shape (n, 2).
-            command: commands, shape (n, 8).
-        """
+        """Return the angle of the waist [rad], height [m] and pitch [rad] after a control period."""
         waist = waist + _clip(command[:, _W] - waist, -self._waist_reach, self._waist_reach)
         return waist, posture + _clip(command[:, _SQUAT] - posture, -self._squat_reach, self._squat_reach)
 
     def offsets(self, waist: Array, posture: Array, phase: Array, gait: Array, command: Array) -> Array:
-        """Return what to add to pose and action [rad], shape (n, joints).
-
-        Args:
-            waist: what `follow` returned.
-            posture: likewise.
-            phase: common phase, shape (n,).
-            gait: values of `Gait`, shape (n,).
-            command: commands, shape (n, 8).
-        """
+        """Return what to add to pose and action [rad], shape (n, joints)."""
         turn = double(waist)[:, None] * self._waist
         if self._squat == 0.0 and self._swing == 0.0:
             return turn

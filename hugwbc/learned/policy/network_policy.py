@@ -11,8 +11,7 @@ from hugwbc import gait as gaits, rotations
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import PolicyFileError
-from hugwbc.learned.policy.contract import Contract, Term, contract_of, load_contract
-from hugwbc.learned.policy.feed_forward import FeedForward
+from hugwbc.learned.policy.contract import Contract, FeedForward, Term, contract_of, load_contract
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
 from hugwbc.learned.policy.network_files import Network, OnnxNetwork, TorchScriptNetwork, load_network
 from hugwbc.learned.policy.terms import TERMS, Sensed, scaled

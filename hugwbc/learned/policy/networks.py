@@ -9,27 +9,33 @@ itself commutes with it. `SymmetricActor.plain` multiplies all this out.
 """
 
 from collections.abc import Mapping
-from typing import Protocol
 
 import torch
 from torch import nn
 
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
-from hugwbc.learned.policy.layout import (
-    CRITIC_HIDDEN,
-    ENCODER_HIDDEN,
-    ESTIMATE_SIZE,
-    ESTIMATOR_HIDDEN,
-    HISTORY_FRAMES,
-    LATENT_SIZE,
-    POLICY_HIDDEN,
-)
 from hugwbc.learned.policy.symmetry import EvenOdd
-from hugwbc.learned.policy.terms import Part
+from hugwbc.learned.policy.terms import (
+    ACTION,
+    COMMAND,
+    CRITIC_CORE,
+    ESTIMATE,
+    ESTIMATE_SIZE,
+    FRAME,
+    HISTORY,
+    HISTORY_FRAMES,
+    Part,
+)
 from hugwbc.robot import Robot
 
 _OUTPUT_BOUND = 0.01  # of the last weights of the policy: it starts close to the nominal pose
+# Widths of the networks' layers.
+_LATENT_SIZE = 32
+_ENCODER_HIDDEN = (256, 128)
+_ESTIMATOR_HIDDEN = (64, 32)
+_POLICY_HIDDEN = (256, 128, 64)
+_CRITIC_HIDDEN = (512, 256, 128)
 
 # Plain networks ------------------------------------------------------------------------------------------------------
 
@@ -58,9 +64,9 @@ class Actor(nn.Module):
         """Set up the layers."""
         super().__init__()
         self.frame_size, self.command_size, self.action_size = frame_size, command_size, action_size
-        self.encoder = _mlp(HISTORY_FRAMES * frame_size, ENCODER_HIDDEN, LATENT_SIZE)
-        self.estimator = _mlp(LATENT_SIZE, ESTIMATOR_HIDDEN, ESTIMATE_SIZE)
-        self.policy = _mlp(LATENT_SIZE + ESTIMATE_SIZE + frame_size + command_size, POLICY_HIDDEN, action_size)
+        self.encoder = _mlp(HISTORY_FRAMES * frame_size, _ENCODER_HIDDEN, _LATENT_SIZE)
+        self.estimator = _mlp(_LATENT_SIZE, _ESTIMATOR_HIDDEN, ESTIMATE_SIZE)
+        self.policy = _mlp(_LATENT_SIZE + ESTIMATE_SIZE + frame_size + command_size, _POLICY_HIDDEN, action_size)
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action and estimate.
@@ -89,13 +95,7 @@ class SplitLinear(nn.Module):
     """
 
     def __init__(self, inputs: tuple[int, int], outputs: tuple[int, int], gain: float = 1.0) -> None:
-        """Draw weights as a full layer has them.
-
-        Args:
-            inputs: numbers of even and odd coordinates.
-            outputs: the same of what comes out.
-            gain: factor on the initial weights.
-        """
+        """Draw weights as a full layer has them, times a gain, between numbers of even and odd coordinates."""
         super().__init__()
         self.even = nn.Linear(inputs[0], outputs[0])
         self.odd = nn.Linear(inputs[1], outputs[1], bias=False)
@@ -182,15 +182,15 @@ class SymmetricActor(nn.Module):
     def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
         """Set up the layers for a robot, with further inputs for further observation terms."""
         super().__init__()
-        parts = (obs.HISTORY, (*obs.COMMAND, *further), obs.FRAME, obs.ACTION, obs.ESTIMATE)
+        parts = (HISTORY, (*COMMAND, *further), FRAME, ACTION, ESTIMATE)
         splits = [EvenOdd(obs.mirror(part, robot)) for part in parts]
         self._history, self._command, self._frame, self._action, self._estimate = splits
-        half = LATENT_SIZE // 2
+        half = _LATENT_SIZE // 2
         parts = (self._estimate, self._frame, self._command)
         state = (half + sum(part.even for part in parts), half + sum(part.odd for part in parts))
-        self.encoder = SplitMlp(_sizes(self._history), ENCODER_HIDDEN, (half, half))
-        self.estimator = SplitMlp((half, half), ESTIMATOR_HIDDEN, _sizes(self._estimate))
-        self.policy = SplitMlp(state, POLICY_HIDDEN, _sizes(self._action))
+        self.encoder = SplitMlp(_sizes(self._history), _ENCODER_HIDDEN, (half, half))
+        self.estimator = SplitMlp((half, half), _ESTIMATOR_HIDDEN, _sizes(self._estimate))
+        self.policy = SplitMlp(state, _POLICY_HIDDEN, _sizes(self._action))
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action and estimate, as `Actor.forward`."""
@@ -212,11 +212,11 @@ class SymmetricActor(nn.Module):
     def plain(self) -> Actor:
         """Return the equivalent plain network."""
         actor = Actor(*(len(part.matrix) for part in (self._frame, self._command, self._action)))
-        latent = torch.eye(LATENT_SIZE)
+        latent = torch.eye(_LATENT_SIZE)
         self.encoder.write_to(actor.encoder, self._history.matrix, latent)
         self.estimator.write_to(actor.estimator, latent, self._estimate.matrix.T)
         parts = [latent, self._estimate.matrix, self._frame.matrix, self._command.matrix]
-        evens = [LATENT_SIZE // 2, self._estimate.even, self._frame.even, self._command.even]
+        evens = [_LATENT_SIZE // 2, self._estimate.even, self._frame.even, self._command.even]
         even = torch.block_diag(*[part[:n] for part, n in zip(parts, evens, strict=True)])
         odd = torch.block_diag(*[part[n:] for part, n in zip(parts, evens, strict=True)])
         self.policy.write_to(actor.policy, torch.cat((even, odd)), self._action.matrix.T)
@@ -229,11 +229,11 @@ class SymmetricCritic(nn.Module):
     def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
         """Set up the layers for a robot, with further inputs for further observation terms."""
         super().__init__()
-        self._core = EvenOdd(obs.mirror((*obs.CRITIC_CORE, *further), robot))
+        self._core = EvenOdd(obs.mirror((*CRITIC_CORE, *further), robot))
         self._terrain = EvenOdd(obs.terrain_mirror())
         inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
-        self.value = SplitMlp(inputs, CRITIC_HIDDEN)
-        self.output = nn.Linear(CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
+        self.value = SplitMlp(inputs, _CRITIC_HIDDEN)
+        self.output = nn.Linear(_CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
         # An even coordinate of equal samples is their sum by its row of the change of coordinates; an odd one is zero.
         self.register_buffer("_flat", self._terrain.matrix.sum(1)[: self._terrain.even, None], persistent=False)
 
@@ -279,21 +279,13 @@ def _sizes(split: EvenOdd) -> tuple[int, int]:
 # Learner -------------------------------------------------------------------------------------------------------------
 
 
-class ActorNetwork(Protocol):
-    """What an evaluation needs of a policy network: mean action and estimate."""
-
-    def __call__(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return mean action, shape (n, joints), and estimate, shape (n, 6)."""
-        ...
-
-
 class ActorCritic(nn.Module):
     """Actor, critic and one exploration standard deviation per joint; joints that are mirror images share theirs.
 
     Attributes:
         core: numbers of even coordinates of the critic's observation, without further observation terms and terrain,
             and the same of the odd ones.
-        further: the same of the observation terms besides those of `layout` that the networks read.
+        further: the same of the observation terms besides `FRAME` and `COMMAND` that the networks read.
     """
 
     _partner: torch.Tensor  # of each joint, in the mirror
@@ -302,10 +294,10 @@ class ActorCritic(nn.Module):
         """Draw the weights for a robot, and set the std of all joints."""
         super().__init__()
         self.actor, self.critic = SymmetricActor(robot, further), SymmetricCritic(robot, further)
-        self.core = _sizes(EvenOdd(obs.mirror(obs.CRITIC_CORE, robot)))
+        self.core = _sizes(EvenOdd(obs.mirror(CRITIC_CORE, robot)))
         even, odd = _sizes(self.critic._core)
         self.further = even - self.core[0], odd - self.core[1]
-        self.register_buffer("_partner", obs.mirror(obs.ACTION, robot).index.clone(), persistent=False)
+        self.register_buffer("_partner", obs.mirror(ACTION, robot).index.clone(), persistent=False)
         self.log_std = nn.Parameter(torch.full((len(robot.joint_names),), float(std)).log())
         last = self.actor.policy.layers[-1]
         assert isinstance(last, SplitLinear)

@@ -11,9 +11,9 @@ from torch import nn
 
 from hugwbc.errors import PolicyFileError, needing
 from hugwbc.files import write_whole, writing
-from hugwbc.learned.policy.layout import ESTIMATE_SIZE, HISTORY_FRAMES
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.policy import LearnedController
+from hugwbc.learned.policy.terms import ESTIMATE_SIZE, HISTORY_FRAMES
 
 OPSET = 17
 IR_VERSION = 8  # the version that came with this opset; older runtimes refuse newer versions
@@ -34,10 +34,6 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
 
     Inputs: history and command, as the contract lays them out. Outputs: action, shape (n, joints), and estimate, shape
     (n, 6). Contract and training record are in the file's metadata, as JSON.
-
-    Args:
-        controller: the policy.
-        path: path of the file.
 
     Returns:
         Largest difference between the file run by onnxruntime and torch on random inputs; relative above 1.

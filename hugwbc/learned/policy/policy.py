@@ -1,4 +1,4 @@
-"""A trained policy as a controller, loaded from safetensors without the training code."""
+"""A trained policy as a controller, loaded from a file with a self-test, without the training code."""
 
 import dataclasses
 import pathlib
@@ -9,13 +9,24 @@ import numpy as np
 import torch
 from torch import nn
 
+from hugwbc.commands import COMMAND_NAMES, Command, command_ranges
+from hugwbc.controller import UpperBody
 from hugwbc.errors import PolicyFileError
-from hugwbc.learned.policy import checkpoint, self_test
+from hugwbc.gait import Gait
+from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.contract import Contract, contract_of
-from hugwbc.learned.policy.network_files import TorchThreads
+from hugwbc.learned.policy.network_files import DEFAULT_POLICY, TorchThreads, policy_file
 from hugwbc.learned.policy.network_policy import NetworkPolicy, tried
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_files import DEFAULT_POLICY, policy_file
+from hugwbc.robot import Robot
+from hugwbc.state import RobotState
+
+# The self-test in a policy file: sensor readings and commands, and the joint targets that they must give.
+_PREFIX = "self_test."  # of the names of its tensors
+_TOLERANCE = 1e-4  # [rad] of joint targets; float32 differs by about 1e-6 between machines
+_TEST_INPUTS = ("orientation", "angular_velocity", "q", "dq", "command", "gait", "arms", "intervention")
+_STEPS_EACH = 6  # of each gait, one more than the history holds
+_SEED = 0
 
 
 def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: int | None = 1) -> "LearnedController":
@@ -30,7 +41,7 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     path = policy_file(name_or_path)
     tensors, metadata = checkpoint.load_file(path, "policy")
     contract = contract_of(metadata, path)
-    stored = {name: tensor for name, tensor in tensors.items() if name.startswith(self_test.PREFIX)}
+    stored = {name: tensor for name, tensor in tensors.items() if name.startswith(_PREFIX)}
     actor = Actor(contract.observation_size, contract.input_sizes[-1], len(contract.joints))
     try:
         actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
@@ -47,15 +58,15 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
 def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], path: pathlib.Path) -> None:
     """Refuse a policy that does not give the same joint targets here as where it was saved."""
     try:
-        deviation = self_test.deviation(controller, stored)
+        difference = deviation(controller, stored)
     except (LookupError, ValueError, TypeError, RuntimeError) as error:
         raise PolicyFileError(f"{path} lacks a readable self-test ({error}); use a file as hugwbc wrote it") from error
-    if deviation > self_test.TOLERANCE:
+    if difference > _TOLERANCE:
         versions = controller.training.get("versions")
         writer = versions.get("hugwbc", "unknown") if isinstance(versions, dict) else "unknown"
         raise PolicyFileError(
-            f"{path} fails its self-test: joint targets differ by up to {deviation:.2g} rad from the stored ones, "
-            f"valid is {self_test.TOLERANCE:g}. The file was changed, or this hugwbc runs policies differently than "
+            f"{path} fails its self-test: joint targets differ by up to {difference:.2g} rad from the stored ones, "
+            f"valid is {_TOLERANCE:g}. The file was changed, or this hugwbc runs policies differently than "
             f"hugwbc {writer}, which wrote it; use that version"
         )
 
@@ -69,7 +80,7 @@ def save_policy(path: pathlib.Path, actor: Actor, contract: Contract, training: 
         contract: contract of the training, from `EnvConfig.contract`.
         training: record of the training, anything JSON can hold.
     """
-    tensors = actor.state_dict() | self_test.record(LearnedController(actor, contract, training))
+    tensors = actor.state_dict() | self_test(LearnedController(actor, contract, training))
     checkpoint.save_file(path, tensors, "policy", {"contract": dataclasses.asdict(contract), "training": training})
 
 
@@ -123,3 +134,65 @@ def _pass(layers: list[tuple[torch.Tensor, torch.Tensor]], rows: torch.Tensor) -
         # On its own result, elu needs no further memory.
         rows = torch.nn.functional.elu_(torch.nn.functional.linear(rows, hidden_weight, hidden_bias))
     return torch.nn.functional.linear(rows, weight, bias)
+
+
+def _made_up(robot: Robot) -> dict[str, torch.Tensor]:
+    """Make up an episode with every gait, commands over their ranges, and arms at times under external control."""
+    rng = np.random.default_rng(_SEED)
+    steps, joints = _STEPS_EACH * len(Gait), len(robot.joint_names)
+    tilt = 0.2 * rng.standard_normal((steps, 3))
+    orientation = np.column_stack((np.ones(steps), tilt))
+    ranges = command_ranges(Gait.WALKING, robot)
+    low, high = np.array([ranges[name].initial for name in COMMAND_NAMES]).T
+    command = rng.uniform(low, high, (steps, len(COMMAND_NAMES)))
+    gait = np.repeat([int(gait) for gait in Gait], _STEPS_EACH)
+    command[gait == Gait.STANDING, :3] = 0.0
+    arrays = {
+        "orientation": orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
+        "angular_velocity": rng.standard_normal((steps, 3)),
+        "q": robot.nominal + 0.2 * rng.standard_normal((steps, joints)),
+        "dq": 2.0 * rng.standard_normal((steps, joints)),
+        "command": command,
+        "gait": gait,
+        "arms": rng.uniform(-0.5, 0.5, (steps, len(robot.arms))),
+        "intervention": np.arange(steps) % 3 == 2,
+    }
+    return {name: torch.from_numpy(array) for name, array in arrays.items()}
+
+
+def _test_targets(controller: NetworkPolicy, inputs: dict[str, torch.Tensor]) -> torch.Tensor:
+    """Return the joint targets of the controller at every step, shape (k, joints)."""
+    rows = {name: inputs[name].numpy() for name in _TEST_INPUTS}
+    targets = []
+    for i in range(len(rows["q"])):
+        state = RobotState(*(rows[name][i] for name in ("q", "dq", "orientation", "angular_velocity")))
+        if i == 0:
+            controller.reset(state)
+        command, _ = Command.from_array(rows["command"][i], Gait(int(rows["gait"][i]))).clamp()
+        upper_body = UpperBody.targets(rows["arms"][i]) if rows["intervention"][i] else UpperBody.none()
+        targets.append(torch.from_numpy(controller.act(state, command, upper_body).q))
+    return torch.stack(targets)
+
+
+def self_test(controller: NetworkPolicy) -> dict[str, torch.Tensor]:
+    """Record what to store with a policy, in k successive calls after a reset; names begin with `_PREFIX`.
+
+    Inputs are orientation (k, 4), angular_velocity (k, 3), q and dq (k, joints), command (k, 8), gait (k,), arms
+    (k, arm joints) and intervention (k,); they give target (k, joints), the joint targets [rad].
+    """
+    inputs = _made_up(controller.robot)
+    return {_PREFIX + name: tensor for name, tensor in (inputs | {"target": _test_targets(controller, inputs)}).items()}
+
+
+def deviation(controller: NetworkPolicy, stored: dict[str, torch.Tensor]) -> float:
+    """Return the largest difference between joint targets and stored ones [rad]; inf if any is not finite.
+
+    Raises:
+        LookupError, TypeError, ValueError: if the stored tensors are not those of a self-test.
+    """
+    inputs = {name: stored[_PREFIX + name] for name in _TEST_INPUTS}
+    expected, found = stored[_PREFIX + "target"], _test_targets(controller, inputs)
+    if expected.shape != found.shape:
+        raise ValueError(f"targets of shape {tuple(expected.shape)}")
+    difference = float((found - expected).abs().max())
+    return difference if np.isfinite(difference) else float("inf")

@@ -1,17 +1,26 @@
-"""Records of trainings: the versions and settings that made a policy, as its file states them."""
+"""Records of trainings: what made a policy, as its file states it, and the log of a run.
 
+The log has a row of figures per iteration, and a record per session.
+"""
+
+import csv
 import dataclasses
 import importlib.metadata
+import itertools
 import json
+import math
 import pathlib
 import platform
 from typing import Any
 
 from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.files import write_whole
 from hugwbc.learned.policy.contract import contract_of, load_contract
-from hugwbc.learned.policy.network_files import ONNX_SUFFIX, OnnxNetwork
-from hugwbc.learned.policy.policy_files import policy_file, read_header
+from hugwbc.learned.policy.network_files import ONNX_SUFFIX, OnnxNetwork, policy_file, read_header
 from hugwbc.robot import load_robot
+
+LOG_NAME = "metrics.csv"
+SESSIONS_NAME = "sessions.jsonl"
 
 
 def versions() -> dict[str, str]:
@@ -78,3 +87,58 @@ def trained_with(name_or_path: str | pathlib.Path) -> str | None:
     for key in ("training", "config", "env", "intervention"):
         record = record.get(key) if isinstance(record, dict) else None
     return record if isinstance(record, str) else None
+
+
+# Log of a run --------------------------------------------------------------------------------------------------------
+
+
+def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
+    """Prepare the log of a run for a session, so that every iteration is in it once.
+
+    A run that was cut off has logged iterations after its last checkpoint. The resumed run does these again, so their
+    rows are dropped. The log of another run in the folder is kept under another name.
+    """
+    path = folder / LOG_NAME
+    if not path.exists():
+        return
+    with path.open(newline="") as file:
+        header, *rows = list(csv.reader(file)) or [[]]
+    if not resumed:
+        path.rename(_free(path.with_stem(f"{path.stem}-before")))
+        return
+    column = header.index("iteration") if "iteration" in header else None
+    kept = [row for row in rows if column is not None and len(row) == len(header) and float(row[column]) <= iteration]
+    if len(kept) < len(rows):
+        write_whole(path, "".join(",".join(row) + "\r\n" for row in [header, *kept]))
+
+
+def append_row(folder: pathlib.Path, row: dict[str, float], iteration: int) -> None:
+    """Append the figures of an iteration to the log; NaN leaves a cell empty.
+
+    A log with other columns, from a session with other settings, is kept under another name.
+    """
+    path = folder / LOG_NAME
+    if path.exists():
+        with path.open(newline="") as file:
+            header = next(csv.reader(file), [])
+        if header != list(row):
+            path.rename(_free(path.with_stem(f"{path.stem}-until-{iteration - 1}")))
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(row))
+        if new:
+            writer.writeheader()
+        writer.writerow({name: "" if math.isnan(value) else f"{value:.6g}" for name, value in row.items()})
+
+
+def append_session(folder: pathlib.Path, record: dict[str, Any]) -> None:
+    """Append the settings and versions of a session to the record of the run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / SESSIONS_NAME).open("a") as file:
+        file.write(json.dumps(record) + "\n")
+
+
+def _free(path: pathlib.Path) -> pathlib.Path:
+    """Return the path, or the first of path-2, path-3, ... that does not exist."""
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in itertools.count(2))
+    return next(candidate for candidate in itertools.chain([path], numbered) if not candidate.exists())

@@ -1,7 +1,8 @@
 """Observation terms: what a policy can read of a robot and its commands, by name; many robots at once.
 
 Training, policy files and contracts of other projects' policies use the same table, `TERMS`. A Python file adds its
-own: `TERMS["ankles"] = ObservationTerm(...)` (docs/how-to/add-an-observation.md).
+own: `TERMS["ankles"] = ObservationTerm(...)` (docs/how-to/add-an-observation.md). The layout says which terms our own
+networks read. Nothing of it needs torch.
 """
 
 import dataclasses
@@ -38,8 +39,7 @@ class Part:
         sides: whether they are those of the left side, then those of the right one: in a mirror image the two change
             places, and `signs` are those of one side.
         scale: factor that brings them to about 1, one for all or one for each.
-        noise: half-width of the noise in training, in physical units. `RandomizationConfig.noise` scales that of the
-            proprioceptive frame, which is the paper's.
+        noise: half-width of the noise in training, in physical units, on a term that is read besides the paper's.
     """
 
     about: str
@@ -286,6 +286,45 @@ TERMS: dict[str, ObservationTerm] = {
 }
 """All terms, by name. The paper's policy has one clock per foot, which cannot tell phi from 0.5 - phi; ours reads sine
 and cosine, and one number for each gait instead of the paper's psi, with which a jump looks like a hop."""
+
+
+# Layout ---------------------------------------------------------------------------------------------------------------
+# What the networks read and return, part by part, and the sizes that follow.
+
+HISTORY_FRAMES = 5
+TERRAIN_SHAPE = (17, 13)  # samples along x and y of the heading frame
+TERRAIN_SPACING = 0.07  # [m]
+TERRAIN_SIZE = math.prod(TERRAIN_SHAPE)
+
+LENGTH_SCALE = 5.0
+
+FRAME_TERMS = ("angular_velocity", "gravity", "joint_position", "joint_velocity", "last_action")
+COMMAND_TERMS = ("command", "gait", "foot_sin", "foot_cos", "intervention")
+FRAME = tuple(TERMS[name] for name in FRAME_TERMS)  # proprioception at one time
+HISTORY = FRAME * HISTORY_FRAMES
+COMMAND = tuple(TERMS[name] for name in COMMAND_TERMS)
+ACTION = (Part("joint targets", "joints", "joints"),)
+ESTIMATE = (
+    Part("velocity of the pelvis in the heading frame [m/s]", 3, _VECTOR, scale=2.0),
+    Part("clearance of the left and the right sole [m]", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
+    Part("pelvis height minus the nominal one [m]", 1, (1.0,), scale=LENGTH_SCALE),
+)
+ESTIMATE_SIZE = sum(int(part.size) for part in ESTIMATE)
+PRIVILEGED = (  # what the critic sees besides frame, command and terrain
+    Part("velocity of the pelvis in the heading frame [m/s]", 3, _VECTOR, scale=2.0),
+    Part("measured minus commanded height [m]", 1, (1.0,), scale=LENGTH_SCALE),
+    Part("clearance of the left and the right sole [m]", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
+    Part("friction coefficient of the robot's geometry", 1, (1.0,)),
+    Part("ground reaction on the left and the right foot [N]", 6, _VECTOR, sides=True, scale=0.002),
+    Part("whether each of `Robot.contact_links` touches something", "links", "links"),
+    Part("filtered errors of v_x, v_y [m/s] and omega [rad/s]", 3, (1.0, -1.0, -1.0), scale=5.0),
+    Part("payload of the left and the right hand [kg]", 2, (1.0,), sides=True, scale=0.25),
+    Part("force on the left and the right hand in the heading frame [N]", 6, _VECTOR, sides=True, scale=0.02),
+    Part("force on the trunk in the heading frame [N]", 3, _VECTOR, scale=0.02),
+    Part("mass of the robot, minus 1 of its description", 1, (1.0,), scale=5.0),
+    Part("latency [s]", 1, (1.0,), scale=50.0),
+)
+CRITIC_CORE = (*FRAME, *COMMAND, *PRIVILEGED)  # what is left of what it sees without the terrain
 
 
 # Terms of the user ----------------------------------------------------------------------------------------------------

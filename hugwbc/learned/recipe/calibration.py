@@ -15,7 +15,7 @@ from hugwbc.files import finite_json, write_whole
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import load_policy, save_policy
-from hugwbc.learned.policy.feed_forward import LARGEST_CHANGE, Curves
+from hugwbc.learned.policy.contract import LARGEST_CHANGE, Curves
 
 ROUNDS = "rounds.json"
 _TRIAL = "trial.safetensors"

@@ -22,6 +22,7 @@ from hugwbc.files import digest, sole_writer, write_whole
 from hugwbc.learned import distributed
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
 from hugwbc.learned.config.schedules import replaced
+from hugwbc.learned.distributed import Stop, StoppedError, stopped_by_signals
 from hugwbc.learned.env.start_recorder import Teacher, record_starts
 from hugwbc.learned.policy.records import versions
 from hugwbc.learned.recipe.ancestry import (
@@ -37,7 +38,6 @@ from hugwbc.learned.recipe.ancestry import (
 from hugwbc.learned.recipe.calibration import ROUNDS, calibrate
 from hugwbc.learned.recipe.recipe import POLICY, SNAPSHOT, STARTS, Recipe, Stage
 from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, Trainer
-from hugwbc.learned.stopping import Stop, StoppedError, stopped_by_signals
 from hugwbc.robot import Robot, load_robot
 from hugwbc.source import source_commit
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import torch
 
@@ -12,7 +12,6 @@ from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
 from hugwbc.learned.env.terminations import held_foot_down
-from hugwbc.learned.policy.networks import ActorNetwork
 from hugwbc.settings import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
@@ -85,7 +84,7 @@ class Evaluator:
     """Robots that repeat the same episodes at every evaluation.
 
     Commands, gaits and model parameters are drawn once, as training draws them, over the initial ranges. There are no
-    pushes, loads, paper's noise or intervention; sensors err as in training; rough ground has all levels; a command
+    pushes, loads or intervention; sensors err as in training; rough ground has all levels; a command
     lasts the whole episode. All random numbers are the evaluator's own, so that the training continues as if there had
     been no evaluation.
     """
@@ -101,7 +100,7 @@ class Evaluator:
             timestep: physics time step, by which the control period is divided [s]; 0 for that of the training.
         """
         timestep = timestep or config.timestep
-        calm = dataclasses.replace(config.randomization, noise=0.0, push_velocity=0.0)
+        calm = dataclasses.replace(config.randomization, push_velocity=0.0)
         every_level = dataclasses.replace(config.terrain, start_level=config.terrain.levels - 1)
         settings = dataclasses.replace(
             config,
@@ -136,15 +135,12 @@ class Evaluator:
         self._env.adopt(dataclasses.replace(self._env.config, squat_gain=config.squat_gain))
 
     @torch.no_grad()
-    def run(self, actor: ActorNetwork) -> dict[str, float]:
+    def run(self, actor: Callable[..., tuple[torch.Tensor, torch.Tensor]]) -> dict[str, float]:
         """Return falls, mean absolute errors and quality of the steps of each gait, and one score; lower is better.
 
         The score is the mean over gaits of the mean of error / scale over commands and the figures of the steps, plus
         `FALL_COST` times the fraction of robots that fell. The errors of a robot count until it falls; an error without
         samples is NaN.
-
-        Args:
-            actor: the policy network.
         """
         env = self._env
         env.load_state_dict(self._start)

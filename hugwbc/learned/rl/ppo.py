@@ -14,7 +14,7 @@ from torch import nn
 from hugwbc.gait import Gait
 from hugwbc.learned import distributed
 from hugwbc.learned.config import PPOConfig
-from hugwbc.learned.env.random_numbers import randn
+from hugwbc.learned.env.randomization import randn
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.networks import ActorCritic
@@ -137,14 +137,7 @@ class PPO:
         generator: torch.Generator,
         further: tuple[Part, ...] = (),
     ) -> None:
-        """Build networks and optimiser.
-
-        Args:
-            config: the settings.
-            robot: the robot.
-            generator: source of exploration noise and minibatches, on whose device everything is.
-            further: observation terms besides those of `layout`.
-        """
+        """Build networks and optimiser, on the device of the generator of exploration noise and minibatches."""
         self.config = config
         self.device = generator.device
         self.network = ActorCritic(robot, config.std_initial, further=further).to(self.device)
@@ -163,11 +156,7 @@ class PPO:
         self.bound_std(0.0)
 
     def bound_std(self, steps: float) -> None:
-        """Keep the exploration std of every joint between its minimum and the schedule's maximum.
-
-        Args:
-            steps: number of environment steps so far.
-        """
+        """Keep the exploration std of all joints between the minimum and the maximum after so many steps."""
         c = self.config
         progress = min(1.0, steps / c.std_steps)
         largest = min(c.std_limit, c.std_initial * (c.std_final / c.std_initial) ** progress)
@@ -185,13 +174,7 @@ class PPO:
 
     @torch.no_grad()
     def act(self, t: int, observation: Observation, gait: torch.Tensor) -> torch.Tensor:
-        """Sample actions for step t, shape (n, joints), and store what the update needs.
-
-        Args:
-            t: number of the step in the iteration.
-            observation: what the robots see.
-            gait: values of `Gait`, shape (n,).
-        """
+        """Sample actions for step t, shape (n, joints), and store what the update needs."""
         seen = self.network.prepare(observation)
         r, width = self._rollout, seen.critic.shape[1]  # rough ground adds columns for the critic
         if r is None or len(r.reward) != self.config.horizon or r.critic.shape[2] != width:

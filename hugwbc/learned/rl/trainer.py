@@ -15,15 +15,14 @@ from hugwbc.files import sole_writer, writing
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.config.environment import same_robots
+from hugwbc.learned.distributed import Stop, stopped_by_signals
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.random_numbers import restore as restore_generator
+from hugwbc.learned.env.randomization import restore as restore_generator
 from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
 from hugwbc.learned.policy.networks import Actor, ActorCritic, load_into
-from hugwbc.learned.policy.records import check_robot, settings_record, versions
+from hugwbc.learned.policy.records import append_row, append_session, begin_log, check_robot, settings_record, versions
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
-from hugwbc.learned.rl.run_log import append_row, append_session, begin_log
-from hugwbc.learned.stopping import Stop, stopped_by_signals
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
@@ -394,14 +393,7 @@ def _with_robots_of_rank(
 
 
 def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, metadata: dict[str, Any]) -> None:
-    """Write a policy, and the snapshot from which a training can continue.
-
-    Args:
-        folder: folder of both files.
-        network: what was learnt.
-        env: settings of the environment in which it was learnt.
-        metadata: record of the training, anything JSON can hold.
-    """
+    """Write a policy, and the snapshot from which a training can continue."""
     # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
     checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)

@@ -1,11 +1,16 @@
 import dataclasses
 
 import pytest
+import torch
 
-from hugwbc.learned.config import CurriculumConfig
-from hugwbc.learned.env.curriculum import Curriculum
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.learned.config import CommandConfig, CurriculumConfig
+from hugwbc.learned.env.curriculum import Curriculum, draw_commands
 from hugwbc.robot import load_robot
 
+HOPPING = CommandConfig(standing_fraction=0.1, walking_fraction=0.0, hopping_fraction=0.9)
+COUNT = 4000
 CONFIG = CurriculumConfig(
     warm_up_iterations=2,
     alpha_interval=1,
@@ -81,3 +86,69 @@ def test_without_agile_robots_the_speed_rests() -> None:
     curriculum.update(None, (0.9, 0.9))
     assert curriculum.max_speed == 0.6 and curriculum.gates["speed"] == "off: no agile robots"
     assert curriculum.alpha == pytest.approx(0.01)
+
+
+def draw(config: CommandConfig, *, max_speed: float = 0.6) -> tuple[torch.Tensor, torch.Tensor]:
+    curriculum = Curriculum(CurriculumConfig(), load_robot())
+    curriculum.max_speed = max_speed
+    agile = torch.arange(COUNT) % 2 == 0
+    return draw_commands(agile, config, curriculum, torch.Generator().manual_seed(0))
+
+
+def share(gait: torch.Tensor, value: Gait) -> float:
+    return (gait == value).float().mean().item()
+
+
+def test_gaits_come_in_their_fractions() -> None:
+    _, gait = draw(CommandConfig(standing_fraction=0.1, walking_fraction=0.3, hopping_fraction=0.4))
+    expected = {
+        Gait.STANDING: 0.1, Gait.WALKING: 0.3, Gait.JUMPING: 0.2, Gait.HOPPING_LEFT: 0.2, Gait.HOPPING_RIGHT: 0.2,
+    }  # fmt: skip
+    for value, fraction in expected.items():
+        assert share(gait, value) == pytest.approx(fraction, abs=0.03)
+    _, gait = draw(HOPPING)
+    assert share(gait, Gait.JUMPING) == share(gait, Gait.WALKING) == 0.0
+    _, gait = draw(CommandConfig())
+    assert share(gait, Gait.HOPPING_LEFT) == share(gait, Gait.HOPPING_RIGHT) == 0.0
+
+
+def test_hopping_has_the_papers_command_space_whatever_the_speed_reached() -> None:
+    command, gait = draw(HOPPING, max_speed=2.0)
+    hopping = command[gait >= Gait.HOPPING_LEFT]
+    assert (hopping[:, :3].abs() <= 0.6).all()
+    # Uniform, not clamped from a wider range: no value piles up at the bound.
+    assert hopping[:, 0].max() < 0.6 and hopping[:, 0].unique().numel() > 0.8 * hopping.shape[0]
+    assert hopping[:, 5].min() < -0.28 and hopping[:, 5].max() == 0.0
+    defaults = torch.tensor([2.0, 0.15, 0.0, 0.0])
+    torch.testing.assert_close(hopping[:, [3, 4, 6, 7]], defaults.expand(hopping.shape[0], 4))
+
+
+def test_a_fraction_of_the_commands_combines_all_of_them() -> None:
+    walking = CommandConfig(standing_fraction=0.0, walking_fraction=1.0)
+    command, _ = draw(dataclasses.replace(walking, default_fraction=0.9, combined_fraction=0.25))
+    drawn = (command[:, 3:] != torch.tensor([2.0, 0.15, 0.0, 0.0, 0.0])).sum(1)
+    assert (drawn == 5).float().mean().item() == pytest.approx(0.25, abs=0.03)
+    assert (drawn == 0).float().mean().item() == pytest.approx(0.75 * 0.9**5, abs=0.03)
+
+
+def test_stands_combine_h_p_and_w_in_a_fraction_of_their_own() -> None:
+    stands = CommandConfig(standing_fraction=1.0, walking_fraction=0.0, default_fraction=0.9)
+    for own, expected in ((0.6, 0.6), (0.0, 0.0), (None, 0.3)):
+        command, _ = draw(dataclasses.replace(stands, combined_fraction=0.3, combined_stands=own))
+        combined = (command[:, 5:] != 0.0).all(1).float().mean().item()
+        assert combined == pytest.approx(expected, abs=0.03)
+
+
+def test_small_velocities_are_drawn_as_they_are() -> None:
+    """Nothing between standing still and the range's ends is left out or zeroed."""
+    command, gait = draw(CommandConfig())
+    moving = (gait != Gait.STANDING) & (command[:, :3] != 0.0).any(1)
+    speed = torch.linalg.vector_norm(command[moving, :2], dim=1)
+    # Uniform over a square of 1.2 m/s: the ring from 0.1 to 0.3 m/s has 17 % of it, the disc within it 2 %.
+    assert ((speed >= 0.1) & (speed <= 0.3)).float().mean().item() == pytest.approx(0.175, abs=0.025)
+    assert (speed < 0.1).float().mean().item() == pytest.approx(0.022, abs=0.01)
+
+
+def test_fractions_that_exceed_one_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"hopping sum to 1\.25; give at most 1"):
+        dataclasses.replace(CommandConfig(), hopping_fraction=0.5)

@@ -11,6 +11,7 @@ from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, Lo
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import read
 from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.policy.terms import ACTION, COMMAND, CRITIC_CORE, ESTIMATE, HISTORY, size_of
 from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirror
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
@@ -41,25 +42,6 @@ def test_measured_quantities_agree_with_pinocchio(small_env: HumanoidEnv) -> Non
         assert small_env.readings.height[i].item() == pytest.approx(m.h, abs=1e-5)
         assert small_env.readings.pitch[i].item() == pytest.approx(m.p, abs=1e-5)
         assert small_env.readings.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
-
-
-def test_observation_shapes_and_finiteness(small_env: HumanoidEnv) -> None:
-    run(small_env, 5)
-    o = small_env.observe()
-    assert o.history.shape == (8, 315) and o.command.shape == (8, 18)
-    assert o.critic.shape == (8, 121 + 1) and o.estimate.shape == (8, 6)
-    for tensor in (o.history, o.command, o.critic, o.estimate):
-        assert torch.isfinite(tensor).all()
-
-
-def test_newest_frame_is_last_in_the_history() -> None:
-    config = dataclasses.replace(EnvConfig(), count=4, randomization=RandomizationConfig(sensing=(0.0, 0.0)))
-    env = HumanoidEnv(config, seed=0, threads=1)
-    action = 0.1 * torch.ones(4, 19)
-    env.step(action)
-    newest = env.observe().history[:, -63:]
-    torch.testing.assert_close(newest[:, -19:], action)
-    torch.testing.assert_close(newest[:, 3:6], env.readings.gravity)
 
 
 def test_same_seed_same_run_whatever_the_threads() -> None:
@@ -244,8 +226,8 @@ def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
     twin.phase[:] = torch.where(env.gait == Gait.WALKING, (env.phase + 0.5) % 1.0, env.phase)
     twin.waist[:] = -env.waist
     twin.bias[:] = env.bias * torch.tensor([1.0, -1.0, -1.0])
-    twin.actions[:] = torch.stack([obs.mirror(obs.ACTION, env.robot)(actions) for actions in env.actions])
-    twin.history[:] = obs.mirror(obs.HISTORY, env.robot)(env.history.flatten(1)).view_as(env.history)
+    twin.actions[:] = torch.stack([obs.mirror(ACTION, env.robot)(actions) for actions in env.actions])
+    twin.history[:] = obs.mirror(HISTORY, env.robot)(env.history.flatten(1)).view_as(env.history)
     qpos, qvel = env.simulation.qpos.numpy(), env.simulation.qvel.numpy()
     new_qpos, new_qvel = twin.simulation.qpos.numpy(), twin.simulation.qvel.numpy()
     pose = np.concatenate((qpos[:, :3] * VECTOR_SIGNS, qpos[:, 3:7] * QUATERNION_SIGNS), axis=1)
@@ -267,18 +249,16 @@ def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward(robot: 
     generator = torch.Generator().manual_seed(1)
     for _ in range(4):
         action = 0.3 * torch.randn(env.actions[0].shape, generator=generator)
-        reward, image = env.step(action).reward, twin.step(obs.mirror(obs.ACTION, env.robot)(action)).reward
+        reward, image = env.step(action).reward, twin.step(obs.mirror(ACTION, env.robot)(action)).reward
         # The order in which the solver goes through the contacts leaves a little: rewards are of the size of 0.1.
         torch.testing.assert_close(image, reward, atol=2e-3, rtol=0.0)
         seen, image = env.observe(), twin.observe()
-        torch.testing.assert_close(image.history, obs.mirror(obs.HISTORY, env.robot)(seen.history), atol=0.02, rtol=0.0)
-        torch.testing.assert_close(image.command, obs.mirror(obs.COMMAND, env.robot)(seen.command), atol=1e-5, rtol=0.0)
-        core = slice(0, obs.size_of(obs.CRITIC_CORE, env.robot))
-        critic = obs.mirror(obs.CRITIC_CORE, env.robot)(seen.critic[:, core])
+        torch.testing.assert_close(image.history, obs.mirror(HISTORY, env.robot)(seen.history), atol=0.02, rtol=0.0)
+        torch.testing.assert_close(image.command, obs.mirror(COMMAND, env.robot)(seen.command), atol=1e-5, rtol=0.0)
+        core = slice(0, size_of(CRITIC_CORE, env.robot))
+        critic = obs.mirror(CRITIC_CORE, env.robot)(seen.critic[:, core])
         torch.testing.assert_close(image.critic[:, core], critic, atol=0.05, rtol=0.0)
-        torch.testing.assert_close(
-            image.estimate, obs.mirror(obs.ESTIMATE, env.robot)(seen.estimate), atol=0.01, rtol=0.0
-        )
+        torch.testing.assert_close(image.estimate, obs.mirror(ESTIMATE, env.robot)(seen.estimate), atol=0.01, rtol=0.0)
 
 
 def test_restored_run_continues_bit_for_bit() -> None:
@@ -292,13 +272,6 @@ def test_restored_run_continues_bit_for_bit() -> None:
         run(env, 20, seed=2)
     assert torch.equal(straight.simulation.qpos, resumed.simulation.qpos)
     assert torch.equal(straight.observe().critic, resumed.observe().critic)
-
-
-def test_a_state_that_lacks_a_part_is_told(small_env: HumanoidEnv) -> None:
-    state = small_env.state_dict()
-    del state["history"]
-    with pytest.raises(KeyError, match="history"):
-        small_env.load_state_dict(state)
 
 
 ROBOTS = ("h1", "h1-2023")

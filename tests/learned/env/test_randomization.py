@@ -6,8 +6,7 @@ import torch
 
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.randomization import Latency, draw_delays, randomize
-from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.env.randomization import Latency, SensorErrors, draw_delays, randomize
 from hugwbc.robot import load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.batch import BatchSimulation
@@ -139,19 +138,6 @@ def test_a_push_changes_the_velocity() -> None:
     assert (change.amax(1) > 0.05).all() and change.max() < 1.2
 
 
-def test_observation_noise_has_the_papers_widths() -> None:
-    truth, noisy = make_env(), make_env(noise=1.0)
-    width = obs.noise_amplitude(obs.FRAME, ROBOT)
-    differences = []
-    for _ in range(60):
-        clean = truth._frame()
-        noisy.readings, noisy.actions = truth.readings, truth.actions
-        differences.append(noisy._frame() - clean)
-    spread = torch.cat(differences).abs().amax(0)
-    assert (spread <= width + 1e-6).all() and (spread >= 0.9 * width).all()
-    assert width[0] == pytest.approx(0.2 * 0.25) and width[-1] == 0.0
-
-
 def test_damping_has_a_factor_a_joint() -> None:
     simulation, factor = BatchSimulation(COUNT, robot=load_robot()), np.linspace(1.0, 3.0, 19)
     randomize(simulation, RandomizationConfig(**PLAIN), np.random.default_rng(0), factor)  # type: ignore[arg-type]
@@ -216,17 +202,6 @@ def test_a_latency_of_a_control_step_shifts_the_motion_by_one() -> None:
     assert (other.simulation.qpos - prompt.simulation.qpos).abs().max() > 0.01
 
 
-def test_steps_one_by_one_are_a_control_step() -> None:
-    split, whole = BatchSimulation(3, robot=load_robot()), BatchSimulation(3, robot=load_robot())
-    latency = Latency(np.zeros(3, dtype=int), 4, split)
-    for step in range(10):
-        for simulation in (split, whole):
-            simulation.ctrl[:] = simulation.tensor(ROBOT.nominal + 0.1 * np.sin(step + np.arange(19)))
-        latency.step()
-        whole.step(4)
-    np.testing.assert_array_equal(split.qpos, whole.qpos)
-
-
 def test_the_state_of_a_run_without_latency_goes_on_with_one() -> None:
     """What acted last goes on until the first late target."""
     late, prompt = make(0.03), make(0.0)
@@ -267,3 +242,30 @@ def test_the_randomised_range_reaches_from_the_true_state_to_more_than_the_arena
     assert config.sensing[0] == 0.0 and config.sensing[1] > 1.0
     least = ROBOT.command_delay
     assert config.latency[0] == 0.0 and config.latency[1] > SENSORS.latency + least
+
+
+def test_errors_have_the_profile_s_spread_and_biases_stay_for_an_episode(small_env: HumanoidEnv) -> None:
+    errors = SensorErrors(8, 19, (1.0, 1.0), torch.Generator().manual_seed(0))
+    errors.reset(torch.arange(8))
+    truth = small_env.readings
+    read = [errors.sensed(truth) for _ in range(400)]
+    for name, noise, bias in (("q", SENSORS.encoder, SENSORS.encoder_offset), ("dq", SENSORS.joint_velocity, 0.0),
+                              ("angular_velocity", SENSORS.gyro, SENSORS.gyro_bias)):  # fmt: skip
+        error = torch.stack([getattr(one, name) - getattr(truth, name) for one in read])
+        assert 0.9 * noise < error.std(0).mean() < 1.1 * noise, name
+        assert abs(error.mean(0).square().mean().sqrt() - bias) < 0.4 * bias + 0.1 * noise, name
+    torch.testing.assert_close(torch.linalg.vector_norm(read[0].gravity, dim=1), torch.ones(8))
+    tilt = torch.stack([torch.linalg.cross(truth.gravity, one.gravity) for one in read]).mean(0)
+    assert 0.3 * SENSORS.attitude_bias < tilt[:, :2].square().mean().sqrt() < 2.0 * SENSORS.attitude_bias
+    before = errors.gyro_bias.clone()
+    errors.reset(torch.tensor([3]))
+    changed = (errors.gyro_bias != before).any(1)
+    assert changed.tolist() == [i == 3 for i in range(8)]
+
+
+def test_each_robot_has_its_own_factor_and_zero_is_the_truth(small_env: HumanoidEnv) -> None:
+    exact = SensorErrors(8, 19, (0.0, 0.0), torch.Generator().manual_seed(0))
+    exact.reset(torch.arange(8))
+    assert exact.sensed(small_env.readings) is small_env.readings
+    factors = SensorErrors(500, 19, (0.5, 1.5), torch.Generator().manual_seed(0)).scale
+    assert 0.5 <= factors.min() < 0.6 and 1.4 < factors.max() <= 1.5

@@ -7,6 +7,7 @@ from hugwbc.learned.config import EnvConfig, RandomizationConfig, TerrainConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy import critic_observations as obs
+from hugwbc.learned.policy.terms import LENGTH_SCALE, TERRAIN_SIZE
 
 ROUGH = TerrainConfig(roughness=0.05, levels=4)
 
@@ -17,7 +18,7 @@ def make(count: int = 8, config: TerrainConfig = ROUGH) -> RoughGround:
 
 def make_env(count: int = 8, **terrain: float) -> HumanoidEnv:
     torch.set_num_threads(1)
-    calm = RandomizationConfig(noise=0.0, push_velocity=0.0)
+    calm = RandomizationConfig(push_velocity=0.0)
     config = EnvConfig(count=count, terrain=dataclasses.replace(ROUGH, **terrain), randomization=calm)
     return HumanoidEnv(config, seed=3, threads=1)
 
@@ -44,8 +45,8 @@ def test_samples_are_what_rays_of_the_simulation_hit() -> None:
     only_floor = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
     distance, _ = env.simulation.batch.ray(pnt=origins, vec=np.array([0.0, 0.0, -1.0]), geomgroup=only_floor)
     np.testing.assert_allclose(samples, 3.0 - distance, atol=2e-5)
-    expected = (position[:, 2:] - env.robot.nominal_height - torch.from_numpy(samples)) * obs.LENGTH_SCALE
-    torch.testing.assert_close(env.observe().critic[:, -obs.TERRAIN_SIZE :], expected)
+    expected = (position[:, 2:] - env.robot.nominal_height - torch.from_numpy(samples)) * LENGTH_SCALE
+    torch.testing.assert_close(env.observe().critic[:, -TERRAIN_SIZE:], expected)
     assert samples.std() > 0.005
 
 

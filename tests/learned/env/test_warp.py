@@ -11,8 +11,8 @@ from hugwbc.learned.config import CommandConfig, EnvConfig, LoadConfig, PPOConfi
 from hugwbc.learned.config.environment import TerrainConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy.checkpoint import load_file
+from hugwbc.learned.policy.network_files import policy_file
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.learned.policy.policy_files import policy_file
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
 from hugwbc.robot import load_robot
 from hugwbc.sim.batch import RobotBatch

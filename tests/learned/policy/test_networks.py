@@ -5,6 +5,7 @@ import torch
 
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.networks import Actor, ActorCritic, SymmetricActor, SymmetricCritic
+from hugwbc.learned.policy.terms import ACTION, COMMAND, CRITIC_CORE, ESTIMATE, HISTORY, TERRAIN_SIZE
 from hugwbc.robot import load_robot
 
 ROBOT = load_robot()
@@ -31,7 +32,7 @@ def test_outputs_have_a_row_per_robot_and_begin_near_the_nominal_pose() -> None:
     action, estimate = network.actor(torch.randn(4, 315), torch.randn(4, 18))
     assert action.shape == (4, 19) and estimate.shape == (4, 6)
     assert action.abs().max() < 0.1
-    assert network.critic(torch.randn(4, (CORE_SIZE + obs.TERRAIN_SIZE))).shape == (4,)
+    assert network.critic(torch.randn(4, (CORE_SIZE + TERRAIN_SIZE))).shape == (4,)
     assert network.critic(torch.randn(4, CORE_SIZE + 1)).shape == (4,)
     assert network.exploration().tolist() == pytest.approx([math.log(0.5)] * 19)
 
@@ -61,13 +62,13 @@ def test_the_symmetric_networks_commute_with_the_mirror() -> None:
     actor, critic = SymmetricActor(ROBOT), SymmetricCritic(ROBOT)
     lively(actor)
     lively(critic)
-    history, command, seen = torch.randn(5, 315), torch.randn(5, 18), torch.randn(5, (CORE_SIZE + obs.TERRAIN_SIZE))
+    history, command, seen = torch.randn(5, 315), torch.randn(5, 18), torch.randn(5, (CORE_SIZE + TERRAIN_SIZE))
     action, estimate = actor(history, command)
-    image, image_estimate = actor(obs.mirror(obs.HISTORY, ROBOT)(history), obs.mirror(obs.COMMAND, ROBOT)(command))
-    torch.testing.assert_close(image, obs.mirror(obs.ACTION, ROBOT)(action), atol=1e-4, rtol=1e-5)
-    torch.testing.assert_close(image_estimate, obs.mirror(obs.ESTIMATE, ROBOT)(estimate), atol=1e-4, rtol=1e-5)
-    core, terrain = seen.split((CORE_SIZE, obs.TERRAIN_SIZE), 1)
-    mirrored = torch.cat((obs.mirror(obs.CRITIC_CORE, ROBOT)(core), obs.terrain_mirror()(terrain)), 1)
+    image, image_estimate = actor(obs.mirror(HISTORY, ROBOT)(history), obs.mirror(COMMAND, ROBOT)(command))
+    torch.testing.assert_close(image, obs.mirror(ACTION, ROBOT)(action), atol=1e-4, rtol=1e-5)
+    torch.testing.assert_close(image_estimate, obs.mirror(ESTIMATE, ROBOT)(estimate), atol=1e-4, rtol=1e-5)
+    core, terrain = seen.split((CORE_SIZE, TERRAIN_SIZE), 1)
+    mirrored = torch.cat((obs.mirror(CRITIC_CORE, ROBOT)(core), obs.terrain_mirror()(terrain)), 1)
     torch.testing.assert_close(critic(mirrored), critic(seen), atol=1e-3, rtol=1e-5)
     assert action.std() > 0.1 and critic(seen).std() > 0.1
     assert not torch.allclose(critic(-seen), critic(seen), atol=1e-2)
@@ -89,7 +90,7 @@ def test_one_column_of_a_plane_stands_for_all_samples() -> None:
     critic = SymmetricCritic(ROBOT)
     lively(critic)
     core, height = torch.randn(5, CORE_SIZE), torch.randn(5, 1)
-    every = torch.cat((core, height.expand(-1, obs.TERRAIN_SIZE)), 1)
+    every = torch.cat((core, height.expand(-1, TERRAIN_SIZE)), 1)
     torch.testing.assert_close(critic(torch.cat((core, height), 1)), critic(every), atol=1e-2, rtol=1e-4)
 
 

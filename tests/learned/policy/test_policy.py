@@ -1,4 +1,3 @@
-import dataclasses
 import pathlib
 import subprocess
 import sys
@@ -99,25 +98,10 @@ def test_external_arms_are_passed_on_and_seen() -> None:
     assert not np.allclose(taken.q[ROBOT.legs], own.q[ROBOT.legs]), "the indicator must reach the network"
 
 
-def test_reset_makes_runs_repeatable() -> None:
-    controller = LearnedController(random_actor(), EnvConfig().contract())
-    runs = []
-    for _ in range(2):
-        controller.reset(make_state())
-        runs.append([controller.act(make_state(), Command(gait=Gait.WALKING), UpperBody.none()).q for _ in range(5)])
-    np.testing.assert_array_equal(runs[0], runs[1])
-
-
 def test_unknown_policy_lists_the_shipped_ones() -> None:
     for name in ("n" * 5000, "no_such_policy"):
         with pytest.raises(UnknownNameError, match="h1"):
             load_policy(name)
-
-
-def test_truncated_policy_is_refused(policy_file: pathlib.Path) -> None:
-    policy_file.write_bytes(policy_file.read_bytes()[:-100])
-    with pytest.raises(PolicyFileError, match="truncated"):
-        load_policy(policy_file)
 
 
 NAN = float("nan")
@@ -132,9 +116,10 @@ BIAS = "policy.6.bias"
         ({BIAS: lambda old: old + 0.01}, {}, r"self-test: joint targets differ by up to 0\.00\d+ rad"),
         ({BIAS: lambda old: old * NAN}, {}, "weights that are not finite"),
         ({}, {"action_scale": [0.25] * 18 + [0.3]}, "self-test"),
+        ({}, {"period": 0.01}, "self-test"),
+        ({}, {"waist_rate": 1.0}, "self-test"),
         ({"self_test.target": lambda old: old * NAN}, {}, "self-test"),
     ],
-    ids=["another robot", "another shape", "changed weights", "NaN weights", "changed contract", "NaN self-test"],
 )
 def test_a_policy_that_was_changed_is_refused(policy_file: pathlib.Path, tensors, entries, message) -> None:
     old, metadata = checkpoint.load_file(policy_file, "policy")
@@ -150,14 +135,6 @@ def test_a_missing_self_test_is_refused(policy_file: pathlib.Path) -> None:
     checkpoint.save_file(policy_file, random_actor().state_dict(), "policy", metadata)
     with pytest.raises(PolicyFileError, match="lacks a readable self-test"):
         load_policy(policy_file)
-
-
-def test_gains_and_pose_are_the_policys_own(policy_file: pathlib.Path) -> None:
-    own = load_policy(policy_file)
-    stiff = LearnedController(random_actor(), dataclasses.replace(own.contract, kd=tuple(2.0 * ROBOT.kd)))
-    command = stiff.act(make_state(), Command(), UpperBody.none())
-    np.testing.assert_array_equal(command.kp, ROBOT.kp)
-    np.testing.assert_array_equal(command.kd, 2.0 * ROBOT.kd)
 
 
 def test_loading_needs_no_training_code(policy_file: pathlib.Path) -> None:

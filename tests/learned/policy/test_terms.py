@@ -11,9 +11,20 @@ from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
 from hugwbc.learned.config import EnvConfig, PPOConfig, RandomizationConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy import critic_observations as obs, load_policy
-from hugwbc.learned.policy.layout import COMMAND_TERMS, FRAME_TERMS
 from hugwbc.learned.policy.networks import ActorCritic, load_into
-from hugwbc.learned.policy.terms import TERMS, ObservationTerm, _made_up, check_term, observe
+from hugwbc.learned.policy.terms import (
+    ACTION,
+    COMMAND,
+    COMMAND_TERMS,
+    CRITIC_CORE,
+    FRAME_TERMS,
+    HISTORY,
+    TERMS,
+    ObservationTerm,
+    _made_up,
+    check_term,
+    observe,
+)
 from hugwbc.learned.rl.ppo import PPO
 from hugwbc.learned.rl.trainer import save_product
 from hugwbc.robot import load_robot
@@ -72,7 +83,7 @@ def test_names_are_refused(both):
 
 def test_actor_and_critic_see_the_terms_with_their_scales(both, monkeypatch):
     monkeypatch.setitem(TERMS, "knees", dataclasses.replace(KNEES, noise=0.0))
-    calm = dataclasses.replace(both, randomization=RandomizationConfig(noise=0.0, sensing=(0.0, 0.0)))
+    calm = dataclasses.replace(both, randomization=RandomizationConfig(sensing=(0.0, 0.0)))
     env = HumanoidEnv(calm, seed=1, threads=1)
     env.step(0.5 * torch.randn(6, 19, generator=torch.Generator().manual_seed(0)))
     seen = env.observe()
@@ -94,15 +105,15 @@ def test_the_noise_is_the_declared_one(both):
 def test_the_networks_mirror_the_terms_as_declared():
     own = (TILT, KNEES)
     network = ActorCritic(ROBOT, further=own)
-    mirror = obs.mirror((*obs.COMMAND, *own), ROBOT)
+    mirror = obs.mirror((*COMMAND, *own), ROBOT)
     assert mirror.sign[18:].tolist() == [-1.0, 1.0, 1.0] and mirror.index[18:].tolist() == [18, 20, 19]
     history, command = torch.randn(4, 315), torch.randn(4, 21)
     critic = torch.randn(4, 121 + 3 + 1)
-    image = torch.cat((obs.mirror((*obs.CRITIC_CORE, *own), ROBOT)(critic[:, :124]), critic[:, 124:]), dim=1)
+    image = torch.cat((obs.mirror((*CRITIC_CORE, *own), ROBOT)(critic[:, :124]), critic[:, 124:]), dim=1)
     torch.testing.assert_close(network.critic(image), network.critic(critic), atol=1e-5, rtol=1e-5)
     straight, _ = network.actor(history, command)
-    mirrored, _ = network.actor(obs.mirror(obs.HISTORY, ROBOT)(history), mirror(command))
-    torch.testing.assert_close(mirrored, obs.mirror(obs.ACTION, ROBOT)(straight), atol=1e-5, rtol=1e-5)
+    mirrored, _ = network.actor(obs.mirror(HISTORY, ROBOT)(history), mirror(command))
+    torch.testing.assert_close(mirrored, obs.mirror(ACTION, ROBOT)(straight), atol=1e-5, rtol=1e-5)
     plain = network.actor.plain()
     assert plain.command_size == 21
     torch.testing.assert_close(plain(history, command)[0], network.actor(history, command)[0], atol=1e-5, rtol=1e-4)

@@ -12,13 +12,13 @@ import pytest
 from hugwbc.cli import main
 from hugwbc.errors import HugwbcError, RecipeError
 from hugwbc.learned.config import CalibrationConfig
+from hugwbc.learned.distributed import StoppedError
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.recipe.ancestry import KEY, verify
 from hugwbc.learned.recipe.calibration import calibrate
 from hugwbc.learned.recipe.recipe import load_recipe
 from hugwbc.learned.recipe.run import RECORD, run_recipe
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
-from hugwbc.learned.stopping import StoppedError
 from hugwbc.mbc import WholeBodyController
 
 RECIPE = """

@@ -24,8 +24,8 @@ from hugwbc.learned.config import (
 )
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import checkpoint, load_policy
+from hugwbc.learned.policy.records import LOG_NAME
 from hugwbc.learned.rl.evaluator import Evaluator
-from hugwbc.learned.rl.run_log import LOG_NAME
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, SNAPSHOT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
@@ -105,15 +105,6 @@ def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
     assert load_policy(tmp_path).training["steps"] == 128
 
 
-def test_a_log_with_other_columns_is_kept_apart(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 1))
-    header = (tmp_path / LOG_NAME).read_text().splitlines()[0]
-    extra = dataclasses.replace(ENV, extra=dataclasses.replace(ENV.extra, alive=0.0))
-    run(dataclasses.replace(config(tmp_path, 2, resume=True), env=extra))
-    assert (tmp_path / "metrics-until-1.csv").read_text().splitlines()[0] == header
-    assert [row["iteration"] for row in csv.DictReader((tmp_path / LOG_NAME).open())] == ["2"]
-
-
 def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
     trainer = run(config(tmp_path, 2))
     slim = tmp_path / SNAPSHOT_NAME
@@ -149,13 +140,6 @@ def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: 
     assert load_policy(tmp_path).training["iteration"] == 7
     other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_NAME))
     assert other.iteration == 4 and other.best == {}
-
-
-def test_evaluations_are_in_the_log_where_they_were_made(tmp_path: pathlib.Path) -> None:
-    run(config(tmp_path, 3, **EVALUATE))
-    rows = list(csv.DictReader((tmp_path / LOG_NAME).open()))
-    assert [bool(row["evaluation/score"]) for row in rows] == [False, True, True]
-    assert 0.0 <= float(rows[1]["evaluation/falls"]) <= 1.0
 
 
 def test_a_training_that_is_over_gives_its_robots_back_at_once(tmp_path: pathlib.Path) -> None:
@@ -278,12 +262,6 @@ def test_another_number_of_robots_is_refused(finished: pathlib.Path) -> None:
     other = dataclasses.replace(config(finished, 2, resume=True), env=dataclasses.replace(ENV, count=8))
     with pytest.raises(PolicyFileError, match=r"--env\.count 16"):
         Trainer(other)
-
-
-def test_truncated_checkpoint_is_refused(tmp_path: pathlib.Path, finished: pathlib.Path) -> None:
-    (tmp_path / CHECKPOINT_NAME).write_bytes((finished / CHECKPOINT_NAME).read_bytes()[:1000])
-    with pytest.raises(PolicyFileError, match="truncated"):
-        Trainer(config(tmp_path, 2, resume=True))
 
 
 @pytest.mark.parametrize(
