@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.arrays import Array, namespace
+from hugwbc.numeric import Array, namespace
 
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -18,8 +18,7 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod, Due
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.sight import Sight
-from hugwbc.scripts.command_source import CommandSource
-from hugwbc.scripts.view import Grip
+from hugwbc.scripts.view import CommandSource, Grip
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 

@@ -8,8 +8,7 @@ from hugwbc.behaviours import Action, BehaviourSource, Failure, Status, retry, w
 from hugwbc.behaviours.source import ACCELERATION, FARTHEST, RAN_AWAY, STEP_OUT
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
-from hugwbc.scripts.command_source import SeeingSource
-from hugwbc.scripts.view import Grip
+from hugwbc.scripts.view import Grip, SeeingSource
 from hugwbc.targets import HandTargets
 
 

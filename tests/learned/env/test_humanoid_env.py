@@ -11,9 +11,10 @@ from hugwbc.learned.config import CommandConfig, CurriculumConfig, EnvConfig, Lo
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import read
 from hugwbc.learned.policy import critic_observations as obs
-from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirror
+from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
 from hugwbc.robot import load_robot
 from hugwbc.state import RobotState
+from tests.conftest import QUATERNION_SIGNS
 
 
 def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:
