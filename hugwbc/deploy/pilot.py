@@ -12,7 +12,7 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.deploy.capture import Capture, CapturedWorld
 from hugwbc.deploy.messages import StateMessage
 from hugwbc.deploy.remote import ButtonPresses, Request
-from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
+from hugwbc.deploy.state_machine import Event, Mode, StateMachine
 from hugwbc.deploy.watchdogs import BodyLimits, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod, Due
@@ -192,7 +192,3 @@ class Pilot:
         self._last = self.control.decide(time - self._run_start)
         periods, self._decided = round((time - self._decided) / self.control.period), time
         return Decision(time, self._last, new=True, skipped=max(periods - 1, 0))
-
-    def damped(self) -> JointCommand:
-        """Return the command that only damps the joints."""
-        return damping(self._robot)
