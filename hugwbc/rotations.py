@@ -7,6 +7,11 @@ import numpy as np
 
 from hugwbc.numeric import Array, namespace
 
+# Reflection in the x-z plane: the y component of a vector changes sign; an axial vector (angular velocity) keeps its y
+# component and changes sign in x and z.
+VECTOR_SIGNS = np.array([1.0, -1.0, 1.0])
+AXIAL_SIGNS = np.array([-1.0, 1.0, -1.0])
+
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Rotate a vector from the body frame to the world frame; shapes (..., 4) and (..., 3)."""

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 
 from hugwbc import load_robot, rotations
-from hugwbc.mirror import AXIAL_SIGNS, VECTOR_SIGNS, load_mirror
+from hugwbc.robot import load_mirror
+from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 from tests.conftest import QUATERNION_SIGNS
 
 ROBOT = load_robot()

@@ -11,7 +11,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
-from hugwbc.mirror import load_mirror
+from hugwbc.robot import load_mirror
 from hugwbc.runtime import rollout
 from hugwbc.sim import Simulation
 from tests.conftest import make_state, mirror_command, mirror_state

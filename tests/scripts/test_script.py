@@ -4,7 +4,6 @@ import pathlib
 import numpy as np
 import pytest
 
-from hugwbc.commands import VELOCITY_NAMES
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
@@ -272,26 +271,6 @@ def test_shipped_scripts_are_valid_and_smooth_at_every_tick(name):
             way = np.linalg.norm(hands.array() - hands_before, axis=1)
             assert np.nanmax(way) < 1.0 * dt, "hands go at most 1 m/s"
         previous, hands_before = command.array(), None if hands is None else hands.array()
-
-
-def test_loco_manipulation_does_what_the_comparison_needs():
-    script = load_script("loco_manipulation")
-    assert script.duration == 20.0
-    commands = {s.label: script.command_at(sum(x.duration for x in script.segments[: i + 1]) - 1e-6)
-                for i, s in enumerate(script.segments)}  # fmt: skip
-    assert commands["walk"].v_x == 0.5
-    assert commands["turn"].omega == 0.4
-    assert commands["turn"].v_x == 0.0
-    assert (commands["squat"].h, commands["squat"].p, commands["squat"].w) == (-0.2, 0.3, 0.5)
-    assert commands["stand up"].h == pytest.approx(0.0, abs=1e-12)
-    for label in ("reach", "walk", "turn", "stop", "squat"):
-        segment = next(s for s in script.segments if s.label == label)
-        assert segment.hands is not None
-        assert segment.hands.frame == "pelvis"
-    for t in np.arange(0.0, 20.0, 0.01):
-        command = script.command_at(t)
-        if command.gait is Gait.STANDING:
-            assert all(getattr(command, name) == 0.0 for name in VELOCITY_NAMES)
 
 
 def test_a_script_with_orientations_is_refused_for_arms_without_wrists(tmp_path):

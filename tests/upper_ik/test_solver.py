@@ -6,7 +6,7 @@ import pytest
 
 from hugwbc import load_robot, rotations
 from hugwbc.kinematics import Kinematics
-from hugwbc.mirror import load_mirror
+from hugwbc.robot import load_mirror
 from hugwbc.scripts.script import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig

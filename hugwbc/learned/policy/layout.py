@@ -3,7 +3,7 @@
 import math
 
 from hugwbc.learned.policy.terms import TERMS, Part
-from hugwbc.mirror import VECTOR_SIGNS
+from hugwbc.rotations import VECTOR_SIGNS
 
 HISTORY_FRAMES = 5
 TERRAIN_SHAPE = (17, 13)  # samples along x and y of the heading frame

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hugwbc import gait as gaits
-from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.commands import COMMAND_NAMES, COMMAND_SIGNS, command_ranges
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
 from hugwbc.numeric import Array, double, namespace, single
-from hugwbc.robot import Robot, other_side
+from hugwbc.robot import Robot, load_mirror, other_side
+from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 
 _VECTOR, _AXIAL = tuple(VECTOR_SIGNS.tolist()), tuple(AXIAL_SIGNS.tolist())
 _ROWS, _SEED = 64, 0  # of the made-up robots on which a term is tried

@@ -15,8 +15,7 @@ from hugwbc.learned.env.arm_intervention import (
     NoiseTargets,
     make_arm_targets,
 )
-from hugwbc.mirror import load_mirror
-from hugwbc.robot import load_robot
+from hugwbc.robot import load_mirror, load_robot
 from hugwbc.scripts.motion import MOTION_FPS, ArmMotion, arm_noise_range, generate_motions
 from hugwbc.sim.batch import BatchSimulation
 

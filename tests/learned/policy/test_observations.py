@@ -6,8 +6,7 @@ from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.terms import Sensed, observe
-from hugwbc.mirror import load_mirror
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot, load_mirror, load_robot
 from hugwbc.state import RobotState
 from tests.conftest import mirror_command, mirror_state
 
