@@ -77,7 +77,7 @@ def _group(field: dataclasses.Field[Any]) -> type[Any] | None:
     """Return the group of settings that a field holds, whatever annotates it; None for a single option."""
     kind: Any = field.type
     kind = typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else kind
-    return kind if dataclasses.is_dataclass(kind) else None
+    return kind if isinstance(kind, type) and dataclasses.is_dataclass(kind) else None
 
 
 def _list_groups(groups: Sequence[dataclasses.Field[Any]], command: str) -> str:

@@ -204,7 +204,7 @@ def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
             row += cells[: len(parts)]
         rows.append(row)
     columns = ["", *(f"{trace.name}: {part}" for trace in traces for part in parts)]
-    return Table("Segment by segment", columns, rows, HAND_NOTE if reaching else "")
+    return Table("Segment by segment", columns, rows)
 
 
 # What counts as an equally large error in each measured command, to name the largest one.

@@ -14,6 +14,7 @@ INTERVAL_NOTE = (
     "95 % intervals: of means by bootstrap over episodes; of percentages of episodes Wilson's score interval"
 )
 _DIGITS = 3  # of the largest number of a cell
+Mark = Literal["", "worse", "unclear", "published"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Marked:
 
     text: str  # text of the cell, without the word
     # worse than the reference; worse, but within the uncertainty; published and not measured here
-    mark: Literal["", "worse", "unclear", "published"] = ""
+    mark: Mark = ""
 
 
 Cell = str | float | int | bool | None | Marked
@@ -114,7 +115,7 @@ def _figure_table(title: str, figures: Sequence[Figure]) -> Table:
     return Table(title, ["", *columns], rows)
 
 
-_MARKS = {Comparison.WORSE: "worse", Comparison.UNCLEAR_WORSE: "unclear"}
+_MARKS: dict[Comparison, Mark] = {Comparison.WORSE: "worse", Comparison.UNCLEAR_WORSE: "unclear"}
 
 
 def _value(figure: Figure) -> Marked | None:

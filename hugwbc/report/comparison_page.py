@@ -14,7 +14,7 @@ from hugwbc.report import page
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script
 from hugwbc.settings import seed_class
-from hugwbc.viz.framing import LABEL_COLOURS, Chapter, check_traces
+from hugwbc.viz.framing import LABEL_COLOURS, Chapter, check_traces, title_of
 from hugwbc.viz.plots import Panel, hand_panels, path_panel, torque_panels, tracking_panels
 from hugwbc.viz.replay import write_replay
 
@@ -43,7 +43,7 @@ def report_html(
     body = [
         page.heading(title, 1),
         f'<p class="lead">{html.escape(lead)}</p>' if lead else "",
-        page.legend(_names(traces), LABEL_COLOURS),
+        page.legend(list(map(title_of, traces)), LABEL_COLOURS),
         page.pictures([path_panel(traces)]),
         page.paragraph(subtitle) if subtitle else "",
         f"<p>{page.links(BESIDE)}</p>",
@@ -140,9 +140,5 @@ EVENTS = {
 
 def _section(title: str, panels: Sequence[Panel], traces: Sequence[Trace]) -> str:
     dashed = "commanded" if title.startswith("Commanded") else ""
-    key = page.legend(_names(traces), LABEL_COLOURS, dashed)
+    key = page.legend(list(map(title_of, traces)), LABEL_COLOURS, dashed)
     return f"{page.heading(title)}\n{key}\n{page.pictures(panels)}"
-
-
-def _names(traces: Sequence[Trace]) -> list[str]:
-    return [f"{trace.name} (fell)" if trace.fell else trace.name for trace in traces]

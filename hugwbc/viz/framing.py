@@ -36,6 +36,11 @@ def snapshot(trace: Trace, sample: int) -> Snapshot:
     return Snapshot(**{name: getattr(trace, name)[sample] for name in recorded})
 
 
+def title_of(trace: Trace) -> str:
+    """Return the name of a run, and whether it fell."""
+    return f"{trace.name} (fell)" if trace.fell else trace.name
+
+
 def check_count(count: int, what: str = "runs to draw") -> None:
     """Refuse a number of runs that a picture cannot show in different colours; `what` they are is for the message."""
     if not 1 <= count <= len(LABEL_COLOURS):

@@ -26,6 +26,7 @@ from hugwbc.viz.framing import (
     frame_samples,
     lanes,
     snapshot,
+    title_of,
 )
 from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
 from hugwbc.viz.meshcat_scene import WORLD, RobotView, Scene, world_offset
@@ -190,12 +191,8 @@ def _box(start: float, stop: float, y: float, height: float, colour: str) -> str
 def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, strips: Mapping[str, str]) -> str:
     viewer = (pathlib.Path(VIEWER_ROOT) / "main.min.js").read_text(encoding="utf-8")
     data = ",\n".join(f'"{base64.b64encode(command).decode("ascii")}"' for command in commands)
-    legend = "".join(
-        f'<li><span style="background:{colour}"></span>{html.escape(trace.name)}{" (fell)" if trace.fell else ""}</li>'
-        for trace, colour in zip(traces, LABEL_COLOURS, strict=False)
-    )
     names = "".join(
-        f'<div class="name" style="border-color:{colour}">{html.escape(trace.name)}</div>'
+        f'<div class="name" style="border-color:{colour}">{html.escape(title_of(trace))}</div>'
         for trace, colour in zip(traces, LABEL_COLOURS, strict=False)
     )
     layers = "".join(
@@ -213,7 +210,6 @@ def _page(commands: Sequence[bytes], traces: Sequence[Trace], title: str, strips
         .replace("@HALF_WIDTH@", f"{half_width:g}")
         .replace("@ROBOTS@", str(len(traces)))
         .replace("@TRUNK@", load_robot(traces[0].robot).trunk)
-        .replace("@LEGEND@", legend)
         .replace("@NAMES@", names)
         .replace("@COMMANDS@", data)
         .replace("@VIEWER@", viewer)
