@@ -104,6 +104,7 @@ class Robot:
         capsules: shapes that the arms avoid besides the links' collision shapes, by link.
         contact_links: links whose contacts the privileged observation flags.
         commands: ranges of commands, `initial` and `finishing`, by name, where the table has its own.
+        qp: parameters of the `qp` controller (`hugwbc.mbc.params`), by name, where the table has its own.
         inertias: mass [kg], centre [m] and inertia about it [kg*m^2] of what a joint moves rigidly, in the frame of its
             link, where they are others than in the URDF, by joint; "root_joint" for the base.
     """
@@ -161,6 +162,7 @@ class Robot:
     capsules: Mapping[str, tuple["Capsule", ...]]
     contact_links: tuple[str, ...]
     commands: Mapping[str, Mapping[str, tuple[float, float]]]
+    qp: Mapping[str, Any]
     inertias: Mapping[str, tuple[float, np.ndarray, np.ndarray]] = dataclasses.field(default_factory=dict)
 
     def friction_torque(self, velocity: np.ndarray) -> np.ndarray:
@@ -435,6 +437,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
         capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
         contact_links=tuple(table["contact_links"]),
+        qp=table.get("qp", {}),
         commands={name: _ranges(name, ranges) for name, ranges in table.get("commands", {}).items()},
     )
 

@@ -235,7 +235,7 @@ def _names(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that no field is misspelt: it would say nothing. The H1's table has them all."""
     known = robot_table()
     rows = [("commands", table.get("commands", {}), COMMAND_NAMES)]
-    rows += [("the table", table, (*known, "description", "nominal", "commands"))]
+    rows += [("the table", table, (*known, "description", "nominal", "commands", "qp"))]
     for kind in ("joints", "links"):
         fields = tuple({field: None for row in known[kind] for field in row})
         rows += [(row["name"], row, fields) for row in table[kind]]

@@ -321,7 +321,8 @@ class ControllerParams:
         """Return the parameters for the size of a robot.
 
         Lengths grow with its legs, speeds with the root of their length, at the same Froude number; what weighs forces
-        and angular momenta, with its weight.
+        and angular momenta, with its weight. What the robot's table has of its own (`Robot.qp`) holds as it is, in the
+        place of defaults.
         """
         leg, mass = robot.leg_length / PAPER_LEG, robot.mass / _MASS
         sized = {}
@@ -330,7 +331,9 @@ class ControllerParams:
             for name in names:
                 value = getattr(self, name)
                 sized[name] = tuple(growth * x for x in value) if isinstance(value, tuple) else growth * value
-        return dataclasses.replace(self, **sized)
+        defaults = {field.name: field.default for field in dataclasses.fields(self)}
+        own = {name: value for name, value in robot.qp.items() if getattr(self, name, None) == defaults.get(name)}
+        return dataclasses.replace(self, **sized | own)
 
 
 _MASS = 59.338  # [kg], of the H1, whose figures the defaults are

@@ -1,8 +1,11 @@
 """Parameters for robots of other sizes: what physics has no unit for must not change."""
 
+import dataclasses
+
 import pytest
 
 from hugwbc import load_robot
+from hugwbc.errors import UnknownNameError
 from hugwbc.mbc.params import ControllerParams
 
 
@@ -23,3 +26,12 @@ def test_parameters_of_another_size_are_similar():
         )
 
     assert without_units(g1, small) == pytest.approx(without_units(h1, params))
+
+
+def test_a_robots_table_has_the_last_word_on_defaults_only():
+    robot = dataclasses.replace(load_robot("g1"), qp={"arm_weight": 0.3, "velocity_rate": [0.7, 1.0, 2.0]})
+    params = ControllerParams().of_size(robot)
+    assert (params.arm_weight, params.velocity_rate) == (0.3, (0.7, 1.0, 2.0))
+    assert ControllerParams(arm_weight=0.9).of_size(robot).arm_weight == 0.9, "a user's own"
+    with pytest.raises(UnknownNameError, match="arm_weight"):
+        ControllerParams().of_size(dataclasses.replace(robot, qp={"arm_wait": 0.3}))
