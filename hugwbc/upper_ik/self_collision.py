@@ -2,6 +2,7 @@
 
 import itertools
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 
 import coal
 import numpy as np
@@ -44,9 +45,14 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
             joint.set("type", "fixed")
     if on_column:
         _put_on_column(root, robot.base)
+    described = ElementTree.tostring(root, encoding="unicode")
+    for link in root.findall("link"):  # placo would warn of boxes that overlap, such as those of two neighbours
+        for collision in link.findall("collision"):
+            link.remove(collision)
     wrapper = placo.RobotWrapper(robot.name, 0, ElementTree.tostring(root, encoding="unicode"))
     place_frames(wrapper.model, robot)
-    _set_shapes(wrapper, robot)
+    boxes = pin.buildGeomFromUrdfString(wrapper.model, described, pin.GeometryType.COLLISION)
+    _set_shapes(wrapper, robot, boxes.geometryObjects)
     return wrapper
 
 
@@ -63,17 +69,14 @@ def _put_on_column(root: ElementTree.Element, base: str) -> None:
         ElementTree.SubElement(joint, "limit", lower="-1", upper="1", velocity="1", effort="1")
 
 
-def _set_shapes(wrapper: placo.RobotWrapper, robot: Robot) -> None:
+def _set_shapes(wrapper: placo.RobotWrapper, robot: Robot, boxes: Iterable[pin.GeometryObject]) -> None:
     model, frames = wrapper.collision_model, wrapper.model.frames
-    boxes = [(shape.name, shape.parentFrame, shape.placement, shape.geometry) for shape in model.geometryObjects]
-    capsules = [(frame, *capsule) for _, frame, place, box in boxes for capsule in _around(place, box)]
+    capsules = [(box.parentFrame, *shape) for box in boxes for shape in _around(box.placement, box.geometry)]
     for link, shapes in robot.capsules.items():
         frame = wrapper.model.getFrameId(link)
         for shape in shapes:
             place = frames[frame].placement * pin.SE3(np.eye(3), np.array(shape.pos))
             capsules.append((frame, place, coal.Capsule(shape.radius, shape.length)))
-    for name, *_ in boxes:
-        model.removeGeometryObject(name)
     for number, (frame, place, capsule) in enumerate(capsules):
         name, joint = f"{frames[frame].name}_{number}", frames[frame].parentJoint
         model.addGeometryObject(pin.GeometryObject(name, joint, frame, place, capsule))
