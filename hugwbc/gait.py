@@ -1,4 +1,7 @@
-"""Gaits: phases of both feet, homogenised phase, clock signals, expected contact and the quintic swing profile.
+"""Gaits: phases of both feet, clock signals, expected contact and the quintic swing profile.
+
+A foot stands in the first half of its cycle and swings in the second. With a stance of half a cycle, the paper's
+homogenised phase (bar phi) is the phase itself.
 
 Functions of arrays take NumPy arrays or torch tensors and return the same kind, so that the training environment, the
 `qp` controller and the evaluation share one definition. The last axis of a phase array is (left, right).
@@ -11,13 +14,11 @@ import operator
 
 import numpy as np
 
-from hugwbc.arrays import Array, namespace
-from hugwbc.blends import minimum_jerk
 from hugwbc.errors import UnknownNameError
-from hugwbc.numeric import number
+from hugwbc.numeric import Array, minimum_jerk, namespace, number
 from hugwbc.state import GRAVITY
 
-# Standard deviation of the switching intervals of the expected contact, in units of the homogenised phase.
+# Standard deviation of the switching intervals of the expected contact, in units of the phase.
 CONTACT_SIGMA = 0.05
 STANDING_PHASE = 0.25  # middle of stance: expected contact 1, clock +1
 FLYING_PHASE = 0.75  # middle of swing: expected contact 0, clock -1
@@ -145,58 +146,35 @@ def foot_phases(phase: Array, gait: Array) -> Array:
     return xp.stack([xp.where(standing, STANDING_PHASE, mine) for mine in moving], -1)
 
 
-def homogenised_phase(phase: Array, duty: Array = DEFAULT_DUTY) -> Array:
-    """Return the phase with stance mapped to [0, 0.5) and swing to [0.5, 1) (the paper's bar phi).
-
-    Args:
-        phase: phase of a foot in [0, 1).
-        duty: the paper's phi_stance, the fraction of a cycle in stance, in (0, 1).
-    """
-    xp = namespace(phase)
-    stance = 0.5 * phase / duty
-    swing = 0.5 + 0.5 * (phase - duty) / (1.0 - duty)
-    return xp.where(phase < duty, stance, swing)
+def clock(phase: Array) -> Array:
+    """Return the clock signals of feet at their phases, sin(2 pi phi), positive in stance (the paper's Cl_L, Cl_R)."""
+    return namespace(phase).sin(2.0 * math.pi * phase)
 
 
-def clock(homogenised: Array) -> Array:
-    """Return the clock signals sin(2 pi bar phi), positive in stance (the paper's Cl_L, Cl_R)."""
-    return namespace(homogenised).sin(2.0 * math.pi * homogenised)
-
-
-def expected_contact(homogenised: Array, sigma: float = CONTACT_SIGMA) -> Array:
-    """Return the expected contact probability C of a foot (the paper's equation of C), in [0, 1].
-
-    Args:
-        homogenised: homogenised phase in [0, 1].
-        sigma: standard deviation of the switching intervals, in units of the phase.
-    """
+def expected_contact(phase: Array) -> Array:
+    """Return the expected contact probability C of a foot at its phase (the paper's equation of C), in [0, 1]."""
 
     def cdf(offset: float) -> Array:
-        return _normal_cdf((homogenised - offset) / sigma)
+        return _normal_cdf((phase - offset) / CONTACT_SIGMA)
 
     return cdf(0.0) * (1.0 - cdf(0.5)) + cdf(1.0) * (1.0 - cdf(1.5))
 
 
-def swing_height(homogenised: Array, height: Array, start: Array = 0.0, end: Array = 0.0) -> Array:
+def swing_height(phase: Array, height: Array) -> Array:
     """Return the target sole clearance of a foot [m]: zero in stance, a piecewise quintic through the apex in swing.
 
-    Rise: start + (height - start) s(u), u = (bar phi - 0.5) / 0.25; fall: end + (height - end) s(u),
-    u = (1 - bar phi) / 0.25; s(u) = 10 u^3 - 15 u^4 + 6 u^5. Velocity and acceleration vanish at lift-off, apex and
-    touch-down. This corrects the paper's appendix: its printed coefficients miss its own boundary conditions (signs of
-    the u^4 and u^3 terms in the rise; sign and constant in the fall). Its boundary conditions are right and give the
-    form used here.
+    The height is l s(u), with u = (phi - 0.5) / 0.25 in the rise, u = (1 - phi) / 0.25 in the fall, and
+    s(u) = 10 u^3 - 15 u^4 + 6 u^5. Velocity and acceleration vanish at lift-off, apex and touch-down. This corrects
+    the paper's appendix: its printed coefficients miss its own boundary conditions (signs of the u^4 and u^3 terms in
+    the rise; sign and constant in the fall). Its boundary conditions are right and give the form used here.
 
     Args:
-        homogenised: homogenised phase in [0, 1].
+        phase: phase of a foot in [0, 1].
         height: commanded apex l [m].
-        start: ground height at lift-off [m].
-        end: ground height at touch-down [m].
     """
-    xp = namespace(homogenised)
-    rising = homogenised < 0.75
-    u = xp.clip(xp.where(rising, homogenised - 0.5, 1.0 - homogenised) / 0.25, 0.0, 1.0)
-    base = xp.where(rising, start, end)
-    return xp.where(homogenised < 0.5, 0.0, base + (height - base) * minimum_jerk(u))
+    xp = namespace(phase)
+    u = xp.clip(xp.where(phase < 0.75, phase - 0.5, 1.0 - phase) / 0.25, 0.0, 1.0)
+    return xp.where(phase < 0.5, 0.0, height * minimum_jerk(u))
 
 
 def bounce(phase: Array, gait: Array, frequency: Array) -> tuple[Array, Array]:

@@ -1,12 +1,18 @@
-"""Numbers of other libraries where they enter: lists, NumPy's and torch's of any width, decimals and fractions."""
+"""Numbers of other libraries where they enter: lists, NumPy's and torch's of any width, decimals and fractions.
+
+And formulas that take NumPy arrays or torch tensors and return the same kind, for training and deployment alike.
+"""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
 
 Record = TypeVar("Record")
+U = TypeVar("U")
+Array = Any  # a NumPy array or a torch tensor
+Place = Callable[[np.ndarray], Array]  # what makes constants arrays of the kind, and on the device, of the arguments
 Shape = tuple[int, ...]
 JOINTS: Shape = (-1,)
 """One number for each joint: the fields of a record that have this shape agree in their length, whatever it is."""
@@ -89,3 +95,51 @@ def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collectio
         elif type(value) is not np.ndarray or value.dtype is not _FLOAT or value.shape != shape:
             array = floats(value, shape)
             fields[name] = np.full(shape, np.nan) if array is None else array
+
+
+def namespace(array: Array) -> Any:  # noqa: ANN401  a module
+    """Return the module with the functions of an array: torch for a tensor, else NumPy."""
+    if type(array).__module__.startswith("torch"):
+        import torch
+
+        return torch
+    return np
+
+
+def double(array: Array) -> Array:
+    """Return an array in double precision."""
+    return np.asarray(array, dtype=float) if namespace(array) is np else array.double()
+
+
+def single(array: Array) -> Array:
+    """Return an array in single precision, which networks read."""
+    return np.asarray(array, dtype=np.float32) if namespace(array) is np else array.float()
+
+
+def whole(array: Array) -> Array:
+    """Return numbers without their fractions, to index with."""
+    return array.astype(int) if namespace(array) is np else array.long()
+
+
+def minimum_jerk(u: U, distance: U | float = 1.0) -> U:
+    """Return `distance` times s(u) = 10 u^3 - 15 u^4 + 6 u^5, the minimum-jerk blend (Flash and Hogan, 1985).
+
+    It leads from one value to another with velocity and acceleration zero at both ends. It takes numbers, NumPy arrays
+    or torch tensors.
+
+    Args:
+        u: the part of the time that has passed, from 0 to 1.
+        distance: what the blend covers in all, broadcast with `u`.
+    """
+    return distance * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)  # type: ignore[operator,return-value]
+
+
+def smooth_step(u: float) -> float:
+    """Return s(u), and 0 before u = 0 and 1 after u = 1."""
+    return minimum_jerk(min(max(u, 0.0), 1.0))
+
+
+def smooth_rate(u: float) -> float:
+    """Return the derivative of `smooth_step`."""
+    u = min(max(u, 0.0), 1.0)
+    return 30.0 * (u * (1.0 - u)) ** 2

@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.rotations import AXIAL_SIGNS
 from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES as SIDES, check_roles, complete, complete_drive, describe, other_side, placement
 
@@ -450,3 +451,38 @@ def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tu
             )
         checked[kind] = float(low), float(high)
     return checked
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Mirror:
+    """The index and sign of every joint's mirror image in the x-z plane: mirrored = vector[joint_index] * joint_sign.
+
+    Attributes:
+        joint_index: index of each joint's partner, which has the other side in its name, shape (n,).
+        joint_sign: +1 or -1, shape (n,).
+    """
+
+    joint_index: np.ndarray
+    joint_sign: np.ndarray
+
+    def joints(self, vector: np.ndarray) -> np.ndarray:
+        """Mirror joint positions, velocities, torques or actions, shape (..., n)."""
+        return vector[..., self.joint_index] * self.joint_sign
+
+    def arms(self, vector: np.ndarray, robot: Robot) -> np.ndarray:
+        """Mirror a vector of the k arm joints, shape (..., k)."""
+        full = np.zeros((*vector.shape[:-1], len(robot.joint_names)))
+        full[..., robot.arms] = vector
+        return self.joints(full)[..., robot.arms]
+
+
+@functools.cache
+def load_mirror(robot: Robot) -> Mirror:
+    """Return the mirror map of a robot, from its joints' names and axes.
+
+    A joint about y keeps its sign and a joint about x or z changes it, because the axis is an axial vector.
+    """
+    index = robot.indices([other_side(name) for name in robot.joint_names])
+    # The mirrored joint's own axis is robot.axes[index]; the reflected axis of this joint is AXIAL_SIGNS * axis.
+    sign = np.sum(AXIAL_SIGNS * robot.axes * robot.axes[index], axis=1)
+    return Mirror(index, np.sign(sign))

@@ -5,7 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.arrays import Array, namespace
+from hugwbc.numeric import Array, namespace
+
+# Reflection in the x-z plane: the y component of a vector changes sign; an axial vector (angular velocity) keeps its y
+# component and changes sign in x and z.
+VECTOR_SIGNS = np.array([1.0, -1.0, 1.0])
+AXIAL_SIGNS = np.array([-1.0, 1.0, -1.0])
 
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """States of the robot, and synthetic records of runs: with prescribed errors, or with moving parts for pictures."""
 
+import dataclasses
 import pathlib
 from collections.abc import Callable
 from typing import Any
@@ -9,9 +10,12 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from hugwbc import Command, Gait, JointCommand, Robot, RobotState, UpperBody, load_robot, rotations
+from hugwbc.commands import COMMAND_SIGNS
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.kinematics import MEASURED_NAMES
+from hugwbc.robot import Mirror
+from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.runtime.trace import Trace
@@ -32,6 +36,23 @@ def make_state(q=None, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.
     values = {name: value if value is None or np.isscalar(value) else np.array(value, dtype=float)
               for name, value in (state | fields).items()}  # fmt: skip
     return RobotState(**values)
+
+
+QUATERNION_SIGNS = np.array([1.0, *AXIAL_SIGNS])  # of the reflected body: the rotation axis is an axial vector
+
+
+def mirror_state(state: RobotState, mirror: Mirror) -> RobotState:
+    """Return the mirror image of a state."""
+    signs = {"orientation": QUATERNION_SIGNS, "angular_velocity": AXIAL_SIGNS, "position": VECTOR_SIGNS,
+             "velocity": VECTOR_SIGNS}  # fmt: skip
+    fields = {name: getattr(state, name) * sign for name, sign in signs.items() if getattr(state, name) is not None}
+    force = None if state.foot_force is None else state.foot_force[::-1] * VECTOR_SIGNS
+    return dataclasses.replace(state, q=mirror.joints(state.q), dq=mirror.joints(state.dq), foot_force=force, **fields)
+
+
+def mirror_command(command: Command) -> Command:
+    """Return the command whose execution is the mirror image of that of the given one."""
+    return Command.from_array(command.array() * COMMAND_SIGNS, command.gait.mirrored())
 
 
 def bad_state():

@@ -138,20 +138,14 @@ def test_sample_all_is_valid_uniform_independent_and_seeded() -> None:
     assert np.abs(off_diagonal).max() < 0.04
 
 
-def test_a_gait_is_understood_by_its_name() -> None:
-    assert Command(v_x=0.5, gait="walking").gait is Gait.WALKING
-    with pytest.raises(UnknownNameError, match="walking"):
-        Command(gait="walkng")
-
-
 @pytest.mark.parametrize(
-    "stored", [1, 1.0, np.int8(1), np.float32(1), np.array(1), torch.tensor(1), np.str_("walking")]
+    "stored", ["walking", 1, 1.0, np.int8(1), np.float32(1), np.array(1), torch.tensor(1), np.str_("walking")]
 )
-def test_a_gait_is_understood_as_data_sets_store_it(stored) -> None:
+def test_a_gait_is_understood_by_its_name_and_as_data_sets_store_it(stored) -> None:
     assert Command(gait=stored).gait is Gait.WALKING
 
 
-@pytest.mark.parametrize("stored", [7, -1, 1.5, b"walking", None, True, [1], math.nan, 10**400])
+@pytest.mark.parametrize("stored", ["walkng", 7, -1, 1.5, b"walking", None, True, [1], math.nan, 10**400])
 def test_what_is_no_gait_is_refused(stored) -> None:
     with pytest.raises(UnknownNameError, match="gait"):
         Command(gait=stored)

@@ -12,7 +12,7 @@ from hugwbc.cli import main
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, plugins
 from hugwbc.tasks import load_task
-from hugwbc.tasks.suite import registered_tasks
+from hugwbc.tasks.task import registered_tasks
 
 HOLD = '''
 from hugwbc.runtime import HoldController

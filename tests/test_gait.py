@@ -5,19 +5,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, strategies as st
 
 from hugwbc.errors import UnknownNameError
-from hugwbc.gait import (
-    Gait,
-    advance_phase,
-    bounce,
-    clock,
-    expected_contact,
-    foot_phases,
-    homogenised_phase,
-    swing_height,
-)
+from hugwbc.gait import Gait, advance_phase, bounce, clock, expected_contact, foot_phases, swing_height
+from hugwbc.numeric import smooth_rate, smooth_step
 
 
 def test_labels_round_trip() -> None:
@@ -44,43 +35,18 @@ def test_phase_advances_by_frequency_times_time_and_wraps() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gait", "left", "right"),
+    ("gait", "phase", "left", "right"),
     [
-        (Gait.STANDING, 0.25, 0.25),
-        (Gait.WALKING, 0.6, 0.1),
-        (Gait.JUMPING, 0.1, 0.1),
-        (Gait.HOPPING_LEFT, 0.1, 0.75),
-        (Gait.HOPPING_RIGHT, 0.75, 0.1),
+        (Gait.STANDING, 0.1, 0.25, 0.25),
+        (Gait.WALKING, 0.1, 0.6, 0.1),
+        (Gait.WALKING, 0.7, 0.2, 0.7),
+        (Gait.JUMPING, 0.1, 0.1, 0.1),
+        (Gait.HOPPING_LEFT, 0.1, 0.1, 0.75),
+        (Gait.HOPPING_RIGHT, 0.1, 0.75, 0.1),
     ],
 )
-def test_foot_phases_of_each_gait(gait: Gait, left: float, right: float) -> None:
-    np.testing.assert_allclose(foot_phases(np.array(0.1), np.array(gait)), [left, right], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("phase", "duty", "expected"),
-    [
-        (0.0, 0.5, 0.0),
-        (0.3, 0.5, 0.3),
-        (0.8, 0.5, 0.8),
-        (0.3, 0.6, 0.25),  # middle of a stance of 0.6
-        (0.6, 0.6, 0.5),  # lift-off
-        (0.8, 0.6, 0.75),  # middle of a swing of 0.4
-        (0.1, 0.2, 0.25),
-        (0.6, 0.2, 0.75),
-    ],
-)
-def test_homogenised_phase(phase: float, duty: float, expected: float) -> None:
-    assert float(homogenised_phase(np.array(phase), duty)) == pytest.approx(expected, abs=1e-12)
-
-
-@given(st.floats(0, 1, exclude_max=True), st.floats(0.05, 0.95))
-def test_homogenised_phase_keeps_stance_below_a_half_and_does_not_touch_its_input(phase: float, duty: float) -> None:
-    given_phase = np.array([phase])
-    homogenised = float(homogenised_phase(given_phase, duty)[0])
-    assert given_phase[0] == phase
-    assert 0.0 <= homogenised <= 1.0
-    assert (homogenised < 0.5) == (phase < duty) or homogenised == pytest.approx(0.5)
+def test_foot_phases_of_each_gait(gait: Gait, phase: float, left: float, right: float) -> None:
+    np.testing.assert_allclose(foot_phases(np.array(phase), np.array(gait)), [left, right], atol=1e-12)
 
 
 def test_clock_is_plus_one_in_mid_stance_and_minus_one_in_mid_swing() -> None:
@@ -113,13 +79,11 @@ def _boundary_quintic(x0: float, y0: float, x1: float, y1: float) -> np.polynomi
     return np.polynomial.Polynomial(np.linalg.solve(np.array(rows), np.array([y0, 0, 0, y1, 0, 0])))
 
 
-@pytest.mark.parametrize(("height", "start", "end"), [(0.15, 0.0, 0.0), (0.3, 0.02, -0.01)])
-def test_swing_profile_solves_the_boundary_systems(height: float, start: float, end: float) -> None:
-    rise = _boundary_quintic(0.5, start, 0.75, height)
-    fall = _boundary_quintic(0.75, height, 1.0, end)
+def test_swing_profile_solves_the_boundary_systems() -> None:
+    rise, fall = _boundary_quintic(0.5, 0.0, 0.75, 0.15), _boundary_quintic(0.75, 0.15, 1.0, 0.0)
     up, down = np.linspace(0.5, 0.75, 51), np.linspace(0.75, 1.0, 51)
-    np.testing.assert_allclose(swing_height(up, height, start, end), rise(up), atol=1e-9)
-    np.testing.assert_allclose(swing_height(down, height, start, end), fall(down), atol=1e-9)
+    np.testing.assert_allclose(swing_height(up, 0.15), rise(up), atol=1e-9)
+    np.testing.assert_allclose(swing_height(down, 0.15), fall(down), atol=1e-9)
 
 
 def test_torch_and_numpy_agree() -> None:
@@ -127,16 +91,21 @@ def test_torch_and_numpy_agree() -> None:
     phase, height = rng.uniform(0, 1, 500), rng.uniform(0.1, 0.35, 500)
     gait = rng.integers(0, len(Gait), 500)
     tensors = torch.from_numpy(phase), torch.from_numpy(gait), torch.from_numpy(height)
-    for duty in (0.5, 0.35):
-        feet = homogenised_phase(foot_phases(phase, gait), duty)
-        torch_feet = homogenised_phase(foot_phases(tensors[0], tensors[1]), duty)
-        assert torch_feet.dtype == torch.float64
-        np.testing.assert_allclose(torch_feet.numpy(), feet, atol=1e-12)
-        np.testing.assert_allclose(clock(torch_feet).numpy(), clock(feet), atol=1e-12)
-        np.testing.assert_allclose(expected_contact(torch_feet).numpy(), expected_contact(feet), atol=1e-12)
-        np.testing.assert_allclose(
-            swing_height(torch_feet, tensors[2][:, None]).numpy(), swing_height(feet, height[:, None]), atol=1e-12
-        )
+    feet, torch_feet = foot_phases(phase, gait), foot_phases(tensors[0], tensors[1])
+    assert torch_feet.dtype == torch.float64
+    np.testing.assert_allclose(torch_feet.numpy(), feet, atol=1e-12)
+    np.testing.assert_allclose(clock(torch_feet).numpy(), clock(feet), atol=1e-12)
+    np.testing.assert_allclose(expected_contact(torch_feet).numpy(), expected_contact(feet), atol=1e-12)
+    np.testing.assert_allclose(
+        swing_height(torch_feet, tensors[2][:, None]).numpy(), swing_height(feet, height[:, None]), atol=1e-12
+    )
+
+
+def test_the_rate_of_a_blend_is_its_derivative() -> None:
+    assert [smooth_step(u) for u in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
+    rate = [smooth_rate(u) for u in np.linspace(-0.5, 1.5, 1001)]
+    blend = [smooth_step(u) for u in np.linspace(-0.5, 1.5, 1001)]
+    assert np.gradient(blend, 0.002) == pytest.approx(rate, abs=0.012)
 
 
 def test_a_bounce_is_a_free_fall_in_flight_and_its_mirror_image_in_stance() -> None:

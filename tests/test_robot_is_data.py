@@ -12,10 +12,9 @@ from hugwbc.arm_servo import ArmServo
 from hugwbc.controller import JointCommand
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
-from hugwbc.mirror import load_mirror
-from hugwbc.robot import robot_names, robot_table
+from hugwbc.robot import load_mirror, robot_names, robot_table
 from hugwbc.sim import Simulation
-from hugwbc.sim.variation import Variation
+from hugwbc.sim.robot_model import Variation
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
 from tests.conftest import ByHand

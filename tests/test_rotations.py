@@ -57,10 +57,6 @@ def test_pitch_is_positive_forward_and_finite_when_straight_down() -> None:
     assert np.isfinite(rotations.pitch_of(down * (1 + 1e-9)))
 
 
-def test_rotation_z_turns_x_to_y() -> None:
-    np.testing.assert_allclose(rotations.rotation_z(math.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("angle", "expected"),
     [(0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (4.0, 4.0 - 2 * math.pi), (13, 13 - 4 * math.pi)],

@@ -161,6 +161,22 @@ def test_what_is_wrong_in_a_file_is_named_with_its_place(text, place, word) -> N
         parse(Walk, text, PATH)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "null", "- a", "speed", "speed:\n\t- a", "speed: {a", "speed: *nope", "speed: 1\n---\nspeed: 1", "3: 3", "~: 3",
+        "<<: {speed: [a]}", "{{a: b}: c}", "speed: !!set {a}", "speed: !!omap [a: b]", "speed: !!binary aGk=",
+        "speed: !<%zz> []", "%YAML 9.9\n---\nspeed: 1", "%YAML " + "9" * 5000 + ".1\n---\nspeed: 1", "speed:\x00",
+        "label: \"\\ud800\"", "label: \"\\UFFFFFFFF\"", "label: \"\\q\"", "x" * 20000 + ": 3",
+    ],
+    ids=range(22),
+)  # fmt: skip
+def test_hostile_yaml_is_refused_in_a_line_that_can_be_read(text) -> None:
+    with pytest.raises(HugwbcError, match=r"^walk\.yaml:\d+:\d+: \S") as caught:
+        parse(Walk, text, PATH)
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 2000
+
+
 @pytest.mark.parametrize("content", [b"\xff\xfe", b"#" * (LARGEST_FILE + 1), None])
 def test_what_is_no_text_file_is_refused(tmp_path, content) -> None:
     path = tmp_path / "walk.yaml"

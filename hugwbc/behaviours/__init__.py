@@ -23,9 +23,8 @@ from hugwbc.behaviours.course import (
 from hugwbc.behaviours.fetch_cup import fetch_cup
 from hugwbc.behaviours.hands import glide
 from hugwbc.behaviours.hold import carry, lift, place, release, squeeze
-from hugwbc.behaviours.named import BEHAVIOUR_NAMES, load_behaviour, load_plan
 from hugwbc.behaviours.reach import grip, press, reach, wipe
-from hugwbc.behaviours.source import BehaviourSource, Status
+from hugwbc.behaviours.source import BEHAVIOUR_NAMES, BehaviourSource, Status, load_behaviour, load_plan
 from hugwbc.behaviours.walk import face, pull, push, stand, walk_to
 from hugwbc.scripts.view import Action, Grip, SeenObject, SeenObjects, View
 

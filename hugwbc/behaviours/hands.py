@@ -7,9 +7,9 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.behaviours.course import Course, Failure, seen, standing
-from hugwbc.blends import smooth_step
 from hugwbc.commands import Command
 from hugwbc.hand_wrench import FREE, HandWrench
+from hugwbc.numeric import smooth_step
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, View
 from hugwbc.targets import FARTHEST_HAND, HAND_FRAMES, HandFrame, HandTargets, frame_axes

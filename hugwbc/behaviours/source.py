@@ -1,17 +1,22 @@
-"""A behaviour as the source of commands of a control loop."""
+"""A behaviour as the source of commands of a control loop, and behaviours by name: shipped ones, and the user's."""
 
 import enum
 import math
+import pathlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from hugwbc import extensions
 from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
+from hugwbc.behaviours.fetch_cup import fetch_cup
 from hugwbc.commands import Command
-from hugwbc.extensions import described
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.numeric import changed
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
+from hugwbc.scripts.script import SCRIPT_NAMES, Script, load_script
 from hugwbc.scripts.view import Action, Grip, View
 from hugwbc.targets import HandTargets
 
@@ -140,7 +145,7 @@ class BehaviourSource:
             except Exception as error:  # a mistake in a behaviour must not stop the loop
                 hint = _RUN if "'generator' object" in str(error) else ""
                 self.status = Status.FAILURE
-                self.reason = f"the behaviour raised {described(error)}{hint}"
+                self.reason = f"the behaviour raised {extensions.described(error)}{hint}"
         return at_rest(view)
 
     def command_at(self, t: float) -> Command:
@@ -172,3 +177,29 @@ class BehaviourSource:
     def done(self) -> bool:
         """Whether the behaviour has ended and the robot stands."""
         return self.status is not Status.RUNNING and self.action.command.gait is Gait.STANDING
+
+
+_SHIPPED: dict[str, Behaviour] = {"fetch_cup": fetch_cup}
+BEHAVIOUR_NAMES = tuple(_SHIPPED)
+
+
+def load_behaviour(name: str) -> Behaviour:
+    """Return a shipped behaviour, one of `BEHAVIOUR_NAMES`, or `FILE.py:NAME`, a function of a file that is run."""
+    if not extensions.names_object(name):
+        if name not in _SHIPPED:
+            raise UnknownNameError("behaviour", name, (*_SHIPPED, "or FILE.py:NAME"))
+        return _SHIPPED[name]
+    found: Any = extensions.load_object(name, "behaviour")
+    if callable(found):
+        return found  # type: ignore[no-any-return]
+    raise ConfigError(f"{name} is a {type(found).__name__}; give a function that takes a view and yields actions")
+
+
+def load_plan(name: str | pathlib.Path, robot: Robot) -> Script | Behaviour:
+    """Return a timed script for a robot, by name or a file that ends in .yaml, or a behaviour as `load_behaviour`."""
+    if str(name) in BEHAVIOUR_NAMES or extensions.names_object(str(name)):
+        return load_behaviour(str(name))
+    if str(name) not in SCRIPT_NAMES and pathlib.Path(name).suffix not in (".yaml", ".yml"):
+        choice = (*SCRIPT_NAMES, *BEHAVIOUR_NAMES, "a file that ends in .yaml", "or FILE.py:NAME")
+        raise UnknownNameError("script", name, choice)
+    return load_script(name, robot)

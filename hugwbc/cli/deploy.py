@@ -23,8 +23,8 @@ from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.scripts.command_source import CommandSource
 from hugwbc.scripts.script import load_script
+from hugwbc.scripts.view import CommandSource
 from hugwbc.sim.arena import Arena
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.tasks import load_task

@@ -21,10 +21,10 @@ from hugwbc.gait import Gait
 from hugwbc.robot import SIDES
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.scripts.command_source import CommandSource, Constant
 from hugwbc.scripts.motion import load_motion
 from hugwbc.scripts.script import DEFAULT_RAMP, Script, Segment
 from hugwbc.scripts.socket_source import SocketSource
+from hugwbc.scripts.view import CommandSource, Constant
 from hugwbc.scripts.whole_body_motion import MotionScore, WholeBodyMotion, load_whole_body_motion
 from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Scene, load_scene

@@ -12,14 +12,13 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.deploy.capture import Capture, CapturedWorld
 from hugwbc.deploy.messages import StateMessage
 from hugwbc.deploy.remote import ButtonPresses, Request
-from hugwbc.deploy.state_machine import Event, Mode, StateMachine, damping
+from hugwbc.deploy.state_machine import Event, Mode, StateMachine
 from hugwbc.deploy.watchdogs import BodyLimits, Limits, run_refusal, start_refusal
 from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod, Due
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.sight import Sight
-from hugwbc.scripts.command_source import CommandSource
-from hugwbc.scripts.view import Grip
+from hugwbc.scripts.view import CommandSource, Grip
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
@@ -193,7 +192,3 @@ class Pilot:
         self._last = self.control.decide(time - self._run_start)
         periods, self._decided = round((time - self._decided) / self.control.period), time
         return Decision(time, self._last, new=True, skipped=max(periods - 1, 0))
-
-    def damped(self) -> JointCommand:
-        """Return the command that only damps the joints."""
-        return damping(self._robot)

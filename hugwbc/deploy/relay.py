@@ -19,11 +19,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from hugwbc.controller import JointCommand
 from hugwbc.deploy import recording
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Decision
 from hugwbc.deploy.recording import Recorder
+from hugwbc.deploy.state_machine import damping
 from hugwbc.deploy.timing import Timing, keep_apart, real_time
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.deploy.watchdogs import Intake, Limits
@@ -124,7 +124,6 @@ class LineSetup:
     robot: Robot  # whose messages they are
     limits: Limits  # of the watchdogs
     period: float  # of the controller [s]
-    damping: JointCommand  # which damps the joints
     settings: Settings  # how the deployment runs
     tell: Callable[[str], None]  # called with the watchdogs' messages
 
@@ -140,8 +139,8 @@ class Line:
         self.intake = Intake(self._messages, setup.limits, self.settings.age)  # counts what arrives
         self.timing = Timing(PERIOD)  # latency and jitter, on the robot's clock
         # Packed when it is needed, for the variant of the robot that has sent states until then.
-        damping = functools.partial(self._messages.pack_command, setup.damping)
-        self._outlet = Outlet(self.intake, setup.limits.late, setup.period, damping)
+        damped = functools.partial(self._messages.pack_command, damping(setup.robot))
+        self._outlet = Outlet(self.intake, setup.limits.late, setup.period, damped)
         self.sent, self._told = 0, False  # commands; whether the fault was told
         self._rivalled = False  # whether a second program was told
 

@@ -31,7 +31,7 @@ from hugwbc.deploy.relay import (
     relay,
 )
 from hugwbc.deploy.remote import Request
-from hugwbc.deploy.state_machine import Mode
+from hugwbc.deploy.state_machine import Mode, damping
 from hugwbc.deploy.timing import keep_apart, real_time
 from hugwbc.deploy.transport import Endpoint
 from hugwbc.errors import CaptureError, DeploymentError
@@ -67,7 +67,7 @@ class RobotSide(Line):
             tell: called with the messages of the watchdogs; a function that another process can import.
             connect: makes the endpoint of the relay's process, likewise; without it, the relay is a thread of this one.
         """
-        self._setup = LineSetup(robot, pilot.limits, pilot.control.period, pilot.damped(), settings or Settings(), tell)
+        self._setup = LineSetup(robot, pilot.limits, pilot.control.period, settings or Settings(), tell)
         super().__init__(endpoint, self._setup, recorder)
         self.pilot, self._connect = pilot, connect
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
@@ -218,7 +218,7 @@ class RobotSide(Line):
         self._tell(f"watchdog: {_GONE}: damping")
         slots = round(FADE / PERIOD) if self._message is not None and not self.settings.dry_run else 0
         for _ in range(slots):
-            self._endpoint.send(self._messages.pack_command(self._setup.damping))
+            self._endpoint.send(self._messages.pack_command(damping(self._setup.robot)))
             time.sleep(PERIOD * self.settings.slower)
 
     def _hear(self, note: bytes) -> tuple[bytes, StateMessage, float] | None:

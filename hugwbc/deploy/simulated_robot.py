@@ -106,11 +106,6 @@ class Hoist:
         self.attached = False
         self._simulation.external_force[self._row] = 0.0
 
-    @property
-    def tension(self) -> float:
-        """Pull of the rope in the last step [N]."""
-        return float(np.linalg.norm(self._simulation.external_force[self._row, :3]))
-
     def update(self) -> None:
         """Move the winch for one physics step, and pull."""
         if not self.attached:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hugwbc.blends import smooth_step
 from hugwbc.controller import JointCommand
+from hugwbc.numeric import smooth_step
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 

@@ -107,11 +107,7 @@ class BodyLimits:
         """Take the joint speeds' limits from a robot."""
         self._robot, self._limits = robot, limits
         self._speed = limits.joint_speed * robot.velocity_limit
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what was exceeded before."""
-        self._since: dict[str, float] = {}
+        self._since: dict[str, float] = {}  # when what is exceeded began [s]
 
     def fault(self, message: StateMessage) -> str | None:
         """Return the limit that a reading exceeds for long enough, or None. NaN exceeds none."""

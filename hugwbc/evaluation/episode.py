@@ -11,7 +11,7 @@ from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
-from hugwbc.scripts.command_source import CommandSource
+from hugwbc.scripts.view import CommandSource
 from hugwbc.settings import REPORT_SEED, Count, NotNegative, Positive, Seed, one_of, settings
 from hugwbc.sim import Engine, Scene
 from hugwbc.upper_ik import UpperBodySource

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
-from hugwbc.scripts.command_source import CommandSource, Constant
+from hugwbc.scripts.view import CommandSource, Constant
 from hugwbc.sim.forces import Force
 from hugwbc.targets import HandTargets
 

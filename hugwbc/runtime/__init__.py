@@ -12,7 +12,7 @@ from hugwbc.runtime.mujoco_robot import MujocoRobot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.runtime.trace import Snapshot, Trace, read_trace, write_trace
-from hugwbc.scripts.command_source import CommandSource, Constant
+from hugwbc.scripts.view import CommandSource, Constant
 from hugwbc.sim import Arena, Force, SensorProfile, Simulation
 from hugwbc.upper_ik import UpperBodySource
 

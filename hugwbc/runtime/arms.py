@@ -6,11 +6,10 @@ import math
 import numpy as np
 
 from hugwbc.arm_servo import ArmServo
-from hugwbc.blends import smooth_step
 from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.hand_wrench import FREE
 from hugwbc.kinematics import in_place
-from hugwbc.numeric import changed
+from hugwbc.numeric import changed, smooth_step
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import GRAVITY, RobotState

@@ -17,8 +17,7 @@ from hugwbc.runtime.safety import SafetyFilter, StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
 from hugwbc.runtime.source_stage import SourceStage
-from hugwbc.scripts.command_source import CommandSource
-from hugwbc.scripts.view import View
+from hugwbc.scripts.view import CommandSource, View
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 

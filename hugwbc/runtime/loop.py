@@ -13,8 +13,7 @@ from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
 from hugwbc.runtime.sight import Sight, SimulatedWorld
 from hugwbc.runtime.trace import CONTACT_FORCE, Snapshot
-from hugwbc.scripts.command_source import CommandSource, Constant
-from hugwbc.scripts.view import View
+from hugwbc.scripts.view import CommandSource, Constant, View
 from hugwbc.sim import Engine
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets, frame_axes

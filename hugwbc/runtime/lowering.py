@@ -7,8 +7,8 @@ fades. The postures were found by an evolution strategy in simulation (docs/log/
 
 import numpy as np
 
-from hugwbc.blends import smooth_step
 from hugwbc.controller import JointCommand
+from hugwbc.numeric import smooth_step
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 

@@ -21,8 +21,7 @@ from hugwbc.kinematics import pinocchio_model
 from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.sight import Sight
-from hugwbc.scripts.command_source import CommandSource, Constant
-from hugwbc.scripts.view import Grip
+from hugwbc.scripts.view import CommandSource, Constant, Grip
 from hugwbc.sim.scenes.objects import Picture, force_on_second
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource

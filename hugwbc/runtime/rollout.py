@@ -13,7 +13,7 @@ from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.trace import RECORD_PERIOD, SCENE_FIELDS, SNAPSHOT_FIELDS, Snapshot, TouchDownWatch, Trace
-from hugwbc.scripts.command_source import CommandSource
+from hugwbc.scripts.view import CommandSource
 from hugwbc.sim import Disturber, Engine, Force
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource

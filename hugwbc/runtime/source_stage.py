@@ -5,8 +5,7 @@ import warnings
 from hugwbc.commands import Command
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
-from hugwbc.scripts.command_source import CommandSource, SeeingSource
-from hugwbc.scripts.view import View
+from hugwbc.scripts.view import CommandSource, SeeingSource, View
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.source import STALE_TIME

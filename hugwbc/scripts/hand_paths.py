@@ -14,8 +14,8 @@ from typing import Annotated, Literal, get_args
 import numpy as np
 from pydantic import Field
 
-from hugwbc.blends import smooth_step
 from hugwbc.errors import ConfigError, TargetError
+from hugwbc.numeric import smooth_step
 from hugwbc.scripts.sampled import check_times, read_table
 from hugwbc.settings import Count, NotNegative, Positive, Seed, settings
 from hugwbc.targets import FARTHEST
@@ -46,8 +46,7 @@ class Mirrored(HandPath):
 
     path: HandPath
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the position [m] at time `t` [s], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         return self.path.at(t) * [1.0, -1.0, 1.0]
 
 
@@ -57,8 +56,7 @@ class Hold(HandPath):
 
     point: Point
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the point [m], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         return np.array(self.point, dtype=float)
 
 
@@ -78,8 +76,7 @@ class Line(HandPath):
     dwell: NotNegative = 0.0
     repeat: bool = False
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the position [m] at time `t` [s], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         legs = len(self.points) - 1
         leg, within = divmod(max(t, 0.0), self.leg_time + self.dwell)
         way = leg + smooth_step((within - self.dwell) / self.leg_time)
@@ -130,8 +127,7 @@ class Grid(HandPath):
         """The points in the order of the visit [m]."""
         return self._line.points
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the position [m] at time `t` [s], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         return self._line.at(t)
 
 
@@ -153,8 +149,7 @@ class Circle(HandPath):
     period: Positive = 4.0
     phase: float = 0.0
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the position [m] at time `t` [s], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         angle = 2.0 * math.pi * (t / self.period + self.phase)
         normal = AXES.index(self.axis)
         point = np.array(self.centre, dtype=float)
@@ -179,8 +174,7 @@ class Swing(HandPath):
     phase: Point = (0.0, 0.0, 0.0)
     period: Positive = 4.0
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the position [m] at time `t` [s], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         angle = 2.0 * math.pi * (t / self.period + np.asarray(self.phase))
         return np.asarray(self.centre) + np.asarray(self.amplitude) * np.sin(angle)
 
@@ -201,8 +195,7 @@ class Wander(HandPath):
     leg_time: Positive = 1.0
     seed: Seed = 0
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the position [m] at time `t` [s], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         leg, within = divmod(max(t, 0.0), self.leg_time)
         before, after = _wander_corner(self, int(leg)), _wander_corner(self, int(leg) + 1)
         return before + smooth_step(within / self.leg_time) * (after - before)
@@ -244,8 +237,7 @@ class Recorded(HandPath):
         """Times since the first sample [s], shape (n,), and positions [m], shape (n, 3)."""
         return np.array(self.time, dtype=float) - self.time[0], np.array(self.points, dtype=float)
 
-    def at(self, t: float) -> np.ndarray:
-        """Return the position [m] at time `t` [s], shape (3,)."""
+    def at(self, t: float) -> np.ndarray:  # noqa: D102
         time, points = self.samples
         return np.array([np.interp(t, time, points[:, axis]) for axis in range(3)])
 

@@ -17,11 +17,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hugwbc.blends import minimum_jerk
 from hugwbc.errors import MotionFileError
 from hugwbc.files import write_whole
-from hugwbc.mirror import load_mirror
-from hugwbc.robot import Robot
+from hugwbc.numeric import minimum_jerk
+from hugwbc.robot import Robot, load_mirror
 from hugwbc.scripts.sampled import check_pace, check_times, read_table, resampled
 
 _log = logging.getLogger(__name__)

@@ -40,11 +40,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainValidator, TypeAdapter, ValidationInfo, model_validator
 
-from hugwbc.blends import smooth_rate, smooth_step
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, HugwbcError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.numeric import changed
+from hugwbc.numeric import changed, smooth_rate, smooth_step
 from hugwbc.robot import SIDES, Robot
 from hugwbc.scripts import hand_paths
 from hugwbc.scripts.hand_paths import HandPath, Point, Recorded, read_path
@@ -96,10 +95,6 @@ def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN4
             raise ConfigError(f"whose arms {path} moves is not known; give a robot: load_script(name, robot)")
         known[path] = load_motion(path, robot)
     return known[path]
-
-
-def _gait(value: Any) -> Gait:  # noqa: ANN401
-    return value if isinstance(value, Gait) else Gait.parse(value)
 
 
 _Path = Annotated[HandPath | None, PlainValidator(refusing(_path))]
@@ -207,7 +202,7 @@ class Segment:
 
     label: str
     duration: Positive
-    gait: Annotated[Gait, BeforeValidator(refusing(_gait))] = Gait.STANDING
+    gait: Annotated[Gait, BeforeValidator(refusing(Gait.parse))] = Gait.STANDING
     commands: Mapping[str, float] = dataclasses.field(default_factory=dict)
     hands: HandMotion | None = None
     ramp: NotNegative = Field(default_factory=lambda given: min(DEFAULT_RAMP, given.get("duration", DEFAULT_RAMP)))

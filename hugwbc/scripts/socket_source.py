@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hugwbc.commands import COMMAND_NAMES, Command, default_command
+from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.streams import Tally, read_object
@@ -131,14 +131,11 @@ def _check_keys(kind: str, said: object, known: Sequence[str]) -> None:
 def _command(said: dict[str, Any]) -> Command:
     values = said.get("command", {})
     _check_keys("key of a command", values, COMMAND_NAMES)
-    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values.values()):
-        raise ValueError("values of a command are numbers")
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     named = said.get("gait", "walking" if moving else "standing")
     if not isinstance(named, str):
         raise ValueError("gait is a name")
-    gait = Gait.parse(named)
-    return dataclasses.replace(default_command(gait), **{k: float(v) for k, v in values.items()}).validate()
+    return Command.from_mapping(values, Gait.parse(named)).validate()
 
 
 def _hands(said: dict[str, Any] | None, sequence: int | None) -> HandTargets | None:

@@ -1,7 +1,8 @@
-"""What a behaviour knows at a tick, and what it asks for."""
+"""Sources of commands and hand targets for a control loop, and what those that see know and ask for at a tick."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -135,3 +136,49 @@ class View:
     def position(self) -> np.ndarray:
         """Position of the pelvis in the world [m], shape (3,); zeros if nothing tells it."""
         return np.zeros(3) if self.state.position is None else self.state.position
+
+
+class CommandSource(Protocol):
+    """An object that gives commands and hand targets over time, such as a `Script` or a `Constant`."""
+
+    def command_at(self, t: float) -> Command:
+        """Return the command at time t [s]."""
+        ...
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the hand targets at time t [s]; None leaves the arms to the controller."""
+        ...
+
+
+@runtime_checkable
+class SeeingSource(CommandSource, Protocol):
+    """A command source that decides by what is estimated and seen, such as a `BehaviourSource`."""
+
+    def restart(self) -> None:
+        """Forget the past before a new run."""
+        ...
+
+    def see(self, view: View) -> None:
+        """Take the view of this tick, before each `command_at`."""
+        ...
+
+    @property
+    def grips(self) -> tuple[Grip, ...]:
+        """Requests to the idealised gripper, carried out after `see`."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant:
+    """The same command and hand targets at all times; without targets the controller moves the arms."""
+
+    command: Command
+    hands: HandTargets | None = None
+
+    def command_at(self, t: float) -> Command:
+        """Return the command."""
+        return self.command
+
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the hand targets."""
+        return self.hands

@@ -4,12 +4,11 @@ from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.arena import Arena
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.forces import Disturber, Force
-from hugwbc.sim.ground import Ground
+from hugwbc.sim.robot_model import Variation
 from hugwbc.sim.scenes import Scene, load_scene
 from hugwbc.sim.sensors import SensorProfile
 from hugwbc.sim.simulation import Simulation
-from hugwbc.sim.terrain import HeightField, LevelGround, level_terrain, rough_terrain
-from hugwbc.sim.variation import Variation
+from hugwbc.sim.terrain import Ground, HeightField, LevelGround, level_terrain, rough_terrain
 
 __all__ = [
     "Actuators",

@@ -15,13 +15,12 @@ from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_table
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.faults import Fault
-from hugwbc.sim.ground import GROUNDS, Ground
 from hugwbc.sim.physx import PhysxSimulation
+from hugwbc.sim.robot_model import Variation
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import ROBOT, SensorProfile, sensor_profile
 from hugwbc.sim.simulation import Simulation
-from hugwbc.sim.terrain import HeightField
-from hugwbc.sim.variation import Variation
+from hugwbc.sim.terrain import GROUNDS, Ground, HeightField
 
 ENGINES: Mapping[str, type[Engine]] = {kind.engine: kind for kind in (Simulation, PhysxSimulation)}
 DEFAULT_DRIVES = "real"

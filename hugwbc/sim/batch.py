@@ -12,11 +12,9 @@ from mujoco.batch import Batch
 from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.actuators import Actuators, TorqueSpeedLimit
 from hugwbc.sim.footing import Footing
-from hugwbc.sim.ground import Ground
-from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import TRAINING_TIMESTEP, load_model
+from hugwbc.sim.robot_model import TRAINING_TIMESTEP, load_model, robot_layout
 from hugwbc.sim.simulation import DIVERGED
-from hugwbc.sim.terrain import HeightField
+from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import RobotState
 
 # Robots for each thread that go through all substeps before the next ones: the data of so many stay in the cache.
@@ -248,12 +246,10 @@ class BatchSimulation(RobotBatch):
             )
         return blocks
 
-    def expand(self, name: str) -> torch.Tensor:
-        """Return a field of the model with a value for each robot."""
+    def expand(self, name: str) -> torch.Tensor:  # noqa: D102
         return torch.from_numpy(self.batch.expand(name))
 
-    def set_const(self, ids: torch.Tensor | None = None) -> None:
-        """Recompute what depends on masses that were written."""
+    def set_const(self, ids: torch.Tensor | None = None) -> None:  # noqa: D102
         self.batch.set_const(ids=None if ids is None else ids.numpy())
 
     def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:
@@ -278,16 +274,14 @@ class BatchSimulation(RobotBatch):
                 block.limit.write(block.velocity, block.force_range)
             self.batch.step(ids=block.ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
-    def forward(self, ids: torch.Tensor) -> None:
-        """Recompute the derived quantities of some robots."""
+    def forward(self, ids: torch.Tensor) -> None:  # noqa: D102
         rows = ids.numpy()
         self.batch.forward(ids=rows)
         if self._footing is not None:
             self._place_feet(rows)
             self.batch.forward(ids=rows)
 
-    def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return origins, rotations and centres of mass of the bodies."""
+    def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:  # noqa: D102
         if self._poses is None:  # a field costs time in every step from here on
             position, matrix, centre = (self._bind(name) for name in ("xpos", "xmat", "xipos"))
             self._poses = position, matrix.unflatten(2, (3, 3)), centre
@@ -299,8 +293,7 @@ class BatchSimulation(RobotBatch):
             positions = self._footing.positions(self._xpos[ids], self._xmat[ids])
             self._geom_pos.numpy()[ids[:, None], self._footing.geoms] = positions
 
-    def restore_footing(self, footing: torch.Tensor) -> None:
-        """Set a value of `footing` and search for contacts."""
+    def restore_footing(self, footing: torch.Tensor) -> None:  # noqa: D102
         if self._footing is not None:
             self._geom_pos[:, self._footing.geoms] = footing.to(self._geom_pos)
             self.batch.forward()

@@ -16,15 +16,12 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.faults import Fault, FaultInjector
-from hugwbc.sim.ground import Ground
-from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
+from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, Variation, check_timestep
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import Objects
-from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.scenes.scene_file import load_scene
+from hugwbc.sim.scenes.scene import Scene, load_scene
 from hugwbc.sim.sensors import ROBOT, Reading, SensorProfile, Sensors, sensor_profile
-from hugwbc.sim.terrain import HeightField
-from hugwbc.sim.variation import Variation
+from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import RobotState
 
 # A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground:

@@ -16,7 +16,7 @@ import math
 import mujoco
 import numpy as np
 
-from hugwbc.arrays import Array, Place, double, namespace
+from hugwbc.numeric import Array, Place, double, namespace
 from hugwbc.sim.terrain import HeightField, interpolated
 
 PLANE_NAME = "footing"

@@ -17,10 +17,9 @@ from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot, robot_table
 from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
-from hugwbc.sim.ground import Ground
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import Reading
-from hugwbc.sim.terrain import HeightField
+from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import GRAVITY, RobotState
 
 FRICTION = 0.8  # of the soles and links, as in h1.xml
@@ -205,10 +204,9 @@ class PhysxSimulation(Engine):
             # reversing it, however large its gain.
             joint.set_drive_properties(0.0, _FRICTION_GAIN if coulomb > 0.0 else 0.0, coulomb, "force")
 
-    def reset(
+    def reset(  # noqa: D102
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
-        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (n,)."""
         if self._step_count:
             self._build_world()  # PhysX keeps contacts and impulses of the last run, which a new one must not see
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
@@ -332,13 +330,7 @@ class PhysxSimulation(Engine):
             torque=self._torque,
         )
 
-    def push(self, velocity: np.ndarray) -> None:
-        """Add to the pelvis velocity at once.
-
-        Args:
-            velocity: linear part in the world [m/s], shape (3,); or with the angular part in the pelvis [rad/s],
-                shape (6,).
-        """
+    def push(self, velocity: np.ndarray) -> None:  # noqa: D102
         change = np.zeros(6)
         change[: np.size(velocity)] = velocity
         spin = self._pelvis_turn @ (self._qvel[3:6] + change[3:])
@@ -348,18 +340,15 @@ class PhysxSimulation(Engine):
         self._read_state()
 
     @property
-    def time(self) -> float:
-        """Time since the last reset [s]."""
+    def time(self) -> float:  # noqa: D102
         return self._step_count * self.timestep
 
     @property
-    def qpos(self) -> np.ndarray:
-        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,)."""
+    def qpos(self) -> np.ndarray:  # noqa: D102
         return self._qpos.copy()
 
     @property
-    def qvel(self) -> np.ndarray:
-        """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,)."""
+    def qvel(self) -> np.ndarray:  # noqa: D102
         return self._qvel.copy()
 
     @property
@@ -368,18 +357,15 @@ class PhysxSimulation(Engine):
         return self._torque.copy()
 
     @property
-    def pressure_centres(self) -> np.ndarray:
-        """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
+    def pressure_centres(self) -> np.ndarray:  # noqa: D102
         return self._centres.copy()
 
     @property
-    def sole_velocity(self) -> np.ndarray:
-        """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
+    def sole_velocity(self) -> np.ndarray:  # noqa: D102
         centre = np.array([self.robot.sole_middle, 0.0, self.robot.sole_z])
         return np.stack([self._motion(self._links[name], centre)[3] for name in self.robot.foot_links])
 
-    def hand_position(self, side: str) -> np.ndarray:
-        """Return the position of a hand in the world [m], shape (3,)."""
+    def hand_position(self, side: str) -> np.ndarray:  # noqa: D102
         pose = self._links[self.robot.hand_links[SIDES.index(side)]].entity_pose
         return np.array(pose.p, dtype=float) + rotations.rotate(np.array(pose.q, dtype=float), self.robot.hand)
 

@@ -1,22 +1,29 @@
-"""The MuJoCo model of the robot on its ground."""
+"""The MuJoCo model of the robot on its ground: how it is compiled, where the robot is in it, and how it may differ."""
+
+import dataclasses
+import functools
+from typing import Annotated
 
 import mujoco
 import numpy as np
+from pydantic import Field
 
-from hugwbc.errors import ConfigError, SceneError
+from hugwbc import rotations
+from hugwbc.errors import ConfigError, ModelError, SceneError
 from hugwbc.robot import Robot
+from hugwbc.settings import Positive, settings
 from hugwbc.sim.actuators import Actuators
-from hugwbc.sim.footing import add_footing
-from hugwbc.sim.ground import Ground
+from hugwbc.sim.footing import PLANE_NAME, add_footing
 from hugwbc.sim.scenes.gripper import add_grips
 from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.terrain import HeightField
+from hugwbc.sim.terrain import Ground, HeightField
 
 TRAINING_TIMESTEP = 0.005  # [s], the paper's
 SIMULATION_TIMESTEP = 0.002  # [s], one step for each tick of a 500 Hz torque controller
 # What is held between two hands needs more iterations than a robot that stands: with few of them, forces of a
 # grasp chatter and a box slips out. The solver stops by itself when it is done, after 10 to 20 in a grasp.
 GRASP_ITERATIONS = 50
+_POSE, _TWIST = 7, 6  # numbers of a free joint: position and quaternion; linear and angular velocity
 
 
 def load_model(
@@ -109,3 +116,120 @@ def _replace_floor(spec: mujoco.MjSpec, terrain: HeightField) -> None:
     floor.hfieldname = "terrain"
     floor.pos = [0.0, 0.0, low]
     add_footing(spec, terrain)
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """The robot's part of a model's state, found by the names of its joints.
+
+    Attributes:
+        qpos: pelvis position, quaternion (w, x, y, z) and joint positions in the order of `Robot.joint_names`.
+        qvel: pelvis velocity, angular velocity and joint velocities in the same order.
+        ctrl: the joints' actuators in the same order.
+    """
+
+    qpos: slice
+    qvel: slice
+    ctrl: slice
+
+    @functools.cached_property
+    def joints(self) -> slice:
+        """The joint positions alone."""
+        return slice(self.qpos.start + _POSE, self.qpos.stop)
+
+    @functools.cached_property
+    def rates(self) -> slice:
+        """The joint velocities alone."""
+        return slice(self.qvel.start + _TWIST, self.qvel.stop)
+
+
+def robot_layout(model: mujoco.MjModel, robot: Robot) -> Layout:
+    """Find a robot in a model.
+
+    The state arrays are shared with the physics: a part of them is a view only if it is without gaps.
+
+    Raises:
+        ModelError: if the pelvis, a joint or an actuator is missing, if the pelvis has no free joint, or if joints and
+            actuators are not next to each other in the order of `Robot.joint_names`.
+    """
+    try:
+        root = int(model.body(robot.base).jntadr[0])
+        joints = [model.joint(name) for name in robot.joint_names]
+        actuators = [model.actuator(name).id for name in robot.joint_names]
+    except KeyError as error:
+        raise ModelError(f"the model does not hold {robot.name}: {str(error.args[0]).splitlines()[0]}") from error
+    count = len(robot.joint_names)
+    first_q, first_v = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
+    first = actuators[0]
+    if (
+        model.jnt_type[root] != mujoco.mjtJoint.mjJNT_FREE
+        or [int(joint.qposadr[0]) for joint in joints] != list(range(first_q + _POSE, first_q + _POSE + count))
+        or [int(joint.dofadr[0]) for joint in joints] != list(range(first_v + _TWIST, first_v + _TWIST + count))
+        or actuators != list(range(first, first + count))
+    ):
+        raise ModelError(
+            f"the model does not hold {robot.name} in one piece: after the free joint of the pelvis, the joints and "
+            "actuators must follow in the order of the robot's table; generate its XML with models/build.py"
+        )
+    return Layout(
+        slice(first_q, first_q + _POSE + count), slice(first_v, first_v + _TWIST + count), slice(first, first + count)
+    )
+
+
+@settings
+class Variation:
+    """Differences of one robot from its description; by default there are none.
+
+    Attributes:
+        payload: mass added at the trunk's centre of mass [kg]; negative to remove mass.
+        friction: coefficient of sliding friction between robot and ground; None for that of the description.
+        gain: factor on the stiffness and damping that a controller commands.
+        strength: factor on the torque that the motors deliver, including their limit.
+        hand_payload: mass in each hand, at its frame [kg].
+    """
+
+    payload: Annotated[float, Field(ge=-10.0, le=50.0)] = 0.0
+    friction: Positive | None = None
+    gain: Positive = 1.0
+    strength: Positive = 1.0
+    hand_payload: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
+
+    def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Change a newly compiled model of a robot.
+
+        Only the torque limits take `strength` here; the simulation applies `gain` and `strength` to the PD law.
+        """
+        root = model.body(robot.base).id
+        if self.payload:
+            model.body_mass[model.body(robot.trunk).id] += self.payload
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+        if self.hand_payload:
+            for link in robot.hand_links:
+                _add_mass(model, model.body(link).id, self.hand_payload, robot.hand)
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+        if self.friction is not None:
+            # MuJoCo uses the larger of two coefficients, so the ground's must not exceed the requested one.
+            ground = np.array([model.geom(i).name in ("floor", PLANE_NAME) for i in range(model.ngeom)])
+            own = model.body_rootid[model.geom_bodyid] == root
+            model.geom_friction[own, 0] = self.friction
+            model.geom_friction[ground, 0] = np.minimum(model.geom_friction[ground, 0], self.friction)
+        moved = model.jnt_bodyid[model.actuator_trnid[:, 0]]  # the bodies that the actuators move
+        drives = model.body_rootid[moved] == root
+        model.actuator_forcerange[drives] *= self.strength
+
+
+def _add_mass(model: mujoco.MjModel, body: int, mass: float, point: np.ndarray) -> None:
+    """Add a point mass [kg] to a body, at a point in the body's frame [m]."""
+    own, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
+    turn = rotations.to_matrix(model.body_iquat[body])
+    middle = (own * centre + mass * point) / (own + mass)
+    inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T
+    for part, place in ((own, centre), (mass, point)):
+        arm = place - middle
+        inertia += part * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    principal, axes = np.linalg.eigh(inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    model.body_mass[body], model.body_ipos[body] = own + mass, middle
+    model.body_inertia[body], model.body_iquat[body] = principal, quaternion

@@ -11,14 +11,12 @@ from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.engine import Engine, check_seed
 from hugwbc.sim.footing import Footing
-from hugwbc.sim.ground import Ground
-from hugwbc.sim.layout import robot_layout
-from hugwbc.sim.robot_model import link_names, load_model
+from hugwbc.sim.robot_model import link_names, load_model, robot_layout
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import SceneObjects
 from hugwbc.sim.scenes.scene import OVERLAP, Scene
 from hugwbc.sim.sensors import Reading, Sensors
-from hugwbc.sim.terrain import HeightField
+from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import GRAVITY, RobotState
 
 _UPWARDS = np.array([0.0, 0.0, GRAVITY])
@@ -139,13 +137,9 @@ class Simulation(Engine):
         self._install(seed)
         return self.state()
 
-    def reset(
+    def reset(  # noqa: D102
         self, *, xy: tuple[float, float] = (0.0, 0.0), yaw: float = 0.0, q: np.ndarray | None = None
     ) -> RobotState:
-        """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (n,).
-
-        By default the joints are nominal, with the ankles turned so that the soles lie on the ground's mean plane.
-        """
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         pelvis, joints = self.data.qpos[self._layout.qpos], self.data.qpos[self._layout.joints]  # views
         pelvis[:2] = xy
@@ -238,13 +232,7 @@ class Simulation(Engine):
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, self._imu, self._twist, 0)
         return self._twist[3:].copy()
 
-    def push(self, velocity: np.ndarray) -> None:
-        """Add to the pelvis velocity at once.
-
-        Args:
-            velocity: linear part in the world [m/s], shape (3,); or with the angular part in the pelvis [rad/s],
-                shape (6,).
-        """
+    def push(self, velocity: np.ndarray) -> None:  # noqa: D102
         velocity = np.asarray(velocity, dtype=float)
         self.data.qvel[self._layout.qvel][: velocity.size] += velocity
         self._compute()
@@ -270,33 +258,27 @@ class Simulation(Engine):
         )
 
     @property
-    def time(self) -> float:
-        """Time since the last reset [s]."""
+    def time(self) -> float:  # noqa: D102
         return float(self.data.time)
 
     @property
-    def qpos(self) -> np.ndarray:
-        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,)."""
+    def qpos(self) -> np.ndarray:  # noqa: D102
         return self.data.qpos[self._layout.qpos].copy()
 
     @property
-    def qvel(self) -> np.ndarray:
-        """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,)."""
+    def qvel(self) -> np.ndarray:  # noqa: D102
         return self.data.qvel[self._layout.qvel].copy()
 
     @property
-    def torque(self) -> np.ndarray:
-        """Joint torques of the last physics step [N*m], shape (n,)."""
+    def torque(self) -> np.ndarray:  # noqa: D102
         return self.data.actuator_force[self._layout.ctrl].copy()
 
     @property
-    def sole_velocity(self) -> np.ndarray:
-        """Velocities of the left and the right sole's centre in the world [m/s], shape (2, 3)."""
-        return self._sensed_by_side("sole_velocity")
+    def sole_velocity(self) -> np.ndarray:  # noqa: D102
+        return self.data.sensordata[self._places_by_side["sole_velocity"]]
 
     @property
-    def pressure_centres(self) -> np.ndarray:
-        """Centres of pressure of the left and the right foot in the world [m], shape (2, 3); NaN without contact."""
+    def pressure_centres(self) -> np.ndarray:  # noqa: D102
         centres, contact, wrench = np.full((2, 3), np.nan), self.data.contact, np.zeros(6)
         links, places = self.model.geom_bodyid[contact.geom].tolist(), contact.pos
         for foot, link in enumerate(self._feet):
@@ -324,16 +306,11 @@ class Simulation(Engine):
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, body, twist, 0)
         return twist[3:]
 
-    def hand_position(self, side: str) -> np.ndarray:
-        """Return the position of a hand in the world [m], shape (3,)."""
+    def hand_position(self, side: str) -> np.ndarray:  # noqa: D102
         return self._sensed(f"{side}_hand_position")
 
     def _sensed(self, name: str) -> np.ndarray:
         return self.data.sensordata[self._places[name]].copy()
-
-    def _sensed_by_side(self, name: str) -> np.ndarray:
-        """Return the readings of the left and the right sensor of this name, shape (2, 3)."""
-        return self.data.sensordata[self._places_by_side[name]]
 
     def _trunk_on_ground(self) -> bool:
         pairs = self.data.contact.geom.tolist()

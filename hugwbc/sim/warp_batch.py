@@ -100,8 +100,7 @@ class WarpBatch(RobotBatch):
         self.qpos[:], self.ctrl[:] = self.tensor(key.qpos[layout.qpos]), self.tensor(key.ctrl[layout.ctrl])
         self.forward(torch.arange(count, device=self.device))
 
-    def expand(self, name: str) -> torch.Tensor:
-        """Return a field of the model with a value for each robot."""
+    def expand(self, name: str) -> torch.Tensor:  # noqa: D102
         field = getattr(self._model, name)
         if field.shape[0] != self.count:
             values = np.repeat(field.numpy()[:1], self.count, axis=0)
@@ -189,15 +188,13 @@ class WarpBatch(RobotBatch):
         self._geom_pos[:, self._footing.geoms] = positions.to(self._geom_pos)
         wp.to_torch(self._data.geom_xpos)[:, self._footing.geoms[-1]] = positions[:, -1].to(self._geom_pos)
 
-    def restore_footing(self, footing: torch.Tensor) -> None:
-        """Set a value of `footing` and search for contacts."""
+    def restore_footing(self, footing: torch.Tensor) -> None:  # noqa: D102
         if self._footing is not None:
             self._move_feet(footing)
             with self._running():
                 mjw.step1(self._model, self._data)
 
-    def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return origins, rotations and centres of mass of the bodies."""
+    def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:  # noqa: D102
         return wp.to_torch(self._data.xpos), wp.to_torch(self._data.xmat), wp.to_torch(self._data.xipos)
 
     def faults(self) -> str:

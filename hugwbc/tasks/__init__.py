@@ -5,8 +5,7 @@
 
 from hugwbc.tasks.record import Ending, TaskRecord
 from hugwbc.tasks.run_task import TaskRun, run_task
-from hugwbc.tasks.suite import TASK_NAMES, load_task
-from hugwbc.tasks.task import Shapes, Task, shapes_of
+from hugwbc.tasks.task import TASK_NAMES, Shapes, Task, load_task, shapes_of
 from hugwbc.tasks.verdict import Milestone, Verdict
 
 __all__ = [

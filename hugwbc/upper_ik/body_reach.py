@@ -33,15 +33,12 @@ class BodyReach:
 
     Attributes:
         values: current h, p and w [m, rad, rad], shape (3,).
-        rejected: number of ticks with unusable targets, state, command or time step; each kept the last values.
-        failures: number of steps in which the solver failed; each kept the last values.
     """
 
     def __init__(self, robot: Robot) -> None:
         """Build the virtual robot."""
         self._robot, self._config = robot, ArmIKConfig()
         self._body = (HEIGHT_JOINT, PITCH_JOINT, robot.joint_names[robot.waist])
-        self.rejected = self.failures = 0
         self._arms = arms = ArmSolver(self._robot, self._config, still=still_names(robot), on_column=True)
         self.placo, self._solver = arms.placo, arms.solver
         for name, fastest in zip(self._body, SPEED, strict=True):
@@ -66,7 +63,7 @@ class BodyReach:
     def update(self, hands: HandTargets | None, state: RobotState, command: Command, dt: float) -> Command:
         """Return the command with h, p and w as the hands need them.
 
-        Bad numbers never raise: h, p and w keep their values, and the event is counted.
+        Bad numbers never raise: h, p and w keep their values.
 
         Args:
             hands: the targets; None, or targets that do not ask for the whole body, bring h, p and w back.
@@ -82,13 +79,11 @@ class BodyReach:
                 return command
             self._begin(wanted, state)
         points = on_column(hands, state, self.values, self._robot) if hands is not None and wants_body else None
-        if not usable or (wants_body and points is None):
-            self.rejected += 1
-        elif hands is None or points is None:
+        if usable and not wants_body:
             step = np.array(SPEED) * dt
             self.values = self.values + np.clip(wanted - self.values, -step, step)
             self._active = bool(np.any(self.values != wanted))
-        else:
+        elif usable and hands is not None and points is not None:
             self._step(points, hands.given, wanted, command, dt)
         values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
         return dataclasses.replace(command, **values).clamp(self._robot)[0]
@@ -141,7 +136,6 @@ class BodyReach:
         try:
             self._solver.solve(True)
         except RuntimeError:
-            self.failures += 1
             self.placo.state.q = configuration
         self.placo.update_kinematics()
         self.values = self.placo.state.q[self._columns]

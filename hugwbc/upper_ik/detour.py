@@ -12,8 +12,7 @@ import itertools
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.mirror import load_mirror
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import SIDES, Robot, load_mirror
 from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 

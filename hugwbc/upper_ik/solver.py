@@ -94,11 +94,6 @@ class ArmIK:
         """Number of steps that had to be solved without collision avoidance."""
         return self._descent.without_collisions
 
-    @property
-    def detours(self) -> int:
-        """Number of detours that were started."""
-        return self._detours.count
-
     def reset(self, q: np.ndarray) -> None:
         """Continue at rest from arm positions (k,) [rad], clamped to the limits; joints that are not finite stay."""
         self._limiter.place(np.clip(np.where(np.isfinite(q), q, self._limiter.q), self.lower, self.upper))
@@ -116,11 +111,6 @@ class ArmIK:
         """Return both hands in the pelvis frame [m], shape (2, 3), at arm positions (k,) and a waist angle [rad]."""
         self._body[self.robot.waist] = waist
         return self._descent.forward(q, self._body)
-
-    def pointing(self, q: np.ndarray, waist: float) -> np.ndarray:
-        """Return the unit vectors from elbows to hands in the pelvis frame, shape (2, 3); arguments as for `hands`."""
-        forearms = self.hands(q, waist) - np.array([self._descent.elbow(hand) for hand in range(2)])
-        return forearms / np.linalg.norm(forearms, axis=1, keepdims=True)
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
         """Return the least distance of each arm to everything that it could touch.

@@ -4,8 +4,8 @@ import enum
 
 import numpy as np
 
-from hugwbc.blends import smooth_step
 from hugwbc.controller import UpperBody
+from hugwbc.numeric import smooth_step
 from hugwbc.robot import Robot
 
 TAKE_TIME = 0.5  # [s], of the blend from the arms' own position to the external targets
@@ -95,8 +95,6 @@ class Takeover:
     Attributes:
         phase: who moves the arms.
         velocity_limit: highest speed of the arm command [rad/s], shape (k,).
-        held: number of ticks with a target that was not finite or a time step that was not positive; in each the arms
-            braked.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -109,7 +107,6 @@ class Takeover:
             robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, ACCELERATION
         )
         self.phase = Phase.RELEASED
-        self.held = 0
         self._rest = robot.nominal[arms]
         self._all = np.ones(arms.size, dtype=bool)
         self._from = self._rest.copy()
@@ -182,7 +179,6 @@ class Takeover:
         self, goal: np.ndarray, goal_dq: np.ndarray, goal_ddq: np.ndarray | None, blend_time: float, dt: float
     ) -> UpperBody:
         if not 0.0 < dt < np.inf:
-            self.held += 1
             return UpperBody(self._limiter.q.copy(), np.zeros_like(goal), self._all)
         last, ddq = self._limiter.dq, None
         if np.isfinite(goal).all() and np.isfinite(goal_dq).all():
@@ -194,7 +190,6 @@ class Takeover:
             self._limiter.follow(self._from + blend * (goal - self._from), dq, dt)
             ddq = None if goal_ddq is None else blend * goal_ddq
         else:
-            self.held += 1
             self._limiter.stop(dt)
         if ddq is None:
             ddq = (self._limiter.dq - last) / dt

@@ -15,7 +15,7 @@ from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.trace import Snapshot
-from hugwbc.sim.layout import robot_layout
+from hugwbc.sim.robot_model import robot_layout
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z, homogeneous
 
 FORCE_SCALE = 1e-3  # [m/N], length of a force's arrow

@@ -23,7 +23,7 @@ from hugwbc.robot import Robot
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Snapshot, Trace
-from hugwbc.scripts.command_source import CommandSource
+from hugwbc.scripts.view import CommandSource
 from hugwbc.sim import Engine, Force, Scene, Simulation
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource

@@ -8,7 +8,6 @@ from hugwbc.behaviours import Action, BehaviourSource, Failure, Status, retry, w
 from hugwbc.behaviours.source import ACCELERATION, FARTHEST, RAN_AWAY, STEP_OUT
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
-from hugwbc.scripts.command_source import SeeingSource
 from hugwbc.scripts.view import Grip
 from hugwbc.targets import HandTargets
 
@@ -29,10 +28,6 @@ def _played(source: BehaviourSource, seconds: float = 5.0) -> list[Command]:
         source.see(view(0.02 * tick, position=(1.0, 0.0, 0.98)))
         commands.append(source.command_at(0.02 * tick))
     return commands
-
-
-def test_it_is_a_seeing_source() -> None:
-    assert isinstance(BehaviourSource(march), SeeingSource)
 
 
 def test_a_walk_starts_and_stops_softly_and_steps_on_before_it_stands() -> None:

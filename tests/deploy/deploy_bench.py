@@ -19,7 +19,7 @@ from hugwbc.deploy.simulated_robot import Schedule, SimulatedRobot
 from hugwbc.deploy.state_machine import START_TIME, Mode
 from hugwbc.robot import Robot
 from hugwbc.runtime import Constant, HoldController
-from hugwbc.scripts.command_source import CommandSource
+from hugwbc.scripts.view import CommandSource
 from hugwbc.sim import Simulation
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.state import RobotState

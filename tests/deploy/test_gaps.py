@@ -26,7 +26,7 @@ def falls(name: str, speed: str, gap: float, silence: float) -> int:
             begin = pair.robot.time
             pair.run(begin + min(gap, silence), alive=lambda: False)
             if gap > silence:
-                pair.robot._command = pair.pilot.damped()
+                pair.robot._command = state_machine.damping(H1)
                 pair.run(begin + gap, alive=lambda: False)
             pair.side._endpoint.receive(0.0)  # what was sent meanwhile is lost
         fallen += pair.robot.simulation.fallen

@@ -283,15 +283,6 @@ def test_jitter_lets_messages_overtake_each_other() -> None:
     assert min(took) >= 0.0 and max(took) <= 0.012 and np.mean(took) == pytest.approx(0.006, abs=0.001)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("loss", 1.0), ("loss", -0.1), ("loss", float("nan")), ("delay", -1.0), ("jitter", float("inf"))],
-)
-def test_a_network_out_of_range_is_refused(name, value) -> None:
-    with pytest.raises(ConfigError, match=name):
-        Radio(**{name: value})
-
-
 @pytest.fixture
 def simulation() -> Simulation:
     return Simulation()
@@ -306,12 +297,18 @@ def run(simulation: Simulation, hoist: Hoist, seconds: float, *, stiff: bool = T
         simulation.step(command if stiff else limp, simulation.timestep)
 
 
+def tension(simulation: Simulation) -> float:
+    """Pull of the rope in the last step [N]."""
+    trunk = simulation.link_names.index(simulation.robot.trunk)
+    return float(np.linalg.norm(simulation.external_force[trunk, :3]))
+
+
 def test_it_lifts_a_limp_robot_and_carries_its_weight(simulation) -> None:
     before = float(simulation.qpos[2])
     hoist = Hoist(simulation)
     run(simulation, hoist, 3.0, stiff=False)
     weight = simulation.robot.mass * GRAVITY
-    assert hoist.tension == pytest.approx(weight, rel=0.05)
+    assert tension(simulation) == pytest.approx(weight, rel=0.05)
     assert simulation.qpos[2] - before == pytest.approx(LIFTED, abs=0.03)
     foot_force = simulation.state().foot_force
     assert foot_force is not None and abs(foot_force[:, 2].sum()) < 1.0, "the feet may touch each other"
@@ -334,13 +331,13 @@ def test_a_rope_never_pushes_and_lets_go(simulation) -> None:
     simulation.data.qpos[2] += 0.3  # nearer to the pulley: slack
     mujoco.mj_forward(simulation.model, simulation.data)
     hoist.update()
-    assert hoist.tension == 0.0
+    assert tension(simulation) == 0.0
     hoist = Hoist(simulation, 0.1)
     run(simulation, hoist, 0.2)
-    assert hoist.tension > 100.0
+    assert tension(simulation) > 100.0
     hoist.release()
     hoist.update()
-    assert hoist.tension == 0.0 and not np.any(simulation.external_force)
+    assert tension(simulation) == 0.0 and not np.any(simulation.external_force)
 
 
 def test_buttons_are_held_for_a_while_and_sticks_for_ever() -> None:

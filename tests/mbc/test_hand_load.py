@@ -15,7 +15,7 @@ from hugwbc.mbc.hand_load import HandLoad
 from hugwbc.mbc.qp import QpStatus
 from hugwbc.robot import load_robot
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.scripts.command_source import Constant
+from hugwbc.scripts.view import Constant
 from hugwbc.sim import Simulation
 from hugwbc.sim.forces import HandPull
 

@@ -12,10 +12,10 @@ from hugwbc.errors import ConfigError
 from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
-from hugwbc.mirror import load_mirror, mirror_command
+from hugwbc.robot import load_mirror
 from hugwbc.runtime import rollout
 from hugwbc.sim import Simulation
-from tests.conftest import make_state
+from tests.conftest import make_state, mirror_command, mirror_state
 
 ROBOT = load_robot()
 NONE = UpperBody.none()
@@ -170,7 +170,7 @@ def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, stand
         )
         arms = UpperBody.targets(rng.uniform(-0.3, 0.3, 8), rng.uniform(-0.5, 0.5, 8))
         torques, other_arms = [], UpperBody.targets(mirror.arms(arms.q, ROBOT), mirror.arms(arms.dq, ROBOT))
-        for s, c, u in ((state, command, arms), (mirror.state(state), mirror_command(command), other_arms)):
+        for s, c, u in ((state, command, arms), (mirror_state(state, mirror), mirror_command(command), other_arms)):
             controller = WholeBodyController(load_robot(), params)
             controller.reset(s)
             torques.append(controller.act(s, c, u).tau)

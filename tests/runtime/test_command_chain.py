@@ -9,10 +9,9 @@ from hypothesis import given, settings, strategies as st
 
 from hugwbc import Command, Gait, command_ranges, load_robot
 from hugwbc.commands import COMMAND_NAMES, CommandChange, sample_all
-from hugwbc.mirror import mirror_command
 from hugwbc.runtime.command_chain import CommandChain, feasible
 from hugwbc.runtime.safety_report import SafetyLog
-from tests.conftest import make_state
+from tests.conftest import make_state, mirror_command
 
 ROBOT = load_robot()
 STEPPING = [gait for gait in Gait if gait is not Gait.STANDING]

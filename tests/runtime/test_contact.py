@@ -14,10 +14,10 @@ from hugwbc.runtime.contact import RATE, ContactObserver, HandForceObserver, Swi
 from hugwbc.runtime.controllers import load_controller
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.scripts.command_source import Constant
+from hugwbc.scripts.view import Constant
 from hugwbc.sim import Actuators, Ground, Simulation
+from hugwbc.sim.robot_model import Variation
 from hugwbc.sim.sensors import ROBOT
-from hugwbc.sim.variation import Variation
 from hugwbc.targets import HandTargets
 from tests.conftest import make_state
 

@@ -13,7 +13,7 @@ from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop, substeps_of, world_targets
 from hugwbc.runtime.safety import target_limits
-from hugwbc.scripts.command_source import Constant
+from hugwbc.scripts.view import Constant
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets

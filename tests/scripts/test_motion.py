@@ -66,14 +66,15 @@ def test_joints_are_found_by_name_and_clamped_to_their_limits(tmp_path: pathlib.
 
 def test_joints_that_do_not_follow_a_motion_are_told(tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture) -> None:
     names = ("left_knee_joint", *ARMS, "torso_joint")
-    for name in ("a", "b"):
+    for name in ("b", "a"):
         write(tmp_path / f"{name}.npz", joint_names=np.array(names), positions=np.zeros((4, 10)))
     motion = load_motion(tmp_path / "a.npz", ROBOT)
     assert motion.unused == motion.resampled(20.0).unused == ("left_knee_joint", "torso_joint")
     told = "only the arms follow a motion; not used: left_knee_joint, torso_joint"
     assert caplog.messages == [f"{tmp_path / 'a.npz'}: {told}"]
     caplog.clear()
-    assert [motion.unused for motion in load_motions(tmp_path, ROBOT)] == [motion.unused] * 2
+    folder = load_motions(tmp_path, ROBOT)
+    assert [(m.name, m.unused) for m in folder] == [("a", motion.unused), ("b", motion.unused)]
     assert caplog.messages == [f"{tmp_path}: {told}"], "one line for the folder"
     caplog.clear()
     assert load_motion(write(tmp_path / "arms.npz"), ROBOT).unused == () and not caplog.messages
@@ -84,10 +85,7 @@ def test_joints_that_do_not_follow_a_motion_are_told(tmp_path: pathlib.Path, cap
     [
         ({"fps": None}, "fps"),
         ({"fps": np.array(0.0)}, "fps = 0.0; give one number from 0.1 to 10000"),
-        ({"fps": np.array("30")}, "fps = 30; give one number"),
         ({"fps": np.array(30.0 + 1.0j)}, "give one number"),
-        ({"fps": np.array([30.0, 30.0])}, "give one number"),
-        ({"fps": np.array(1e-9)}, "give one number"),
         ({"fps": np.array(np.nan)}, "give one number"),
         ({"joint_names": np.array(ARMS[:-1]), "positions": np.zeros((4, 7))}, "right_elbow_joint"),
         ({"joint_names": np.array((*ARMS[:-1], ARMS[0]))}, "left_shoulder_pitch_joint more than once"),
@@ -111,12 +109,6 @@ def test_missing_and_foreign_files_are_refused(tmp_path: pathlib.Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(MotionFileError, match="holds no motion files"):
         load_motions(tmp_path / "empty", ROBOT)
-
-
-def test_a_folder_is_read_in_the_order_of_names(tmp_path: pathlib.Path) -> None:
-    for name in ("b", "a"):
-        write(tmp_path / f"{name}.npz")
-    assert [motion.name for motion in load_motions(tmp_path, ROBOT)] == ["a", "b"]
 
 
 def test_generated_motions_follow_their_seed_and_move_like_arms(robot) -> None:

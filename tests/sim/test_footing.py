@@ -89,18 +89,6 @@ def test_on_a_slope_the_robot_starts_on_the_ground_and_stays_there() -> None:
     assert state.foot_force[:, 2].sum() == pytest.approx(ROBOT.mass * 9.81, rel=0.05)
 
 
-def test_level_ground_is_the_plane_for_many_robots_too() -> None:
-    plane, level = (
-        BatchSimulation(2, robot=load_robot()),
-        BatchSimulation(2, terrain=HeightField(np.zeros((5, 5)), (8.0, 8.0)), robot=load_robot()),
-    )
-    for step in range(30):
-        for simulation in (plane, level):
-            simulation.ctrl[:] = simulation.tensor(ROBOT.nominal + 0.1 * np.sin(0.3 * step + np.arange(19)))
-            simulation.step(4)
-    np.testing.assert_allclose(level.qpos, plane.qpos, atol=1e-6)
-
-
 def test_one_robot_and_many_stand_on_the_same_ground() -> None:
     one, many = Simulation(terrain=ROUGH, timestep=0.005), BatchSimulation(1, terrain=ROUGH, robot=load_robot())
     one.reset(xy=(1.0, 0.5))

@@ -6,7 +6,7 @@ import pytest
 
 from hugwbc.errors import ModelError
 from hugwbc.robot import load_robot, robot_names
-from hugwbc.sim.layout import robot_layout
+from hugwbc.sim.robot_model import robot_layout
 
 
 def _spec(name="h1"):

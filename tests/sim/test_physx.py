@@ -8,13 +8,13 @@ import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.commands import Command
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.rollout import rollout
-from hugwbc.scripts.command_source import Constant
-from hugwbc.sim import Actuators, Engine, Force, Ground, HeightField, Simulation, Variation
+from hugwbc.scripts.view import Constant
+from hugwbc.sim import Actuators, Force, Ground, HeightField, Simulation, Variation
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.state import pelvis_from_torso_imu
 
@@ -204,17 +204,6 @@ def test_readings_are_those_of_the_torso_s_imu(plane: PhysxSimulation) -> None:
     assert np.linalg.norm(np.mean(specific, axis=0)) == pytest.approx(9.81, abs=0.1)
 
 
-def test_a_robot_s_sensors_lack_what_an_h1_lacks() -> None:
-    simulation = PhysxSimulation(sensing="robot", seed=3)
-    simulation.step(HOLD, 0.1)
-    sensed = simulation.sense()
-    assert sensed.position is None and sensed.velocity is None and sensed.foot_force is None
-    assert sensed.age == pytest.approx(0.01)
-    again = PhysxSimulation(sensing="robot", seed=3)
-    again.step(HOLD, 0.1)
-    np.testing.assert_array_equal(again.sense().q, sensed.q)
-
-
 def test_a_push_changes_the_pelvis_velocity_at_once(plane: PhysxSimulation) -> None:
     plane.reset(yaw=1.0)
     plane.push(np.array([0.3, -0.2, 0.1, 0.4, 0.5, -0.6]))
@@ -230,16 +219,6 @@ def test_a_force_gives_its_impulse_and_ends(plane: PhysxSimulation) -> None:
     momentum = sum(link.mass * np.array(link.linear_velocity) for link in plane._links.values())
     np.testing.assert_allclose(momentum[:2], [10.0, -5.0], atol=0.02)
     assert not plane.external_force.any()
-    with pytest.raises(UnknownNameError, match="torso"):
-        plane.apply_force(np.ones(3), 0.1, "torso")
-
-
-def test_commands_that_are_not_finite_are_held_back(plane: PhysxSimulation) -> None:
-    plane.reset()
-    before = plane.rejected_commands
-    state = plane.step(dataclasses.replace(HOLD, q=np.full(19, np.nan)), 0.02)
-    assert plane.rejected_commands == before + 1
-    assert state.is_finite and not plane.fallen
 
 
 def test_a_failure_of_the_physics_is_a_fall_and_leaves_a_valid_state(plane: PhysxSimulation) -> None:
@@ -274,14 +253,6 @@ def test_ground_that_is_not_level_and_firm_is_refused() -> None:
         PhysxSimulation(sensing="exact", terrain=HeightField(np.zeros((3, 3)), (4.0, 4.0)))
     with pytest.raises(ConfigError, match="firm ground only; use --ground firm"):
         PhysxSimulation(sensing="exact", ground=Ground.named("soft"))
-
-
-def test_both_engines_have_one_interface() -> None:
-    public = {name for name in dir(Engine) if not name.startswith("_")}
-    for kind in (Simulation, PhysxSimulation):
-        # PhysX has no scenes, and nothing of them to draw; how a robot falls and lies is asked of MuJoCo.
-        own = {"engine", "package", "redraw", "links_on_ground", "trunk_velocity"}
-        assert {name for name in dir(kind) if not name.startswith("_")} - own == public
 
 
 @pytest.mark.parametrize("controller", ["qp", "learned"])

@@ -9,24 +9,20 @@ import pytest
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.kinematics import Kinematics
-from hugwbc.sim import SensorProfile, Simulation
+from hugwbc.sim import Simulation
 from hugwbc.sim.sensors import EXACT, ROBOT
 
 H1 = load_robot()
 HOLD = JointCommand.position(H1, H1.nominal)
 
 
-@pytest.mark.parametrize("deviation", [-0.1, float("nan"), float("inf")])
-def test_noise_that_is_no_deviation_is_refused(deviation: float) -> None:
-    with pytest.raises(ConfigError, match="gyro"):
-        SensorProfile("mine", gyro=deviation)
-
-
-def test_unknown_profiles_and_long_latencies_are_refused() -> None:
+def test_unknown_profiles_long_latencies_and_bad_seeds_are_refused() -> None:
     with pytest.raises(UnknownNameError, match="robot"):
         Simulation(sensing="robbot")
     with pytest.raises(ConfigError, match="latency is 2"):
         Simulation(sensing="exact", latency=2.0)
+    with pytest.raises(ConfigError, match="seed is -1; give 0 or more"):
+        Simulation(sensing="exact", seed=-1)
 
 
 def test_exact_sensors_tell_the_truth() -> None:

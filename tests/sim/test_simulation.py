@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import UnknownNameError
 from hugwbc.sim import Actuators, HeightField, Simulation, rough_terrain
 
 ROBOT = load_robot()
@@ -18,21 +18,6 @@ HOLD = JointCommand.position(ROBOT, ROBOT.nominal)
 @pytest.fixture(scope="module")
 def plane() -> Simulation:
     return Simulation(sensing="exact")
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"latency": -0.01}, "latency is -0.01"),
-        ({"latency": float("nan")}, "latency is nan"),
-        ({"latency": float("inf")}, "latency is inf"),
-        ({"seed": -1}, "seed is -1; give 0 or more"),
-        ({"timestep": 0.0}, "time step is 0.0 s"),
-    ],
-)
-def test_settings_out_of_range_are_refused(settings: dict, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        Simulation(sensing="exact", **settings)
 
 
 def test_reset_places_and_turns_the_robot(plane: Simulation) -> None:
@@ -64,24 +49,6 @@ def test_raised_flat_ground_behaves_as_the_plane_does(plane: Simulation) -> None
     for _ in range(25):
         low, high = plane.step(HOLD, 0.02), raised.step(HOLD, 0.02)
     np.testing.assert_allclose(high.position - [0, 0, 0.5], low.position, atol=1e-6)
-
-
-def test_feet_carry_the_weight_upwards(plane: Simulation) -> None:
-    """While the robot settles into its soft joints, the feet bear its weight and what slows the settling down."""
-    plane.reset()
-    for _ in range(50):
-        plane.step(HOLD, 0.002)
-    before = vertical_momentum(plane)
-    forces = np.array([plane.step(HOLD, 0.002).foot_force for _ in range(200)])
-    gained = (vertical_momentum(plane) - before) / 0.4
-    assert forces[:, :, 2].sum(1).mean() == pytest.approx(WEIGHT + gained, rel=0.02)
-    assert np.all(forces[:, :, 2].mean(0) > 0.3 * WEIGHT)
-
-
-def vertical_momentum(simulation: Simulation) -> float:
-    """Vertical momentum of the robot [N*s]."""
-    mujoco.mj_subtreeVel(simulation.model, simulation.data)
-    return float(simulation.data.subtree_linvel[1, 2] * simulation.model.body_mass.sum())
 
 
 def test_the_pressure_centre_lies_in_the_sole_where_the_forces_balance(plane: Simulation) -> None:
@@ -129,14 +96,6 @@ def test_torque_of_ideal_drives_is_the_pd_law_within_the_limits() -> None:
             np.testing.assert_allclose(plane.torque, np.clip(law, -ROBOT.torque_limit, ROBOT.torque_limit), atol=1e-9)
             clamped += int(np.sum(np.abs(law) > ROBOT.torque_limit))
     assert clamped > 10  # the last scale does reach the limits
-
-
-def test_pure_torque_command(plane: Simulation) -> None:
-    plane.reset()
-    zero = np.zeros(19)
-    tau = np.linspace(-10, 10, 19)
-    plane.step(JointCommand(zero, zero, zero, zero, tau), 0.002)
-    np.testing.assert_allclose(plane.torque, tau, atol=1e-12)
 
 
 def test_a_command_that_is_not_finite_is_held_off_and_counted() -> None:

@@ -93,17 +93,3 @@ def test_lookup_agrees_with_rays_onto_mujocos_ground() -> None:
     for x, y in rng.uniform([-2.9, -1.9], [2.9, 1.9], (200, 2)):
         # MuJoCo keeps heights in single precision.
         assert ground(x, y) == pytest.approx(float(field.height_at(np.array([x, y]))), abs=1e-5)
-
-
-def test_model_without_visuals_has_the_same_physics() -> None:
-    full, bare = load_model(0.005, robot=load_robot()), load_model(0.005, lean=True, robot=load_robot())
-    assert bare.ngeom < full.ngeom == bare.ngeom + np.sum(full.geom_group == 2)
-    assert bare.npair == full.npair
-    states = []
-    for model in (full, bare):
-        data = mujoco.MjData(model)
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-        for _ in range(100):
-            mujoco.mj_step(model, data)
-        states.append(data.qpos.copy())
-    np.testing.assert_allclose(states[0], states[1], atol=1e-12)

@@ -329,14 +329,9 @@ def test_a_folder_is_never_overwritten(tmp_path):
     assert (tmp_path / "new" / "mine.txt").read_text() == "mine"
 
 
-def test_what_does_not_belong_into_a_data_set_is_refused(tmp_path):
+def test_a_data_set_without_an_episode_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="no episode"), DatasetWriter(tmp_path / "a", [load_task("push_cart")], ROBOT):
         pass
-    with DatasetWriter(tmp_path / "b", [load_task("push_cart")], ROBOT) as writer:
-        with pytest.raises(ConfigError, match="press_button"):
-            writer.add(made_up("press_button", 5))
-        writer.add(made_up("push_cart", 5))
-    assert read_info(tmp_path / "b")["total_episodes"] == 1
 
 
 def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys, standing_task):
@@ -390,9 +385,7 @@ def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch
         (["--replay", "out"], "out is no data set of `hugwbc tasks --record`"),
         (["--record", "new", "--cameras", "heed"], "Did you mean 'head'"),
         (["--record", "new", "--episodes", "0"], "episodes is 0"),
-        (["--task", "fetch_bx"], "fetch_box"),
         (["--task", "fetch_box", "fetch_box"], "each once"),
-        (["--record", "new", "--controller", "nobody"], "nobody"),
     ],
 )
 def test_the_verb_refuses_bad_options_and_leaves_nothing(words, message, tmp_path, monkeypatch, capsys):

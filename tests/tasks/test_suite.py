@@ -10,7 +10,7 @@ from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Arena
-from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, run_task, shapes_of
+from hugwbc.tasks import TASK_NAMES, load_task, run_task, shapes_of
 from hugwbc.tasks.task import SCENES
 from hugwbc.upper_ik import UpperBodySource
 
@@ -81,16 +81,6 @@ def test_what_is_no_task_is_refused(tmp_path):
         path.write_text(text)
         with pytest.raises(ConfigError, match=message):
             load_task(str(path))
-
-
-def test_a_task_needs_milestones_and_a_limit():
-    task = load_task("push_cart")
-    fields = {name: getattr(task, name) for name in ("name", "about", "scene", "behaviour")}
-    with pytest.raises(ConfigError, match="milestones"):
-        Task(**fields, limit=10.0, milestones=())
-    for limit in (0.0, float("inf"), float("nan")):
-        with pytest.raises(ConfigError, match="limit"):
-            Task(**fields, limit=limit, milestones=(Milestone("never", lambda record: 1.0),))
 
 
 def test_every_task_has_a_row_in_the_page():

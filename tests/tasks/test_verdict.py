@@ -5,7 +5,7 @@ import pytest
 
 from hugwbc.gait import Gait
 from hugwbc.tasks import Ending, Milestone
-from hugwbc.tasks.verdict import FARTHEST, FASTEST, FELL, RAN_AWAY, SETTLED, at_end, judged, longest, stillness, within
+from hugwbc.tasks.verdict import FARTHEST, FASTEST, FELL, RAN_AWAY, SETTLED, judged, stillness, within
 
 HALF = Milestone("half of it is missing", lambda record: 0.5)
 DONE = Milestone("never missing", lambda record: 1.0)
@@ -61,17 +61,6 @@ def test_an_error_is_within_what_is_allowed_or_the_less_the_larger():
     assert within(0.1, 0.1) == 1.0 and within(0.0, 0.1) == 1.0
     assert 0.0 < within(0.4, 0.1) < within(0.2, 0.1) < 1.0
     assert within(float("nan"), 0.1) == 0.0
-
-
-def test_the_longest_time_is_that_without_a_break():
-    kept = np.array([True] * 50 + [False] + [True] * 100)
-    assert longest(kept) == pytest.approx(2.0)
-    assert longest(np.zeros(10, dtype=bool)) == 0.0
-
-
-def test_the_end_is_the_mean_of_the_last_samples():
-    values = np.concatenate((np.zeros(90), np.ones(10)))
-    assert at_end(values) == 1.0
 
 
 def _walk(record, begin, speed, told):

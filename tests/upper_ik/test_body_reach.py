@@ -78,11 +78,6 @@ def test_it_returns_to_the_command_and_leaves_everything_else(standing):
     assert np.all(np.abs(np.diff(path, axis=0)) <= np.array([0.15, 0.3, 0.6]) * DT + 1e-9)
 
 
-def test_targets_that_do_not_ask_for_the_body_leave_the_command_alone(standing):
-    plain = dataclasses.replace(LOW, whole_body=False)
-    assert BodyReach(load_robot()).update(plain, standing, Command(), DT) == Command()
-
-
 def test_bad_numbers_are_survived_and_targets_that_are_not_usable_leave_the_body_where_it_is(standing):
     reach = BodyReach(load_robot())
     low, _ = run(reach, LOW, standing, Command())

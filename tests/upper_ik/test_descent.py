@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from hugwbc.robot import load_robot
 from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal
 
@@ -52,8 +51,3 @@ def test_next_to_something_a_target_that_moves_makes_the_hand_no_faster(descent,
     inward = before + np.array([[0.0, -0.1, 0.0], [0.0, 0.0, 0.0]])
     descent.descend(Goal(inward, speed=np.array([1.0, 0.0])), DT, 1)
     assert np.linalg.norm(descent.hands - before, axis=1)[0] <= descent.stoppable(room) * DT + 1e-6
-
-
-def test_the_forearm_is_as_long_as_the_models(descent):
-    elbows = np.array([descent.elbow(hand) for hand in range(2)])
-    assert np.linalg.norm(descent.hands - elbows, axis=1) == pytest.approx([load_robot().forearm] * 2, abs=1e-3)

@@ -40,13 +40,6 @@ def test_candidates_put_the_hand_near_the_point_on_a_turned_waist_too(arm):
         assert np.abs(candidates[first] - candidates[second]).max() >= 0.8, "three that differ from each other"
 
 
-def test_of_postures_alike_the_nearest_to_the_arm_comes_first():
-    table = posture_table(load_robot())
-    for index in range(0, len(table.q), 250):
-        first = table.candidates(0, table.hands[index], 0.0, table.q[index], 1)[0]
-        assert first == pytest.approx(table.q[index])
-
-
 def test_known_postures_touch_nothing_and_are_mirror_images():
     ik, robot = ArmIK(load_robot()), load_robot()
     for left, right in zip(*seeds(robot), strict=True):
@@ -68,13 +61,6 @@ def _search(scout, robot, goal, q, ticks=300):
             return tick
         scout.advance(goal, robot.nominal)
     raise AssertionError("the search does not end")
-
-
-def test_a_target_that_the_direct_way_reaches_ends_the_search_there(robot):
-    scout, q = Scout(ArmIKConfig(), robot), robot.nominal[robot.arms]
-    _search(scout, robot, AHEAD, q)
-    assert np.all(scout.direct <= scout._descent.config.tolerance)
-    assert ArmIK(robot).hands(scout.q, 0.0) == pytest.approx(AHEAD, abs=0.01)
 
 
 def test_a_dead_end_of_the_direct_way_is_left_for_a_better_posture(robot):
@@ -156,15 +142,6 @@ def test_a_way_through_the_body_is_not_taken_and_one_around_it_is_found():
     path = drive(detours, descent, before, behind)
     assert path[-1] == pytest.approx(behind, abs=0.03)
     assert min(map(clearance, path)) > -0.02
-
-
-def test_what_is_forgotten_is_left():
-    _, _, detours = make()
-    detours.look(0, START, FORWARD, BODY)
-    detours.forget(0)
-    assert not detours.active.any()
-    detours.look(0, START, FORWARD, BODY)
-    assert detours.count == 2
 
 
 def test_a_detour_is_left_when_the_other_arm_has_come_into_its_way():

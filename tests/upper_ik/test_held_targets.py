@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc import Command, load_robot
 from hugwbc.runtime import ControlLoop, Simulation, load_controller
-from hugwbc.scripts.command_source import Constant
+from hugwbc.scripts.view import Constant
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
 from hugwbc.upper_ik.held_targets import HeldTargets

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from hugwbc import load_robot, rotations
-from hugwbc.errors import ConfigError
 from hugwbc.kinematics import Kinematics
-from hugwbc.mirror import load_mirror
+from hugwbc.robot import load_mirror
 from hugwbc.scripts.script import load_script
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, ArmIKConfig
@@ -171,7 +170,7 @@ def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_sta
                 clearance.append(probe.clearance(q).min())
         assert np.all(solution.residual < 0.025)
     assert len(postures) == 25
-    assert ik.detours > 5, "the sample must contain dead ends"
+    assert ik._detours.count > 5, "the sample must contain dead ends"
     assert min(clearance) > -0.02, "soft: a moving forearm may graze the trunk, not go through it"
     assert ik.failures == ik.without_collisions == 0
 
@@ -182,7 +181,7 @@ def test_a_detour_ends_once(ik, nominal_state):
     converge(ik, targets, nominal_state, seconds=8.0)
     hands = ik.hands(ik.q, 0.0).copy()
     solution = converge(ik, targets, nominal_state, seconds=2.0)
-    assert ik.detours == 1
+    assert ik._detours.count == 1
     assert ik.hands(solution.q, 0.0) == pytest.approx(hands, abs=1e-3)
     assert np.abs(solution.dq).max() < 0.05, "at most the elbow drifts towards its posture"
     assert solution.reachable.tolist() == [False, True]
@@ -200,7 +199,7 @@ def test_a_way_round_that_is_refused_is_not_taken_for_a_motion_of_the_hand(nomin
     monkeypatch.setattr(ik, "_carried", lambda *args: carried.append(speed(*args)) or carried[-1])
     while len(looked) < 3:
         ik.solve(HandTargets(np.array([-0.04, -0.04, -0.13]), None), nominal_state, 0.01)
-    assert ik.detours == 1
+    assert ik._detours.count == 1
     assert not np.any(carried)
 
 
@@ -215,7 +214,7 @@ def test_a_search_that_fails_costs_the_arm_no_step(nominal_state, monkeypatch):
         solution = ik.solve(far, nominal_state, DT)
         assert solution.ok
         assert solution.q == pytest.approx(searching.solve(far, nominal_state, DT).q)
-    assert ik.failures > 5 and searching.failures == searching.detours == 0
+    assert ik.failures > 5 and searching.failures == searching._detours.count == 0
 
 
 INSIDE = [
@@ -242,18 +241,24 @@ def test_forearms_stay_out_of_the_body_and_off_each_other(robot, targets):
     assert ik.clearance(solution.q).min() < -0.005, "without it they would not"
 
 
+def pointing(ik, q):
+    """Unit vectors from elbows to hands in the pelvis frame, shape (2, 3)."""
+    forearms = ik.hands(q, 0.0) - np.array([ik._descent.elbow(hand) for hand in range(2)])
+    return forearms / np.linalg.norm(forearms, axis=1, keepdims=True)
+
+
 def test_a_forearm_turns_towards_its_direction_once_the_hand_is_in_place(nominal_state):
     inward = np.array([0.0, -1.0, 0.0])
     plain = converge(ArmIK(load_robot()), HandTargets(*COMFORTABLE), nominal_state)
     targets = HandTargets.of(*COMFORTABLE, left_direction=inward)
     solution = converge(ArmIK(load_robot()), targets, nominal_state)
     probe = ArmIK(load_robot())
-    angle = [np.arccos(probe.pointing(s.q, 0.0)[0] @ inward) for s in (plain, solution)]
+    angle = [np.arccos(pointing(probe, s.q)[0] @ inward) for s in (plain, solution)]
     assert angle[1] < angle[0] - 0.2
     assert np.all(solution.residual < [0.004, 5e-4])
     assert solution.q[4:] == pytest.approx(plain.q[4:], abs=1e-3), "the other arm does not care"
     # A direction that the arm has at its target already leaves everything as it is.
-    same = HandTargets.of(*COMFORTABLE, left_direction=probe.pointing(plain.q, 0.0)[0])
+    same = HandTargets.of(*COMFORTABLE, left_direction=pointing(probe, plain.q)[0])
     assert converge(ArmIK(load_robot()), same, nominal_state).q == pytest.approx(plain.q, abs=5e-3)
 
 
@@ -377,14 +382,6 @@ def test_the_script_stays_comfortably_within_reach(ik, robot):
         assert np.all(np.linalg.norm(hands.array() - turned, axis=1) < 0.9 * 0.613)
 
 
-@pytest.mark.parametrize("field", ["limit_margin", "hand_speed", "posture_weight", "damping", "tolerance"])
-def test_config_refuses_nonsense(field):
-    with pytest.raises(ConfigError, match=f"ArmIKConfig.{field} is"):
-        ArmIKConfig(**{field: math.nan})
-    with pytest.raises(ConfigError, match="speed_fraction"):
-        ArmIKConfig(speed_fraction=1.5)
-
-
 def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_state):
     """Otherwise an episode would depend on the ones before it."""
     awkward = HandTargets.of((-0.385, 0.488, 0.987), None)  # behind the head, where the direct way ends short of it
@@ -397,9 +394,9 @@ def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_sta
     used.reset(robot.nominal[robot.arms])
     for _ in range(30):
         used.solve(HandTargets.of((0.2, 0.3, 1.0), (0.1, 0.35, 0.2)), nominal_state, 0.02)
-    before = used.detours
+    before = used._detours.count
     assert np.array_equal(path(used), path(ArmIK(robot)))
-    assert used.detours > before
+    assert used._detours.count > before
 
 
 def test_a_loop_that_paused_for_long_goes_on_at_once(ik, robot, nominal_state):

@@ -197,17 +197,6 @@ def test_a_stream_that_dries_up_holds_then_returns_to_the_controller(nominal_sta
     assert arms_of(source, state, fresh, own).indicator, "a stream that comes back takes the arms again"
 
 
-def test_takeover_starts_where_the_command_was_and_ends_there(source, nominal_state):
-    first = arms_of(source, nominal_state, HANDS, ARMS)
-    assert first.q == pytest.approx(ARMS, abs=1e-3)
-    for _ in range(100):
-        body = arms_of(source, nominal_state, HANDS)
-    assert np.abs(body.q - ARMS).max() > 0.1
-    while (body := arms_of(source, nominal_state, None)).indicator:
-        last = body
-    assert last.q == pytest.approx(ARMS)
-
-
 def test_soft_arms_follow_the_script_within_a_centimetre(robot, hanging):
     """Pelvis held: 1 cm with the servo, more than 2 cm with the paper's gains alone."""
     script = load_script("loco_manipulation")

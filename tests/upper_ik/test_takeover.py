@@ -30,16 +30,6 @@ def test_takeover_blends_from_the_start_to_the_target(takeover):
     assert bodies[-1].q == pytest.approx(ARMS)
 
 
-def test_a_jump_of_the_target_becomes_a_ramp_within_the_limits(takeover):
-    run(takeover, np.zeros(8), 0.5, start=np.zeros(8))
-    bodies = [takeover.follow(np.full(8, 1.0), np.zeros(8), DT) for _ in range(40)]
-    dq = np.array([np.zeros(8), *(body.dq for body in bodies)])
-    assert np.abs(dq).max(axis=0)[:2] == pytest.approx(0.5 * LIMIT[:2]), "the slow joints get to half of their speed"
-    assert np.all(np.abs(np.diff(dq, axis=0)) <= 100.0 * DT + 1e-9)
-    assert bodies[-1].q == pytest.approx(np.ones(8))
-    assert max(body.q.max() for body in bodies) < 1.0 + 1e-9, "no overshoot"
-
-
 def test_hand_back_returns_before_the_mask_clears(takeover):
     own = np.full(8, 0.2)
     run(takeover, ARMS, 1.0, start=own)
@@ -68,7 +58,6 @@ def test_unusable_targets_hold_and_are_counted(takeover, q, dt):
     body = takeover.follow(q, np.zeros(8), dt)
     assert body.q == pytest.approx(last.q + body.dq * (DT if dt == DT else 0.0))
     assert np.all(np.abs(body.dq) <= np.maximum(np.abs(last.dq) - 100.0 * DT, 0.0) + 1e-9), "on its way to rest"
-    assert takeover.held == 1
 
 
 def test_a_takeover_after_a_reset_begins_where_the_first_one_did(robot):

@@ -67,14 +67,14 @@ def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> R
 
 
 def clock_phases(gait: Gait, frequency: float, offset: float, samples: int) -> np.ndarray:
-    """Return the homogenised phases of both feet at the samples of an episode, shape (samples, 2)."""
+    """Return the phases of both feet at the samples of an episode, shape (samples, 2)."""
     phase = gaits.advance_phase(np.full(samples, offset), frequency * np.arange(samples), RECORD_PERIOD)
-    return gaits.homogenised_phase(gaits.foot_phases(phase, np.full(samples, int(gait))))
+    return gaits.foot_phases(phase, np.full(samples, int(gait)))
 
 
 def fit_clock(contact: np.ndarray, gait: Gait, frequency: float) -> tuple[float, float]:
     """Return the clock's offset [cycles] that agrees best with contacts (T, 2), and the part of samples that agree."""
-    # A foot should be on the ground in the first half of its homogenised cycle.
+    # A foot should be on the ground in the first half of its cycle.
     stance = [clock_phases(gait, frequency, offset, len(contact)) < 0.5 for offset in _OFFSETS]
     agreement = [float(np.mean(expected == contact)) for expected in stance]
     best = int(np.argmax(agreement))

@@ -15,7 +15,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import Count, Positive, check_each_once, settings
 from hugwbc.sim import Simulation
 from hugwbc.tasks.run_task import run_task
-from hugwbc.tasks.suite import TASK_NAMES, load_task
+from hugwbc.tasks.task import TASK_NAMES, load_task
 from hugwbc.tasks.verdict import stillness
 
 LONGEST = 120.0  # [s]; every task has a limit of its own below it

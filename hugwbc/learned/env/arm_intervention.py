@@ -13,8 +13,7 @@ import numpy as np
 import torch
 
 from hugwbc.learned.env.randomization import rand, randint
-from hugwbc.mirror import load_mirror
-from hugwbc.robot import Robot
+from hugwbc.robot import Robot, load_mirror
 from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
 from hugwbc.sim.batch import RobotBatch
 

@@ -39,7 +39,7 @@ from hugwbc.learned.policy.terms import (
 from hugwbc.robot import load_robot
 from hugwbc.sim.arena import DRIVES
 from hugwbc.sim.batch import BatchSimulation, RobotBatch
-from hugwbc.sim.ground import Ground
+from hugwbc.sim.terrain import Ground
 
 GENERATED_MOTIONS_SEED = 0
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
@@ -261,7 +261,7 @@ class HumanoidEnv:
         self.bias = self.bias + self.dt / BIAS_TIME * (torch.nan_to_num(error) - self.bias)
 
     def _transition(self, previous: Readings, fallen: torch.Tensor) -> Transition:
-        bar_phase = gaits.homogenised_phase(gaits.foot_phases(self.phase, self.gait))  # of both feet
+        feet = gaits.foot_phases(self.phase, self.gait)  # of both feet
         return Transition.between(
             previous,
             self.readings,
@@ -271,10 +271,10 @@ class HumanoidEnv:
             action=self.actions[0],
             previous_action=self.actions[1],
             older_action=self.actions[2],
-            target_clearance=gaits.swing_height(bar_phase, self.command[:, [_L]]),
-            contact=gaits.expected_contact(bar_phase),
+            target_clearance=gaits.swing_height(feet, self.command[:, [_L]]),
+            contact=gaits.expected_contact(feet),
             bounce=torch.stack(gaits.bounce(self.phase, self.gait, self.command[:, _F]), dim=1),
-            in_phase=bar_phase[:, 0] == bar_phase[:, 1],
+            in_phase=feet[:, 0] == feet[:, 1],
             intervention=self.intervention.active,
             fallen=fallen,
         )

@@ -89,7 +89,7 @@ class Transition:
         target_clearance: swing profile of both feet, shape (n, 2).
         contact: expected contact C of both feet, shape (n, 2).
         bounce: height and speed of the flight of jumps and hops by the clock (`hugwbc.gait.bounce`), shape (n, 2).
-        in_phase: whether both feet have the same homogenised phase, shape (n,), bool.
+        in_phase: whether both feet have the same phase, shape (n,), bool.
         intervention: the paper's I(t), shape (n,), bool.
         fallen: whether the episode ends early, shape (n,), bool.
     """

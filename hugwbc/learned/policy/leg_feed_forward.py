@@ -16,9 +16,9 @@ import math
 import numpy as np
 
 from hugwbc import gait as gaits
-from hugwbc.arrays import Array, Place, double, namespace
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.policy.contract import Contract
+from hugwbc.numeric import Array, Place, double, namespace
 from hugwbc.robot import Robot
 
 HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward follows the commands
@@ -85,7 +85,7 @@ def _clip(values: Array, low: Array | float, high: Array | float) -> Array:
 def swing_clearance(phase: Array, gait: Array, command: Array, period: float) -> Array:
     """Return the clearance of both soles [m], shape (n, 2), at the end of a period [s] that begins at a phase."""
     later = gaits.advance_phase(phase, command[:, _F], period)
-    return gaits.swing_height(gaits.homogenised_phase(gaits.foot_phases(double(later), gait)), command[:, _L : _L + 1])
+    return gaits.swing_height(gaits.foot_phases(double(later), gait), command[:, _L : _L + 1])
 
 
 class CommandFeedForward:

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hugwbc import gait as gaits
-from hugwbc.arrays import Array, double, namespace, single
-from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.commands import COMMAND_NAMES, COMMAND_SIGNS, command_ranges
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
-from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, VECTOR_SIGNS, load_mirror
-from hugwbc.robot import Robot, other_side
+from hugwbc.numeric import Array, double, namespace, single
+from hugwbc.robot import Robot, load_mirror, other_side
+from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 
 _VECTOR, _AXIAL = tuple(VECTOR_SIGNS.tolist()), tuple(AXIAL_SIGNS.tolist())
 _ROWS, _SEED = 64, 0  # of the made-up robots on which a term is tried
@@ -108,8 +108,8 @@ class Sensed:
 
     @functools.cached_property
     def feet(self) -> Array:
-        """Homogenised phases of the left and the right foot, shape (n, 2)."""
-        return gaits.homogenised_phase(gaits.foot_phases(double(self.phase), self.gait))
+        """Phases of the left and the right foot, shape (n, 2)."""
+        return gaits.foot_phases(double(self.phase), self.gait)
 
     @functools.cached_property
     def on_cpu(self) -> "Sensed":
@@ -150,7 +150,7 @@ class ObservationTerm(Part):
     Attributes:
         read: returns the numbers in physical units, shape (n, size), each row of the same row of `Sensed` alone. It
             keeps nothing between calls.
-        tensors: whether `read` takes torch tensors as well (`hugwbc.arrays`). Otherwise it gets NumPy arrays in
+        tensors: whether `read` takes torch tensors as well (`hugwbc.numeric`). Otherwise it gets NumPy arrays in
             training too, which on a GPU go to the processor and back.
     """
 

@@ -6,8 +6,7 @@ from hugwbc.sim.scenes.jointed import Button, Door, Drawer
 from hugwbc.sim.scenes.mjcf_file import Mjcf
 from hugwbc.sim.scenes.movable import Box, Cart, Cylinder, Tray
 from hugwbc.sim.scenes.objects import Objects, ObjectState, SceneObjects
-from hugwbc.sim.scenes.scene import Scene
-from hugwbc.sim.scenes.scene_file import SCENE_NAMES, load_scene
+from hugwbc.sim.scenes.scene import SCENE_NAMES, Scene, load_scene
 from hugwbc.sim.scenes.thing import Thing
 from hugwbc.sim.scenes.varied import Choice, Uniform
 

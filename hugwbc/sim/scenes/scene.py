@@ -1,8 +1,28 @@
-"""A scene: the objects around a robot, and how they differ from episode to episode."""
+"""A scene: the objects around a robot, and how they differ from episode to episode, declared here or in a YAML file.
+
+    about: A box on a table, and a door to push open.
+    robot: h1                     # optional, like ground: the arena's
+    ground: firm
+    objects:
+      - {kind: table, name: desk, position: [0.9, 0], height: {uniform: [0.7, 0.95]}}
+      - kind: box
+        name: parcel
+        on: desk                  # position and yaw are then relative to the middle of its top
+        position: [-0.1, 0]
+        size: [0.3, 0.25, 0.2]
+        mass: {uniform: [0.5, 3]}
+        colour: {choice: ["#c8a165", "#7fa3c7"]}
+      - {kind: door, name: exit, hinge: left, position: [3, 0], closer: {uniform: [5, 15]}}
+      - {name: kitchen, mjcf: my_kitchen.xml, position: [2, 3], yaw: 1.57}
+
+The kinds are the classes of `sim.scenes`, with their fields. Every number may be `{uniform: [low, high]}` or
+`{choice: [a, b]}`, every colour a choice. Paths of MJCF files are relative to the scene. YAML anchors may repeat parts.
+"""
 
 import dataclasses
 import functools
 import itertools
+import pathlib
 import zlib
 from collections.abc import Iterator, Mapping
 from typing import Annotated
@@ -14,12 +34,12 @@ from pydantic import Field, PlainValidator, TypeAdapter, ValidationInfo
 from hugwbc.errors import ConfigError, SceneError, UnknownNameError
 from hugwbc.robot import robot_names, robot_table
 from hugwbc.settings import RobotName, one_of, refusing, settings
-from hugwbc.sim.ground import GROUNDS
+from hugwbc.settings_file import load, named_path, shipped_names
 from hugwbc.sim.scenes import furniture, jointed, movable
 from hugwbc.sim.scenes.mjcf_file import Mjcf
 from hugwbc.sim.scenes.thing import Placement, Thing
 from hugwbc.sim.scenes.varied import settled
-from hugwbc.sim.terrain import HeightField
+from hugwbc.sim.terrain import GROUNDS, HeightField
 from hugwbc.targets import HAND_FRAMES
 
 OVERLAP = 0.001  # [m]; objects that are deeper than this in each other at the start are refused
@@ -32,6 +52,8 @@ KINDS: dict[str, type[Thing]] = {
     )
 }  # fmt: skip
 """The kinds that a scene's file may name."""
+_FOLDER = pathlib.Path(__file__).parent
+SCENE_NAMES = shipped_names(_FOLDER)
 _FLOOR = "floor"
 
 
@@ -206,3 +228,8 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData, ones: list[int], others: 
         if apart < model.geom_rbound[one] + model.geom_rbound[other]:
             deepest = max(deepest, -mujoco.mj_geomDistance(model, data, one, other, 1.0, points))
     return deepest
+
+
+def load_scene(name: str | pathlib.Path) -> Scene:
+    """Load a shipped scene, one of `SCENE_NAMES`, or a scene from a path that ends in .yaml or .yml."""
+    return load(Scene, named_path("scene", name, _FOLDER))

@@ -14,8 +14,7 @@ from hugwbc.learned.env.arm_intervention import (
     NoiseTargets,
     make_arm_targets,
 )
-from hugwbc.mirror import Mirror
-from hugwbc.robot import load_robot
+from hugwbc.robot import load_mirror, load_robot
 from hugwbc.scripts.motion import MOTION_FPS, ArmMotion, arm_noise_range, generate_motions
 from hugwbc.sim.batch import BatchSimulation
 
@@ -88,7 +87,7 @@ def test_paired_noise_is_mirror_symmetric() -> None:
     source = NoiseTargets(ROBOT, 400, 90, generator(), paired=0.5)
     targets = source._target.double().numpy()
     robot = load_robot()
-    image = Mirror.of(robot).arms(targets, robot)
+    image = load_mirror(robot).arms(targets, robot)
     symmetric = np.abs(targets - image).max(axis=1) < 1e-6
     assert 150 < symmetric.sum() < 250
     low, high = arm_noise_range(ROBOT)

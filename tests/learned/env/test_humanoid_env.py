@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from hugwbc.commands import COMMAND_SIGNS
 from hugwbc.errors import UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
@@ -12,9 +13,10 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import read
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.terms import ACTION, COMMAND, CRITIC_CORE, ESTIMATE, HISTORY, size_of
-from hugwbc.mirror import AXIAL_SIGNS, COMMAND_SIGNS, QUATERNION_SIGNS, VECTOR_SIGNS, load_mirror
-from hugwbc.robot import load_robot
+from hugwbc.robot import load_mirror, load_robot
+from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 from hugwbc.state import RobotState
+from tests.conftest import QUATERNION_SIGNS
 
 
 def run(env: HumanoidEnv, steps: int, seed: int = 0) -> None:

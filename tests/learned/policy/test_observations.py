@@ -19,9 +19,9 @@ from hugwbc.learned.policy.terms import (
     observe,
     size_of,
 )
-from hugwbc.mirror import load_mirror, mirror_command
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot, load_mirror, load_robot
 from hugwbc.state import RobotState
+from tests.conftest import mirror_command, mirror_state
 
 ROBOT, G1 = load_robot(), load_robot("g1")
 
@@ -66,7 +66,7 @@ def test_mirror_of_a_frame_is_the_frame_of_the_mirrored_robot(robot: Robot) -> N
     mirror = load_mirror(robot)
     for _ in range(20):
         state, action = random_frame(rng, len(robot.joint_names))
-        expected = frame_of(mirror.state(state), mirror.joints(action), robot).repeat(1, HISTORY_FRAMES)
+        expected = frame_of(mirror_state(state, mirror), mirror.joints(action), robot).repeat(1, HISTORY_FRAMES)
         history = frame_of(state, action, robot).repeat(1, HISTORY_FRAMES)
         torch.testing.assert_close(obs.mirror(HISTORY, robot)(history), expected)
         torch.testing.assert_close(

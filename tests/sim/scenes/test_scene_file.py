@@ -129,26 +129,11 @@ def test_a_name_or_a_file_is_loaded(tmp_path: pathlib.Path) -> None:
         load_scene(tmp_path / "none.yaml")
 
 
-# What is no scene; `KEY` stands for objects. A scene may be empty: `KEY: []` is one.
-TEXTS = (
-    "", "# hi", "null", "~", "3", "hello", "- a\n- b", "KEY", "KEY:", "KEY: 3", "KEY: {}", "KEY: {a: b}",
-    "KEY: [null]", "KEY: [[]]", "KEY: [[a]]", "KEY: [3]", "KEY: [{}]", "KEY: [{a: {}, b: {}}]", "KEY: [{[a]: b}]",
-    "KEY:\n\t- a", "KEY: [a", "KEY: {a", "KEY: 'a", "KEY: *nope", "KEY: &o [*o]", "&r {KEY: [*r]}", "&r {KEY: *r}",
-    "KEY: [a]\n---\nKEY: [a]", "KEY: [a]\nKEY: [a]", "? [a]\n: b", "{{a: b}: c}", "~: 3", "3: 3", "<<: {KEY: [a]}",
-    "!!python/object:os.system {}", "KEY: !!python/object/apply:os.system [ls]", "KEY: [!kg 3]", "KEY: !e!x []",
-    "KEY: !!set {a}", "KEY: !!omap [a: b]", "KEY: !!binary aGk=", "KEY: !<%zz> []", "%YAML 9.9\n---\nKEY: []",
-    "KEY: " + "[" * 3000, "KEY: " + "[" * 3000 + "]" * 3000, "{a: " * 3000, "- " * 3000, "KEY: [" + "a, " * 2000 + "a]",
-    "KEY: [\x01]", "KEY:\x00", "about: \"\\e[31m\"", "about: \"\\ud800\"", "about: \"\\U00110000\"",
-    "about: \"\\UFFFFFFFF\"", "about: \"\\q\"", "about: [a]", "about:", "about: {a: b}", "x" * 20000 + ": 3",
-    "%YAML " + "9" * 5000 + ".1\n---\nKEY: []",
-    "a: &a [x, x]\n" + "\n".join(f"b{i}: &b{i} [*a, *a]" for i in range(9)) + "\nKEY: *b8",
-)  # fmt: skip
-
 OBJECTS = (
-    "box", "[box]", "", "{name: a}", "{kind: bx, name: a}", "{kind: , name: a}", "{kind: [box], name: a}",
-    "{kind: mjcf, name: a}", "{Kind: box, name: a}", "{kind: box, name: a}", "{kind: box, nam: a, size: [1, 1, 1]}",
+    "[box]", "", "{kind: , name: a}", "{kind: [box], name: a}",
+    "{kind: mjcf, name: a}", "{Kind: box, name: a}", "{kind: box, nam: a, size: [1, 1, 1]}",
     "{kind: box, name: a, size: [1, 1, 1], movable: false}", "{kind: door, name: a, position: [5, 0]}",
-    "{kind: door, name: a, position: [5, 0], hinge: top}", "{kind: door, name: a, position: [5, 0], hinge: }",
+    "{kind: door, name: a, position: [5, 0], hinge: }",
     "{kind: door, name: a, position: [5, 0], hinge: {choice: [left]}}", "{name: a, mjcf: none.xml}",
     "{name: a, mjcf: .}", "{name: a, mjcf: /dev/zero}", '{name: a, mjcf: "a\\0b"}', "{name: a, mjcf: [b]}",
     "{name: a, mjcf: /etc/passwd}", "{mjcf: scene.yaml}", "{name: a, mjcf: " + "a" * 5000 + "}",
@@ -188,11 +173,6 @@ def refused(text: str, line: int | None = None) -> str:
     assert line is None or int(found[1]) == line, message
     assert message.isprintable() and len(message) < 2000
     return message
-
-
-@pytest.mark.parametrize("text", TEXTS, ids=range(len(TEXTS)))
-def test_what_is_no_scene(text: str) -> None:
-    refused(text.replace("KEY", "objects"))
 
 
 @pytest.mark.parametrize("text", OBJECTS, ids=range(len(OBJECTS)))
