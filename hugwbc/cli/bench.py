@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hugwbc.benchmarks.suite import BenchFigures, BenchSettings, measure_training, run_benchmarks
 from hugwbc.cli.output import check_writable, parse, progress, say, write_json
-from hugwbc.evaluation.tables import format_table
+from hugwbc.evaluation.tables import Cell, format_table
 from hugwbc.settings import settings
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _training(speeds: Sequence["TrainingSpeed"], threads: int) -> str:
 
 
 def _describe(figures: BenchFigures) -> str:
-    rows: list[tuple[object, ...]] = [
+    rows: list[tuple[Cell, ...]] = [
         (f"qp, {gait}", *speed.tick_ms.values(), *speed.cpu_ms.values()) for gait, speed in figures.qp.items()
     ]
     for name, tick in (("policy", figures.policy_tick_ms), ("ik", figures.ik_tick_ms)):
