@@ -39,13 +39,13 @@ def run(words: Sequence[str]) -> int:
 
 
 def _policy(name_or_path: str) -> int:
-    from hugwbc.evaluation.tables import format_table
+    from hugwbc.evaluation.tables import Cell, format_table
     from hugwbc.learned.recipe.ancestry import verify
 
     records, problems = verify(name_or_path)
     if records:
         headings = ("stage", "kind", "steps", "discarded", "core-hours", "seed", "commit", "from", "wrote")
-        rows: list[tuple[object, ...]] = [
+        rows: list[tuple[Cell, ...]] = [
             (
                 one.stage,
                 one.kind,
