@@ -193,13 +193,9 @@ class Intervention:
         self.active = (self.active ^ flip) & self.eligible
         self.source.step()
 
-    def targets(self) -> torch.Tensor:
-        """Return the external targets of the arms [rad], shape (n, arm joints)."""
-        return self.source.targets()
-
     def blend(self, policy: torch.Tensor) -> torch.Tensor:
         """Blend the external targets into the policy's where I = 1, both [rad], shape (n, arm joints)."""
-        blended = self.alpha * self.targets() + (1.0 - self.alpha) * policy
+        blended = self.alpha * self.source.targets() + (1.0 - self.alpha) * policy
         return torch.where(self.active[:, None], blended, policy)
 
     def state_dict(self) -> dict[str, torch.Tensor]:

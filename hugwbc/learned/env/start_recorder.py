@@ -109,7 +109,7 @@ def record_starts(
 
 def _actions(env: HumanoidEnv, teachers: list[Teacher], damping: np.ndarray) -> torch.Tensor:
     """Return the controllers' actions, shape (n, joints); robots take the phase of stepping controllers."""
-    arms, active = env.intervention.targets().double().numpy(), env.intervention.active.numpy()
+    arms, active = env.intervention.source.targets().double().numpy(), env.intervention.active.numpy()
     base = env.next_feed_forward().double().numpy()
     targets = np.zeros((env.count, len(env.robot.joint_names)))
     for i, state in enumerate(env.simulation.states()):

@@ -55,12 +55,12 @@ def test_only_eligible_robots_are_intervened() -> None:
 
 
 def test_blend_follows_alpha_under_intervention_only() -> None:
-    source = make(2)
-    source.active = torch.tensor([True, False])
-    source.alpha = 0.25
+    intervention = make(2)
+    intervention.active = torch.tensor([True, False])
+    intervention.alpha = 0.25
     policy = torch.ones(2, 8)
-    blended = source.blend(policy)
-    torch.testing.assert_close(blended[0], 0.25 * source.targets()[0] + 0.75)
+    blended = intervention.blend(policy)
+    torch.testing.assert_close(blended[0], 0.25 * intervention.source.targets()[0] + 0.75)
     torch.testing.assert_close(blended[1], policy[1])
 
 

@@ -192,7 +192,7 @@ def test_intervened_arms_receive_the_noise_targets(small_env: HumanoidEnv) -> No
     small_env.step(torch.zeros(8, 19))
     arms = small_env.robot.arms
     ctrl = small_env.simulation.ctrl[:, arms].float()
-    torch.testing.assert_close(ctrl[4:], small_env.intervention.targets()[4:])
+    torch.testing.assert_close(ctrl[4:], small_env.intervention.source.targets()[4:])
     torch.testing.assert_close(ctrl[:4], torch.tensor(small_env.robot.nominal[arms]).float().expand(4, 8))
 
 
