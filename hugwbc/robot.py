@@ -176,12 +176,9 @@ class Robot:
         """
         return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
-    def with_ideal_drives(self) -> "Robot":
-        """Return the robot with ideal drives, without friction and delay, as controllers are told it."""
-        return self._with_ideal_drives
-
     @functools.cached_property
-    def _with_ideal_drives(self) -> "Robot":
+    def with_ideal_drives(self) -> "Robot":
+        """The robot with ideal drives, without friction and delay, as controllers are told it."""
         none = _frozen(np.zeros_like(self.friction))
         return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
 

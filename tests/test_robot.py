@@ -118,8 +118,8 @@ def test_drives_by_joint(robot) -> None:
 
 
 def test_ideal_drives_have_no_friction_and_everything_else_is_the_same(robot) -> None:
-    ideal = robot.with_ideal_drives()
-    assert ideal is robot.with_ideal_drives() and (ideal.name, ideal.mass) == (robot.name, robot.mass)
+    ideal = robot.with_ideal_drives
+    assert ideal is robot.with_ideal_drives and (ideal.name, ideal.mass) == (robot.name, robot.mass)
     assert not ideal.friction_torque(np.ones(19)).any() and robot.friction_torque(np.ones(19)).all()
     assert ideal.command_delay == 0.0 < robot.command_delay
     np.testing.assert_array_equal(ideal.armature, robot.armature)

@@ -27,7 +27,7 @@ from hugwbc.files import digest
 from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
 from hugwbc.robot import DEFAULT_ROBOT, Robot
 from hugwbc.settings import check_each_once
-from hugwbc.sim.arena import DEFAULT_DRIVES, Arena, known_robot
+from hugwbc.sim.arena import DEFAULT_DRIVES, Arena
 from hugwbc.state import RobotState
 
 GROUP = "hugwbc.controllers"
@@ -217,7 +217,7 @@ class ControllerSpec:
     @property
     def _known_robot(self) -> Robot:
         """What the controller is told of the robot."""
-        return known_robot(self.robot or DEFAULT_ROBOT, self.drives or DEFAULT_DRIVES)
+        return Arena(self.robot or DEFAULT_ROBOT, self.drives or DEFAULT_DRIVES).known_robot
 
     @property
     def label(self) -> str:

@@ -53,7 +53,7 @@ class Actuators:
 
     def known_robot(self, robot: Robot) -> Robot:
         """Return the robot as known to a controller or estimator that is told these drives."""
-        return robot if self.friction > 0.0 else robot.with_ideal_drives()
+        return robot if self.friction > 0.0 else robot.with_ideal_drives
 
     def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set friction and reflected inertia of the joints of a newly compiled model."""

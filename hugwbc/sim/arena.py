@@ -29,13 +29,6 @@ DRIVES = {DEFAULT_DRIVES: Actuators(), "ideal": Actuators.ideal()}
 EngineT = TypeVar("EngineT", bound=Engine)
 
 
-def known_robot(robot: str = DEFAULT_ROBOT, drives: str = DEFAULT_DRIVES) -> Robot:
-    """Return the robot with its drives, by their names, as known to a controller or estimator."""
-    if drives not in DRIVES:
-        raise UnknownNameError("drives", drives, DRIVES)
-    return DRIVES[drives].known_robot(load_robot(robot))
-
-
 class EpisodeOptions(TypedDict, total=False):
     """What may differ between the episodes in one arena; see the constructor of `Engine`."""
 
@@ -66,7 +59,9 @@ class Arena:
     ground: str = GROUNDS[0]
 
     def __post_init__(self) -> None:
-        known_robot(self.robot, self.drives)
+        if self.drives not in DRIVES:
+            raise UnknownNameError("drives", self.drives, DRIVES)
+        load_robot(self.robot)
         sensor_profile(self.sensing)
         Ground.named(self.ground)
 
@@ -96,7 +91,7 @@ class Arena:
     @property
     def known_robot(self) -> Robot:
         """The robot as known to a controller or estimator that is told the arena's."""
-        return known_robot(self.robot, self.drives)
+        return self.actuators.known_robot(load_robot(self.robot))
 
     @property
     def actuators(self) -> Actuators:

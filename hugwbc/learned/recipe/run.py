@@ -197,7 +197,7 @@ class _Work:
             self.report(self.name, {"progress": fraction})
 
         robot = load_robot(config.env.robot)
-        teacher = self.services.teacher(robot if config.env.drives == "real" else robot.with_ideal_drives())
+        teacher = self.services.teacher(robot if config.env.drives == "real" else robot.with_ideal_drives)
         recorder = record_starts(config, teacher, report)
         recorder.save(self.folder / STARTS)
         return 0.0, 0.0, {"states": float(recorder.count)}
