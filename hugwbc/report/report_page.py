@@ -14,7 +14,7 @@ from hugwbc.files import write_whole
 from hugwbc.report import page
 from hugwbc.viz.framing import LABEL_COLOURS
 
-TITLE = "Whole-body control of the Unitree H1"
+TITLE = "Whole-body control of humanoid robots"
 LEGEND = (
     "A cell has the mean over episodes and its 95 % bootstrap interval; falls have a score interval. 'worse' marks "
     "what is worse than the paper's figure by more than that interval, 'worse?' by less. Below a quantity stands its "
