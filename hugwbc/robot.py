@@ -1,38 +1,20 @@
 """Robots as data: names, parts, limits, gains, drives and dimensions, read from tables `models/NAME/NAME.yaml`."""
 
-import copy
 import dataclasses
 import functools
 import math
 import pathlib
-import re
 import runpy
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.robot_tables import DEFAULT_ROBOT, malformed, models_dir, robot_names, robot_table, table_file
 from hugwbc.rotations import AXIAL_SIGNS
 from hugwbc.state import GRAVITY
-from hugwbc.table_defaults import SIDES as SIDES, check_roles, complete, complete_drive, describe, other_side, placement
-
-DEFAULT_ROBOT = "h1"
-
-
-def models_dir() -> pathlib.Path:
-    """Return the folder of the robots' folders: inside an installed package, or next to it in a source checkout.
-
-    Raises:
-        ModelError: if neither exists.
-    """
-    package = pathlib.Path(__file__).parent
-    for candidate in (package / "models", package.parent / "models"):
-        if (candidate / DEFAULT_ROBOT).is_dir():
-            return candidate
-    raise ModelError(f"models was found neither in {package} nor next to it; reinstall hugwbc with its models")
-
+from hugwbc.table_defaults import SIDES as SIDES, other_side, placement
 
 FRICTION_SPEED = 0.2  # [rad/s] at which three quarters of the Coulomb friction act
 
@@ -246,97 +228,6 @@ def _frozen(values: Sequence[Any] | np.ndarray) -> np.ndarray:
     return array
 
 
-def robot_names() -> tuple[str, ...]:
-    """Return the names of all robots in the folder of models, the default first."""
-    return tuple(_tables())
-
-
-def _tables() -> dict[str, pathlib.Path]:
-    """Return the file that describes each robot: NAME/NAME.yaml has NAME, and others as lists of differences."""
-    files = sorted(path for path in models_dir().glob("*/*.yaml") if path.stem == path.parent.name)
-    files.sort(key=lambda path: path.stem != DEFAULT_ROBOT)
-    return {name: path for path in files for name in (path.stem, *_read_table(path).get("robots", ()))}
-
-
-def table_file(name: str) -> pathlib.Path:
-    """Return the file that describes a robot, given its name, the file's own path, or that of its folder."""
-    if name in (tables := _tables()):
-        return tables[name]
-    path = pathlib.Path(name)
-    path = path / f"{path.resolve().name}.yaml" if path.is_dir() else path
-    if path.suffix == ".yaml" and path.is_file():
-        return path.resolve()
-    raise UnknownNameError("robot", name, (*tables, "the path of a table, NAME/NAME.yaml"))
-
-
-def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
-    """Return the table of a robot: with its description, its differences, its drives' figures at their joints.
-
-    Args:
-        name: see `load_robot`.
-
-    Raises:
-        ModelError: if the table or one of its fields is missing.
-    """
-    return copy.deepcopy(_robot_table(name))
-
-
-@functools.cache
-def _robot_table(name: str) -> dict[str, Any]:
-    file = table_file(name)
-    label = name if name in robot_names() else file.stem
-    table = copy.deepcopy(_read_table(file))
-    difference = table.pop("robots", {}).get(label, {})
-    try:
-        description = file.parent / table["description"] if "description" in table else None
-        if description is not None:
-            describe(table, description)
-        _assign_drives(table)
-        for joint in table["joints"]:
-            joint.setdefault("policy_torque_limit", joint["effort"])
-            joint.update({"armature": difference["armature"]} if "armature" in difference else {})
-            joint.update(difference.get("joints", {}).get(joint["name"], {}))
-        for link in table["links"]:
-            link.update(difference.get("links", {}).get(link["name"], {}))
-        check_roles(table)
-        complete(table, description)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise _missing(file, error) from error
-    return {"name": label, **table}
-
-
-class _Loader(yaml.CSafeLoader):
-    """Reads 1e-5 as a number too, which YAML 1.1 takes for a text."""
-
-
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[\d.]+[eE][-+]?\d+$"), list("-+.0123456789"))
-
-
-@functools.cache
-def _read_table(path: pathlib.Path) -> dict[str, Any]:
-    try:
-        table = yaml.load(path.read_text(), Loader=_Loader)  # noqa: S506  a safe loader
-    except yaml.YAMLError as error:
-        raise ModelError(f"{path} is no YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(table, dict):
-        raise ModelError(f"{path} is no table of a robot; docs/how-to/add-a-robot.md shows one")
-    return table
-
-
-def _missing(file: pathlib.Path, error: Exception) -> ModelError:
-    what = f"lacks the field {error}" if isinstance(error, KeyError) else f"has a field of another form ({error})"
-    return ModelError(f"{file} {what}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields")
-
-
-def _assign_drives(table: dict[str, Any]) -> None:
-    """Copy the figures of the drives to their joints."""
-    drives = {part: drive for drive in table["drives"] for part in drive["joints"]}
-    for joint in table["joints"]:
-        drive = drives.get(joint["name"]) or drives.get(other_side(joint["name"]), {})
-        joint.update({key: value for key, value in drive.items() if key != "joints"})
-        complete_drive(joint)
-
-
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
     """Load a robot.
 
@@ -359,7 +250,7 @@ def _load_robot(name: str) -> Robot:
         if models_dir() not in file.parents:
             runpy.run_path(str(models_dir() / "build.py"))["write"](name)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        raise _missing(file, error) from error
+        raise malformed(file, error) from error
     return robot
 
 

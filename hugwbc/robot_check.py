@@ -9,7 +9,8 @@ import numpy as np
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import HugwbcError, UnknownNameError
-from hugwbc.robot import load_robot, robot_table
+from hugwbc.robot import load_robot
+from hugwbc.robot_tables import robot_table
 from hugwbc.table_defaults import is_left, mirrored, other_side, placement
 
 _SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")

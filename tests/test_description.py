@@ -6,8 +6,8 @@ import yaml
 
 from hugwbc import load_robot
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
-from hugwbc.robot import robot_table
 from hugwbc.robot_check import problems
+from hugwbc.robot_tables import robot_table
 from hugwbc.table_defaults import complete, is_left, other_side
 
 G1, TABLE = load_robot("g1"), robot_table("g1")

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from hugwbc import robot as robot_module
+from hugwbc import robot_tables
 from hugwbc.errors import ModelError, UnknownNameError
 from hugwbc.kinematics import Kinematics
-from hugwbc.robot import load_robot, models_dir, robot_names, robot_table, table_file
+from hugwbc.robot import load_robot
+from hugwbc.robot_tables import models_dir, robot_names, robot_table, table_file
 from hugwbc.state import RobotState
 
 LEG = ["hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle"]
@@ -149,6 +150,6 @@ def test_dimensions_follow_from_the_joints(name, ankle, leg) -> None:
 
 
 def test_missing_models_folder_says_what_to_do(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(robot_module, "__file__", str(tmp_path / "hugwbc" / "robot.py"))
+    monkeypatch.setattr(robot_tables, "__file__", str(tmp_path / "hugwbc" / "robot_tables.py"))
     with pytest.raises(ModelError, match="reinstall hugwbc with its models"):
-        robot_module.models_dir()
+        robot_tables.models_dir()

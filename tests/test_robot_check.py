@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from hugwbc.cli import main
-from hugwbc.robot import robot_names, robot_table
 from hugwbc.robot_check import problems, table_problems
+from hugwbc.robot_tables import robot_names, robot_table
 
 G1 = robot_table("g1")
 LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"

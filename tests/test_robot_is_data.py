@@ -12,7 +12,8 @@ from hugwbc.arm_servo import ArmServo
 from hugwbc.controller import JointCommand
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
-from hugwbc.robot import load_mirror, robot_names, robot_table
+from hugwbc.robot import load_mirror
+from hugwbc.robot_tables import robot_names, robot_table
 from hugwbc.sim import Simulation
 from hugwbc.sim.robot_model import Variation
 from hugwbc.targets import HandTargets

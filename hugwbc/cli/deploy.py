@@ -21,7 +21,8 @@ from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.transport import Endpoint, release_modes
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError
-from hugwbc.robot import DEFAULT_ROBOT, Robot
+from hugwbc.robot import Robot
+from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.script import load_script
 from hugwbc.scripts.view import CommandSource

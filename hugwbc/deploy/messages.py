@@ -10,7 +10,8 @@ from hugwbc.controller import JointCommand
 from hugwbc.deploy.remote import Remote
 from hugwbc.deploy.wire import COMMAND, PACKAGES, STATE, check_sum, is_sealed, kind_of, layout, record, sealed
 from hugwbc.errors import ModelError
-from hugwbc.robot import Robot, robot_table
+from hugwbc.robot import Robot
+from hugwbc.robot_tables import robot_table
 from hugwbc.state import RobotState, pelvis_from_torso_imu
 
 TICK = 1e-3  # [s]; the robot counts milliseconds, and the maker's simulator too

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc.errors import ConfigError, HugwbcError
-from hugwbc.robot import DEFAULT_ROBOT
+from hugwbc.robot_tables import DEFAULT_ROBOT
 
 PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "numpy", "meshcat", "tyro")
 LEARNED = ("torch", "safetensors")  # of the extra [learned]

@@ -25,7 +25,8 @@ from hugwbc.controller import Controller, JointCommand, UpperBody, check_control
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.files import digest
 from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
-from hugwbc.robot import DEFAULT_ROBOT, Robot
+from hugwbc.robot import Robot
+from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.settings import check_each_once
 from hugwbc.sim.arena import DEFAULT_DRIVES, Arena
 from hugwbc.state import RobotState

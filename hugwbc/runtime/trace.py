@@ -14,7 +14,7 @@ import numpy as np
 
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.files import write_whole, writing
-from hugwbc.robot import DEFAULT_ROBOT
+from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.scripts.motion import UNREADABLE
 from hugwbc.settings_file import parse

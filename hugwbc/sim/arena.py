@@ -11,7 +11,8 @@ from typing import TypedDict, TypeVar, Unpack
 
 from hugwbc.errors import UnknownNameError
 from hugwbc.files import digest
-from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot, robot_table
+from hugwbc.robot import Robot, load_robot
+from hugwbc.robot_tables import DEFAULT_ROBOT, robot_table
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.faults import Fault

@@ -14,7 +14,8 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError
-from hugwbc.robot import SIDES, Robot, robot_table
+from hugwbc.robot import SIDES, Robot
+from hugwbc.robot_tables import robot_table
 from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.scenes.scene import Scene

@@ -22,7 +22,8 @@ from hugwbc import extensions
 from hugwbc.behaviours import BehaviourSource, Course, View
 from hugwbc.behaviours.similar import similar
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
+from hugwbc.robot import Robot, load_robot
+from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.settings import Positive, settings
 from hugwbc.sim import Scene, load_scene
 from hugwbc.tasks.record import TaskRecord

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hugwbc import load_robot
-from hugwbc.robot import models_dir, other_side, robot_names, robot_table
+from hugwbc.robot import other_side
+from hugwbc.robot_tables import models_dir, robot_names, robot_table
 
 MODEL = mujoco.MjModel.from_xml_path(str(load_robot("h1").xml_path))
 

@@ -10,7 +10,8 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.learned.policy import policy_dir
-from hugwbc.robot import DEFAULT_ROBOT, load_robot, robot_names
+from hugwbc.robot import load_robot
+from hugwbc.robot_tables import DEFAULT_ROBOT, robot_names
 from hugwbc.runtime import controllers, rollout
 from hugwbc.runtime.controllers import GROUP, ControllerSpec, HoldController, controller_names, load_controller, plugins
 from hugwbc.sim import Arena, Simulation

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import ModelError
-from hugwbc.robot import load_robot, robot_names
+from hugwbc.robot import load_robot
+from hugwbc.robot_tables import robot_names
 from hugwbc.sim.robot_model import robot_layout
 
 

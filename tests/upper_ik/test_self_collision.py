@@ -7,7 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hugwbc.robot import load_robot, robot_names
+from hugwbc.robot import load_robot
+from hugwbc.robot_tables import robot_names
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.detour import arm_mirror, posture_table

@@ -18,7 +18,8 @@ from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownName
 from hugwbc.gait import Gait
 from hugwbc.learned.policy.network_files import CONTRACT_FILE, policy_file
 from hugwbc.learned.policy.terms import TERMS
-from hugwbc.robot import DEFAULT_ROBOT, Robot, load_robot
+from hugwbc.robot import Robot, load_robot
+from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.settings import Beside, Gain, NotNegative, Positive, RobotName, Share, one_of, refusing, settings
 from hugwbc.settings_file import load
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from hugwbc.errors import PolicyFileError, UnknownNameError, needing
 from hugwbc.files import note, read_file
-from hugwbc.robot import DEFAULT_ROBOT, models_dir
+from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir
 
 DEFAULT_POLICY = "h1"
 POLICY_FILE, CONTRACT_FILE = "policy.safetensors", "contract.yaml"

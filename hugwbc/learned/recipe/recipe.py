@@ -9,7 +9,7 @@ from pydantic import Field
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import read_file
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
-from hugwbc.robot import DEFAULT_ROBOT, models_dir
+from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir
 from hugwbc.settings import TRAINING_SEED, settings
 from hugwbc.settings_file import LARGEST_FILE, named_path, parse
 
