@@ -13,7 +13,8 @@ from typing import Any
 
 from hugwbc.errors import ModelError
 from hugwbc.files import write_whole, writing
-from hugwbc.robot import SIDES, other_side, robot_names, robot_table, table_file
+from hugwbc.robot import SIDES, other_side
+from hugwbc.robot_tables import robot_names, robot_table, table_file
 
 # The spheres at the corners of the sole are small, so that the robot tips over within 5 mm of the sole's edges.
 SOLE_SPHERE_RADIUS = 0.005
