@@ -81,7 +81,8 @@ class BoxGrip:
             posture: standing command of the grasp; None for one by the height of the box.
             height: by which the box is lifted before it comes to the chest [m].
             speed: of the lift [m/s].
-            goal: where it is held, in the heading frame [m], shape (3,).
+            goal: where it is held, in the heading frame [m], shape (3,). The box leans with the forearms: an H1's are
+                level, and so is the box, at a height of 0.17 m; higher, it may land on its side when it is put down.
         """
         posture = posture or squat(float(seen(view, name).position[2]) + self.at[1])
         nearest = distance - _NEARER

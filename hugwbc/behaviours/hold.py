@@ -231,6 +231,8 @@ def place(
 ) -> Course:
     """Set an object down: bring it over a point, if there is one, lower it until something carries it, let go.
 
+    It gives the arms back. At rest they hold the hands 0.3 m ahead, over what was set down: open them with `reach`.
+
     Args:
         view: now.
         object: what the hands hold.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import importlib
 import inspect
 import pathlib
 import sys
@@ -15,10 +16,10 @@ from hugwbc.reference import PACKAGES, about, document, document_names, document
 
 @dataclasses.dataclass(frozen=True)
 class DocsOptions:
-    """List the documents, how-tos, scripts and packages, or print one of them, or a name that a package exports."""
+    """List the documents, how-tos, scripts, tasks and packages, or print one, or a name that a package exports."""
 
-    # Document or script to print, such as tasks, add-a-task or walk; package or name of the reference, such as
-    # hugwbc.behaviours or walk_to. Without one, all but the names are listed
+    # Document, script or task to print, such as tasks, add-a-task, walk or fetch_box; package or name of the
+    # reference, such as hugwbc.behaviours or walk_to. Without one, all but the names are listed
     name: tyro.conf.Positional[str | None] = None
 
 
@@ -26,24 +27,28 @@ def run(words: Sequence[str]) -> int:
     """Parse, then list or print: formatted on a terminal, as Markdown elsewhere."""
     from hugwbc.behaviours import BEHAVIOUR_NAMES, load_behaviour
     from hugwbc.scripts.script import FOLDER, SCRIPT_NAMES, load_script
+    from hugwbc.tasks.task import TASK_NAMES, load_task
 
     name = parse(DocsOptions, words, "docs", DocsOptions.__doc__).name
     scripts = {each: FOLDER / f"{each}.yaml" for each in SCRIPT_NAMES}
     behaviours = {each: inspect.getmodule(load_behaviour(each)) for each in BEHAVIOUR_NAMES}
     scripts |= {each: pathlib.Path(str(module.__file__)) for each, module in behaviours.items() if module is not None}
-    if name in scripts:
-        say(scripts[name].read_text(encoding="utf-8").rstrip())
-    elif name is not None and name not in document_names() and (entry := reference(name)) is not None:
-        say(entry)
+    tasks = {each: pathlib.Path(str(importlib.import_module(f"hugwbc.tasks.{each}").__file__)) for each in TASK_NAMES}
+    sources = scripts | tasks
+    entry = None if name is None or name in document_names() else reference(name)
+    if name in sources or entry is not None:  # a step may have the name of a script
+        source = sources[name].read_text(encoding="utf-8").rstrip() if name in sources else None
+        say("\n\n\n".join(filter(None, (source, entry))))
     elif name is not None:
-        names = {each for package in PACKAGES for each in exported(package)}
-        _print(document(name, besides=(*scripts, *PACKAGES, *difflib.get_close_matches(name, names))))
+        names = {each for package in PACKAGES for each in exported(package)} - set(sources)
+        _print(document(name, besides=(*sources, *PACKAGES, *difflib.get_close_matches(name, names))))
     else:
         listed = {each: document_title(each) for each in document_names()}
         listed |= {
             each: f"script, {load_script(each).duration:.1f} s: {load_script(each).about}" for each in SCRIPT_NAMES
         }
         listed |= {each: f"behaviour: {module.__doc__}" for each, module in behaviours.items() if module is not None}
+        listed |= {each: f"task: {load_task(each).about}" for each in TASK_NAMES}
         listed |= {each: f"reference: {about(each)}" for each in PACKAGES}
         width = max(map(len, listed))
         for each, words in listed.items():

@@ -1,6 +1,7 @@
 """The record of one episode of a task: the true states of robot and objects, from which a judge decides."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -21,6 +22,7 @@ _WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "knee": "shank", "shoulder_ro
 _WORDS |= {"shoulder_yaw": "upper arm"}
 _UPRIGHT = 0.7  # vertical part of the normal of a contact on which a foot stands
 _BRIEF = 0.05  # [s], a touch that needs no duration
+_MOVED, _LEANS = 0.05, 0.2  # [m], [rad] from which on an object is not where it was
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,6 +141,21 @@ def bumps(record: "TaskRecord | TaskWatch") -> tuple[str, ...]:
         if link not in HANDS:
             time = f"at {begin:.1f} s" + (f", for {long:.1f} s" if long >= _BRIEF else "")
             found.append(f"the {part.replace('_', ' ')} touched '{body}' {time}")
+    return tuple(found)
+
+
+def displaced(record: TaskRecord) -> tuple[str, ...]:
+    """Return where objects ended that are not where they were, such as "'box' ended 0.43 m away, 0.85 m lower"."""
+    found = []
+    for name, poses in record.poses.items():
+        way, tilt = poses[-1, :3] - poses[0, :3], record.tilt(name)
+        leans = float(tilt[-1] - tilt[0])
+        if np.linalg.norm(way) < _MOVED and leans < _LEANS:
+            continue
+        words = [f"{np.hypot(*way[:2]):.2f} m away"]
+        words += [f"{abs(way[2]):.2f} m {'higher' if way[2] > 0.0 else 'lower'}"] if abs(way[2]) >= _MOVED else []
+        words += [f"tilted by {math.degrees(leans):.0f} degrees"] if leans >= _LEANS else []
+        found.append(f"'{name}' ended {', '.join(words)}")
     return tuple(found)
 
 

@@ -26,7 +26,7 @@ from hugwbc.robot import Robot, load_robot
 from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.settings import Positive, settings
 from hugwbc.sim import Scene, load_scene
-from hugwbc.tasks.record import TaskRecord
+from hugwbc.tasks.record import TaskRecord, displaced
 from hugwbc.tasks.verdict import Milestone, Verdict, judged
 
 SCENES = pathlib.Path(__file__).parent / "scenes"
@@ -35,8 +35,11 @@ _TOLD = ("size", "height", "radius", "boards", "handle", "hinge", "travel", "cup
 
 _SHORTEST = 0.85  # reach of the arms, in proportion to the height of the shoulders, with which tasks are done
 
+LONGEST = 120.0  # [s], that an episode of any task may take
+
 Shapes: TypeAlias = Mapping[str, Mapping[str, object]]
-"""Dimensions of each object of a scene by its name, as a data sheet has them: its sizes, heights and hinges."""
+"""Dimensions of each object of a scene by its name, as a data sheet has them: those fields of its class that are
+lengths, such as `shapes["box"]["size"]`, `height`, `radius` and `travel`."""
 
 
 def shapes_of(scene: Scene) -> Shapes:
@@ -58,7 +61,7 @@ class Task:
         about: the task in a sentence.
         scene: the objects around the robot, with what varies from episode to episode.
         behaviour: does the task, told the dimensions of the objects. It is the same for every controller.
-        limit: longest duration of an episode [s].
+        limit: longest duration of an episode, at most 120 [s].
         milestones: what an episode must show, in order.
         idealised: what is not as on a robot, such as "attach"; empty for nothing.
         size: lengths of robot and scene, as a multiple of those for which behaviour and milestones are made (`sized`).
@@ -68,7 +71,7 @@ class Task:
     about: str
     scene: Scene
     behaviour: Callable[[View, Shapes], Course]
-    limit: Positive
+    limit: Annotated[float, Field(gt=0, le=LONGEST)]
     milestones: Annotated[tuple[Milestone, ...], Field(min_length=1)]
     idealised: tuple[str, ...] = ()
     size: Positive = 1.0
@@ -101,7 +104,10 @@ class Task:
 
     def judge(self, record: TaskRecord) -> Verdict:
         """Return success, or the reason why not, from the true states of robot and objects."""
-        return judged(record.scaled(1.0 / self.size), self.milestones)
+        verdict = judged(record.scaled(1.0 / self.size), self.milestones)
+        if verdict.success:
+            return verdict
+        return dataclasses.replace(verdict, detail="; ".join(filter(None, (verdict.detail, *displaced(record)))))
 
 
 def scene_of(name: str) -> Scene:
