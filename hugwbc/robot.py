@@ -325,7 +325,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         collision_pairs=frozenset(map(frozenset, table["collision_pairs"])),
         capsules={link: tuple(Capsule(**shape) for shape in shapes) for link, shapes in table["capsules"].items()},
         contact_links=tuple(table["contact_links"]),
-        qp=table.get("qp", {}),
+        qp=dict(table.get("qp", {})),
         commands={name: _ranges(name, ranges) for name, ranges in table.get("commands", {}).items()},
     )
 

@@ -160,24 +160,24 @@ def summary(side: RobotSide, wall: float) -> str:
 def _build(header: dict[str, Any]) -> tuple[Robot, Pilot, float]:
     """Return robot, pilot and the age of the readings [s], of a deployment or of its recording."""
     try:
-        arena = Arena(header["robot"])
-        robot = arena.known_robot
-        controller = ControllerSpec(header["controller"], header["policy"]).told(arena).build()
-        source = _source(header, robot)
-        arms = UpperBodySource(robot=robot)
-        limits = Limits(**header["limits"])
-        pilot = Pilot(controller, source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event)))
-        return robot, pilot, float(header["age"])
+        arena, limits, age = Arena(header["robot"]), Limits(**header["limits"]), float(header["age"])
+        spec = ControllerSpec(header["controller"], header["policy"]).told(arena)
+        script, task = header["script"], header.get("task")  # which recordings from before tasks do not have
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
+    robot = arena.known_robot
+    source = _source(script, task, header.get("seed", 0), robot)
+    arms = UpperBodySource(robot=robot)
+    pilot = Pilot(spec.build(), source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event)))
+    return robot, pilot, age
 
 
-def _source(header: dict[str, Any], robot: Robot) -> CommandSource:
+def _source(script: str | None, task: str | None, seed: int, robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
-    if header["task"] is not None:
-        task = load_task(header["task"]).sized(robot)
-        return task.source(task.scene.draw(header["seed"]))
-    return Sticks(robot) if header["script"] is None else load_script(header["script"], robot)
+    if task is not None:
+        sized = load_task(task).sized(robot)
+        return sized.source(sized.scene.draw(seed))
+    return Sticks(robot) if script is None else load_script(script, robot)
 
 
 def _replay(path: pathlib.Path) -> int:

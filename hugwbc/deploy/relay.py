@@ -55,7 +55,10 @@ class Settings:
 
 def arrives(link: Connection, timeout: float = 0.0) -> bool:
     """Return whether something arrives on a link within a time [s]; exact to microseconds, unlike `Connection.poll`."""
-    return bool(select.select([link], [], [], timeout)[0])
+    try:
+        return bool(select.select([link], [], [], timeout)[0])
+    except ValueError:  # of a process with more than a thousand open files
+        return link.poll(timeout)
 
 
 class Outlet:

@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from hugwbc.controller import Controller
+from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure
@@ -107,19 +108,30 @@ def run_experiment(
     known = spec.told(settings.conditions.told_arena)
     rows: list[Row] = []
     done: list[Plan] = []
+    measured = 0  # of the rows; the others were stored
     plans = list(experiment.plan(settings))
     while plans:
         found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
         missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
         for index, row in run_plans(experiment.episode, settings, known, missing, execution):
             found[index] = table.add(plans[index], row)
+            measured += 1
             on_progress((len(rows) + len(found)) / (len(rows) + len(plans)))
         rows += [found[index] for index in range(len(plans))]
         done += plans
         plans = list(experiment.following(settings, rows))
+    try:
+        summary = experiment.figures(settings, frame_of(rows))
+    except (pl.exceptions.PolarsError, TypeError, ValueError) as error:
+        if measured == len(rows):
+            raise
+        raise ResultFileError(
+            f"{table.path} has rows that experiment '{experiment.name}' did not write ({error}); remove it, and its "
+            "episodes run again"
+        ) from error
     figures = [
         dataclasses.replace(figure, controller=label or spec.label) if figure.estimate is not None else figure
-        for figure in experiment.figures(settings, frame_of(rows))
+        for figure in summary
     ]
     return Result(experiment.name, label or spec.label, settings, done, rows, figures)
 

@@ -53,16 +53,17 @@ def each_result(
     that says how much that is.
     """
     counts = [stored_episodes(entry.experiment, entry.settings, entry.spec, store) for entry in entries]
-    stored, planned = map(sum, zip(*counts, strict=True))
+    stored, planned = (sum(column) for column in zip(*counts, strict=True)) if counts else (0, 0)
     if stored:
         tell(f"{'all' if stored == planned else f'{stored} of'} {planned} episodes are stored")
-    parts, works = [have / count for have, count in counts], [entry.work for entry in entries]
+    parts, works = [have / max(count, 1) for have, count in counts], [entry.work for entry in entries]
 
     def advance(number: int, part: float) -> None:
         parts[number] = part
         on_progress(sum(map(operator.mul, parts, works)) / sum(works))
 
-    advance(0, parts[0])
+    if parts:
+        advance(0, parts[0])
     for number, entry in enumerate(entries):
         result = run_experiment(
             entry.experiment,

@@ -137,7 +137,7 @@ def _difference(figure: Figure) -> str:
 def _with_bounds(estimate: Estimate, sign: str) -> str:
     """Return a number and its interval, all with the decimals that give the largest of them `_DIGITS` digits."""
     numbers = [v for v in (estimate.value, estimate.low, estimate.high) if v is not None]
-    largest = max(abs(number) for number in numbers)
+    largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
     decimals = 0 if largest == 0.0 else max(0, _DIGITS - 1 - math.floor(math.log10(largest)))
     value, low, high = (
         "–" if v is None else f"{v:{sign}.{decimals}f}" for v in (estimate.value, estimate.low, estimate.high)

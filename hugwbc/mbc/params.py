@@ -322,7 +322,7 @@ class ControllerParams:
 
         Lengths grow with its legs, speeds with the root of their length, at the same Froude number; what weighs forces
         and angular momenta, with its weight. What the robot's table has of its own (`Robot.qp`) holds as it is, in the
-        place of defaults.
+        place of every value that is a default, even if it was given.
         """
         leg, mass = robot.leg_length / PAPER_LEG, robot.mass / _MASS
         sized = {}

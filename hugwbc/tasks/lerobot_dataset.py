@@ -187,6 +187,11 @@ class DatasetWriter:
             episode: the episode.
             films: a film by camera, if the data set has images.
         """
+        if episode.task.name not in self._tasks or episode.robot != self._robot.name:
+            raise ConfigError(
+                f"an episode of task '{episode.task.name}' with robot {episode.robot} is for another data set: this "
+                f"one has {', '.join(self._tasks)} with robot {self._robot.name}"
+            )
         columns, place = self._columns(episode), _place(len(self._episodes))
         arrays = [_arrow(columns[key], self._schema.field(key).type) for key in self._schema.names]
         path = self._staging / _DATA.format(**place)

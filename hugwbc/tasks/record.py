@@ -150,7 +150,7 @@ def displaced(record: TaskRecord) -> tuple[str, ...]:
     for name, poses in record.poses.items():
         way, tilt = poses[-1, :3] - poses[0, :3], record.tilt(name)
         leans = float(tilt[-1] - tilt[0])
-        if np.linalg.norm(way) < _MOVED and leans < _LEANS:
+        if not math.isfinite(leans) or (np.linalg.norm(way) < _MOVED and leans < _LEANS):
             continue
         words = [f"{np.hypot(*way[:2]):.2f} m away"]
         words += [f"{abs(way[2]):.2f} m {'higher' if way[2] > 0.0 else 'lower'}"] if abs(way[2]) >= _MOVED else []

@@ -61,8 +61,8 @@ class Verdict:
     Attributes:
         success: whether the task was done.
         reason: why not; empty for a success.
-        detail: what the behaviour said when it failed, what happened to the objects, and what touched them beside the
-            hands.
+        detail: what the behaviour said when it failed, what happened to the objects, what touched them beside the
+            hands, and after a failure where they ended.
         score: 1 for a success; otherwise the share of the milestones, in order, up to the first one that was missed.
     """
 

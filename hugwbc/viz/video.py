@@ -21,6 +21,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from hugwbc import rotations
+from hugwbc.errors import UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace, read_trace, write_trace
@@ -60,6 +61,9 @@ def write_video(
     file was written, and otherwise one line that says why not.
     """
     check_traces(traces)
+    for name in hide:
+        if name not in LAYERS:
+            raise UnknownNameError("layer", name, LAYERS)
     with tempfile.TemporaryDirectory() as folder:
         log, film = pathlib.Path(folder) / "log.txt", pathlib.Path(folder) / "film.mp4"
         for number, trace in enumerate(traces):

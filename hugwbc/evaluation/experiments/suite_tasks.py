@@ -43,7 +43,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     """Run one episode of a task.
 
     - `seed`: of the scene and of the sensors; `hugwbc play --task TASK --seed SEED` shows the same episode.
-    - `success`, `reason`: whether the task was done, and why not; `detail`: what the behaviour said when it ended.
+    - `success`, `reason`: whether the task was done, and why not; `detail`: see `Verdict`.
     - `score`: 0 to 1.
     - `seconds`: time until the behaviour ended [s]; None if a fall or the time limit ended it.
     - `hand_acceleration`: root mean square of the hands' acceleration [m/s^2].

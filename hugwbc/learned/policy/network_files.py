@@ -111,24 +111,20 @@ def with_weights(path: pathlib.Path) -> list[pathlib.Path]:
     return [path, *(path.parent / name for name in sorted(names) if (path.parent / name).is_file())]
 
 
-class TorchThreads:
-    """A limit of torch's threads that holds wherever a network is called.
+_here = threading.local()
+
+
+def keep_threads(count: int | None) -> None:
+    """Let torch use so many threads in this thread; None leaves torch's own choice.
 
     What `torch.set_num_threads` sets, the linear algebra below it forgets in a thread begun later: there, beside a busy
     core, a tick of 0.1 ms took 15 ms.
     """
+    if count is not None and getattr(_here, "count", None) != count:
+        import torch
 
-    def __init__(self, count: int | None) -> None:
-        """Take the number of threads; None leaves torch's own choice."""
-        self._count, self._thread = count, 0
-
-    def keep(self) -> None:
-        """Set the limit if this thread is another one than at the last call."""
-        if self._count is not None and self._thread != threading.get_ident():
-            import torch
-
-            self._thread = threading.get_ident()
-            torch.set_num_threads(self._count)
+        _here.count = count
+        torch.set_num_threads(count)
 
 
 class TorchScriptNetwork:
@@ -141,7 +137,7 @@ class TorchScriptNetwork:
     def __init__(self, path: pathlib.Path) -> None:
         import torch
 
-        self._torch, self.action, self._threads = torch, "0", TorchThreads(1)
+        self._torch, self.action = torch, "0"
         try:
             self._module: Any = torch.jit.load(str(path), map_location="cpu").eval()
         except (RuntimeError, ValueError, OSError) as error:
@@ -169,7 +165,7 @@ class TorchScriptNetwork:
 
     def outputs(self, inputs: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
         """Return all outputs, flat; those of a tuple are called by their number."""
-        self._threads.keep()
+        keep_threads(1)
         with self._torch.no_grad():
             found: Any = self._module(*(self._torch.from_numpy(row)[None].to(self._dtype) for row in inputs))
         if not isinstance(found, dict):

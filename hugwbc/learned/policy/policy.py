@@ -15,7 +15,7 @@ from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.contract import Contract, contract_of
-from hugwbc.learned.policy.network_files import DEFAULT_POLICY, TorchThreads, policy_file
+from hugwbc.learned.policy.network_files import DEFAULT_POLICY, keep_threads, policy_file
 from hugwbc.learned.policy.network_policy import NetworkPolicy, tried
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.robot import Robot
@@ -105,7 +105,7 @@ class BareActor:
 
     def __init__(self, actor: Actor, threads: int | None) -> None:
         """Take the weights of a network, and the threads that torch may use; None for torch's choice."""
-        self._threads = TorchThreads(threads)
+        self._threads = threads
         self._frame_size = actor.frame_size
         self._parts = [
             [(layer.weight.detach(), layer.bias.detach()) for layer in part if isinstance(layer, nn.Linear)]
@@ -117,7 +117,7 @@ class BareActor:
 
     def __call__(self, inputs: Sequence[np.ndarray]) -> np.ndarray:
         """Return the mean action, shape (joints,), of `Actor.forward` for a history and a command."""
-        self._threads.keep()
+        keep_threads(self._threads)
         history, command = (torch.from_numpy(row)[None] for row in inputs)
         encoder, estimator, policy = self._parts
         with torch.inference_mode():
