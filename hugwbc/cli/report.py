@@ -1,4 +1,4 @@
-"""`hugwbc report`: every table and figure of the paper, for any controllers, as a page and CSV."""
+"""`hugwbc report`: the tables and figures of the paper, for any controllers, as a page and CSV."""
 
 import dataclasses
 import functools
