@@ -72,13 +72,18 @@ def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, Comma
 
 def highest_swing(robot: Robot) -> float:
     """Return the highest l that knee and ankle of a robot allow at h = 0 [m]; a squat takes away what it lowers."""
-    return round(_PAPER["l"].finishing[1] * robot.leg_length / PAPER_LEG, 2)
+    return _scaled(robot, "l")["finishing"][1]
 
 
 def _of(robot: Robot, name: str) -> CommandRange:
+    return CommandRange(_PAPER[name].default, **{**_scaled(robot, name), **robot.commands.get(name, {})})
+
+
+def _scaled(robot: Robot, name: str) -> dict[str, tuple[float, float]]:
+    """Return the paper's ranges of a command in proportion to a robot's leg."""
     size, paper = (robot.leg_length / PAPER_LEG) ** _GROWTH.get(name, 0.0), _PAPER[name]
-    scaled = {kind: tuple(round(size * end, 2) for end in getattr(paper, kind)) for kind in ("initial", "finishing")}
-    return CommandRange(paper.default, **{**scaled, **robot.commands.get(name, {})})
+    ends = {"initial": paper.initial, "finishing": paper.finishing}
+    return {kind: (round(size * low, 2), round(size * high, 2)) for kind, (low, high) in ends.items()}
 
 
 @dataclasses.dataclass(frozen=True)

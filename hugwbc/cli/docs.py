@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import importlib
 import inspect
 import pathlib
 import sys
@@ -27,14 +26,13 @@ def run(words: Sequence[str]) -> int:
     """Parse, then list or print: formatted on a terminal, as Markdown elsewhere."""
     from hugwbc.behaviours import BEHAVIOUR_NAMES, load_behaviour
     from hugwbc.scripts.script import FOLDER, SCRIPT_NAMES, load_script
-    from hugwbc.tasks.task import TASK_NAMES, load_task
+    from hugwbc.tasks.task import SCENES, TASK_NAMES, load_task
 
     name = parse(DocsOptions, words, "docs", DocsOptions.__doc__).name
     scripts = {each: FOLDER / f"{each}.yaml" for each in SCRIPT_NAMES}
     behaviours = {each: inspect.getmodule(load_behaviour(each)) for each in BEHAVIOUR_NAMES}
     scripts |= {each: pathlib.Path(str(module.__file__)) for each, module in behaviours.items() if module is not None}
-    tasks = {each: pathlib.Path(str(importlib.import_module(f"hugwbc.tasks.{each}").__file__)) for each in TASK_NAMES}
-    sources = scripts | tasks
+    sources = scripts | {each: SCENES.parent / f"{each}.py" for each in TASK_NAMES}
     entry = None if name is None or name in document_names() else reference(name)
     if name in sources or entry is not None:  # a step may have the name of a script
         source = sources[name].read_text(encoding="utf-8").rstrip() if name in sources else None

@@ -162,7 +162,7 @@ class Line:
 
     def take(self, raw: bytes, now: float) -> bool:
         """Check a state that has arrived now [s]; return whether it is accepted."""
-        fresh = self.intake.is_fresh(raw, now)
+        fresh = self.intake.check(raw, now)
         if fresh:
             self._outlet.arrived(self.intake.time, now)
         else:

@@ -57,14 +57,14 @@ class Intake:
         self.refusal = ""
 
     def accept(self, message: bytes, now: float) -> StateMessage | None:
-        """Return a state that is fresh; else None; see `is_fresh`."""
-        return self.unpacked(message) if self.is_fresh(message, now) else None
+        """Return a state that is fresh; else None; see `check`."""
+        return self.unpacked(message) if self.check(message, now) else None
 
     def unpacked(self, message: bytes) -> StateMessage:
         """Return the content of the last fresh state."""
         return self._messages.unpack_state(message, self._age, self._turns)
 
-    def is_fresh(self, message: bytes, now: float) -> bool:
+    def check(self, message: bytes, now: float) -> bool:
         """Return whether a state is valid and newer than all before.
 
         The time `now` is that of this side's clock, at the robot's pace [s].
