@@ -67,7 +67,7 @@ def test_ranges_grow_with_the_leg() -> None:
         PAPER[name][2] for name in ("f", "p", "w", "omega")
     ]
     hopping = command_ranges(Gait.HOPPING_LEFT, robot)
-    assert hopping["v_x"].finishing == pytest.approx((-0.54, 0.54)) and hopping["l"].finishing == (0.15, 0.15)
+    assert hopping["v_x"].finishing == pytest.approx((-0.54, 0.54)) and hopping["l"].finishing == (0.12, 0.12)
 
 
 def test_a_table_may_have_ranges_of_its_own() -> None:
