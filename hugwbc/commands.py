@@ -76,9 +76,9 @@ def highest_swing(robot: Robot) -> float:
 
 
 def _of(robot: Robot, name: str) -> CommandRange:
-    return CommandRange(
-        _size(robot, name, _PAPER[name].default), **{**_scaled(robot, name), **robot.commands.get(name, {})}
-    )
+    ranges = {**_scaled(robot, name), **robot.commands.get(name, {})}
+    low, high = ranges["finishing"]
+    return CommandRange(min(max(_size(robot, name, _PAPER[name].default), low), high), **ranges)
 
 
 def _scaled(robot: Robot, name: str) -> dict[str, tuple[float, float]]:

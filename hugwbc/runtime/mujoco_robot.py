@@ -18,7 +18,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ModelError
 from hugwbc.kinematics import pinocchio_model
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot, on_both_sides
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.view import CommandSource, Constant, Grip
@@ -226,7 +226,7 @@ class MujocoRobot:
         pin.forwardKinematics(kinematics, placed, pin.neutral(kinematics))
         names = ("root_joint", *described.joint_names)
         places = [placed.oMi[kinematics.getJointId(name)] for name in names]
-        inertias, hand = {}, described.hand
+        inertias, hands = {}, described.hands
         for number, (name, place) in enumerate(zip(names, places, strict=True), start=-1):
             if number >= 0:
                 joint, axis = self._joints[number], place.rotation @ described.axes[number]
@@ -247,7 +247,7 @@ class MujocoRobot:
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{self.prefix}{SIDES[0]}_hand")
         elbow = _last(described.arms)[0]
         if site >= 0 and mover[model.site_bodyid[site]] == elbow:
-            hand = places[elbow + 1].actInv(pose.site_xpos[site])
+            hands = on_both_sides(places[elbow + 1].actInv(pose.site_xpos[site]))
         foot = _last(described.legs)[0]
         sole = _sole(
             described, places[foot + 1].translation, _lowest_points(model, pose, np.flatnonzero(mover == foot))
@@ -261,7 +261,7 @@ class MujocoRobot:
             "damping": model.dof_damping[self._dq] + self._gear**2 * model.actuator_damping[self._rows],
             "friction": model.dof_frictionloss[self._dq],
             "viscous": np.zeros(len(self._joints)),
-            "hand": np.array(hand),
+            "hands": np.array(hands),
         }
         for vector in vectors.values():
             vector.setflags(write=False)
