@@ -25,26 +25,34 @@ _TEX = {
 
 
 def tex_table(tables: Sequence[Table], notes: Sequence[str]) -> str:
-    """Return the tables as one LaTeX table to be included in a document that uses booktabs."""
-    width = max(len(table.columns) for table in tables)
-    lines = [r"% \usepackage{booktabs} in the preamble", r"\begin{table}", r"  \centering", r"  \footnotesize"]
-    lines += [f"  \\begin{{tabular}}{{@{{}}l{'r' * (width - 1)}@{{}}}}", r"    \toprule"]
+    """Return the tables as one LaTeX table to be included in a document that uses array, booktabs and graphicx.
+
+    A column belongs to one controller in all tables. A table that is wider than a line is made smaller.
+    """
+    columns = list(dict.fromkeys(column for table in tables for column in table.columns[1:]))
+    layout = rf"@{{}}>{{\raggedright\arraybackslash}}p{{12em}}{'r' * len(columns)}@{{}}"
+    lines = [r"% \usepackage{array,booktabs,graphicx} in the preamble", r"\begin{table}", r"  \centering"]
+    lines += [r"  \footnotesize", r"  \setlength{\tabcolsep}{3pt}"]
+    fitted = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}"
+    lines += [f"  {fitted}{{\\begin{{tabular}}{{{layout}}}", r"    \toprule"]
     for number, table in enumerate(tables):
+        heading = [table.title, *(column if column in table.columns else "" for column in columns)]
         lines += [r"    \midrule"] * (number > 0)
-        lines += [f"    {_tex_row([table.title, *table.columns[1:]], width)}", r"    \midrule"]
-        lines += [f"    {_tex_row(row, width)}" for row in table.rows]
+        lines += [f"    {_tex_row(heading)}", r"    \midrule"]
+        for name, *cells in table.rows:
+            mine = dict(zip(table.columns[1:], cells, strict=True))
+            lines += [f"    {_tex_row([name, *(mine.get(column, '') for column in columns)])}"]
     lines += [
         r"    \bottomrule",
-        r"  \end{tabular}",
-        f"  \\caption{{{' '.join(map(tex_text, notes))}}}",
+        r"  \end{tabular}}",
+        f"  \\caption{{{tex_text(' '.join(notes).rstrip('.'))}.}}",
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _tex_row(cells: Sequence[Cell], width: int) -> str:
-    words = [re.sub("^ +", r"\\quad ", tex_text(cell_text(cell))) for cell in cells]
-    return " & ".join([*words, *[""] * (width - len(cells))]) + r" \\"
+def _tex_row(cells: Sequence[Cell]) -> str:
+    return " & ".join(re.sub("^ +", r"\\quad ", tex_text(cell_text(cell))) for cell in cells) + r" \\"
 
 
 def tex_text(text: str) -> str:
