@@ -54,6 +54,8 @@ def test_the_latex_is_balanced_and_every_row_has_every_cell():
     assert headings == [["HugWBC, paper", "qp", r"my\_\{own\}"], ["", "qp", r"my\_\{own\}"]], "one column for each"
     assert not re.search(r"(?<!\\)%", text.split("\n", 1)[1]), "nothing is a comment but the first line"
     assert text.isascii(), "no character needs a font"
+    pages = tex_table(TABLES * 30, ["Many."]).split(r"\begin{table}")[1:]
+    assert len(pages) > 2 and all(r"\end{table}" in page and page.count(r" \\") < 60 for page in pages)
     assert tex_text("-0.5 to x-ray_1 <") == r"$-$0.5 to x-ray\_1 $<$"
 
 
