@@ -85,7 +85,8 @@ class ControllerParams:
     waist_gains: _Gains = (100.0, 20.0)
     """Gains of the waist joint [1/s^2], [1/s]."""
     held_weight: float = 20.0
-    """Weight of joints that hold their nominal position, such as the roll of a waist; with the waist's gains."""
+    """Weight of joints that hold their nominal position, such as the roll of a waist; with the waist's gains. In a leap
+    they yield like the waist: a push-off asks a trunk that must not move for more torque than they have."""
     arm_weight: float = 0.5
     """Weight of arm joints without external control: they hold the nominal pose, but yield."""
     arm_gains: _Gains = (100.0, 20.0)

@@ -101,8 +101,9 @@ class WholeBodyController:
         self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
         # Drives hold these joints: a task of the QP alone leaves them where friction does.
         held = robot.held
-        self._kp[held], self._kd[held] = robot.kp[held], robot.kd[held]
-        for gains in (self._kp, self._kd):  # all commands share these two arrays
+        self._holding_kp, self._holding_kd = self._kp.copy(), self._kd.copy()
+        self._holding_kp[held], self._holding_kd[held] = robot.kp[held], robot.kd[held]
+        for gains in (self._kp, self._kd, self._holding_kp, self._holding_kd):  # all commands share these arrays
             gains.setflags(write=False)
         self._filter = CommandFilter(self.params, self._robot)
         self._locomotion = Locomotion(self.params, self._robot)
@@ -117,7 +118,6 @@ class WholeBodyController:
         self._still = PostureTask(held, 10.0)
         self._still.target[:] = robot.nominal[held]
         self._still.stiffness[:], self._still.damping[:] = self.params.waist_gains
-        self._still.weight[:] = self.params.held_weight
         self._arms = PostureTask(self._robot.arms, self.params.takeover_speed)
         self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
@@ -232,7 +232,9 @@ class WholeBodyController:
         # Without the acceleration the waist would lag and overshoot.
         self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
-        self._waist.weight[0] = params.leap_waist_weight if self._locomotion.plan.legs else params.waist_weight
+        leaps = bool(self._locomotion.plan.legs)
+        self._waist.weight[0] = params.leap_waist_weight if leaps else params.waist_weight
+        self._still.weight[:] = params.waist_weight if leaps else params.held_weight
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()
@@ -287,13 +289,14 @@ class WholeBodyController:
         waist = self._robot.waist
         sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
         friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
-        q, held = state.q + half * state.dq, self._robot.held
-        q[held], dq[held] = self._robot.nominal[held], 0.0
+        q, held, kp, kd = state.q + half * state.dq, self._robot.held, self._kp, self._kd
+        if not self._locomotion.plan.legs:
+            q[held], dq[held], kp, kd = self._robot.nominal[held], 0.0, self._holding_kp, self._holding_kd
         return JointCommand(
             q=q,
             dq=dq,
-            kp=self._kp,
-            kd=self._kd,
+            kp=kp,
+            kd=kd,
             tau=np.minimum(np.maximum(solution.torque + friction, self._lowest_torque), self._highest_torque),
         )
 
