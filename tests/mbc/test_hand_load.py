@@ -151,6 +151,7 @@ def test_a_stand_holds_a_steady_force_on_its_hands(direction):
     pull = HandPull(simulation, 60.0 * np.array(direction), 1.0, 1.0)
     while simulation.time < 5.0 and not simulation.fallen:
         command = loop.decide(simulation.time)
-        pull.update(loop.step(command, loop.period))
+        loop.step(command, loop.period)
+        pull.update(simulation.state())
     assert not simulation.fallen
     assert np.linalg.norm(simulation.state().position[:2]) < 1.2
