@@ -199,3 +199,11 @@ def test_a_robot_with_ankle_rolls_and_held_joints_walks():
     assert not trace.fell and trace.measured[len(trace.time) // 2 :, 0].mean() == pytest.approx(0.5, abs=0.03)
     held = trace.qpos[:, 7:][:, robot.held] - robot.nominal[robot.held]
     assert robot.held.size == 2 and np.abs(held).max() < 0.1
+
+
+def test_a_trunk_on_a_waist_of_little_torque_yields_to_the_push_off_of_a_jump():
+    """A G1 that travels: with its trunk held level it takes off with too much pitch, and falls at 2.2 s."""
+    robot = load_robot("g1")
+    jump = Command(v_x=0.3, gait=Gait.JUMPING)
+    trace = rollout(WholeBodyController(robot), jump, Simulation(sensing="exact", robot=robot), duration=2.4)
+    assert not trace.fell and trace.measured[len(trace.time) // 2 :, 0].mean() > 0.2
