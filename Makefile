@@ -86,7 +86,7 @@ test-slow: $(STAMP)
 
 docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
-	@echo "open site/index.html"
+	@echo "open site/index.html; with its search: python3 -m http.server -d site"
 
 models: $(STAMP)
 	$(BIN)/python models/build.py

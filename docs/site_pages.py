@@ -145,6 +145,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     parts = _FENCED.split(markdown)
     text = "".join(part if part.startswith("```") else _LINK.sub(rewritten, part) for part in parts)
+    text = text.replace(" ± ", " ±\N{NO-BREAK SPACE}")  # a narrow column keeps an uncertainty in one line
     return text.replace(PACKAGE_TABLE, package_table())
 
 

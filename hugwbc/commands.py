@@ -76,14 +76,19 @@ def highest_swing(robot: Robot) -> float:
 
 
 def _of(robot: Robot, name: str) -> CommandRange:
-    return CommandRange(_PAPER[name].default, **{**_scaled(robot, name), **robot.commands.get(name, {})})
+    ranges = {**_scaled(robot, name), **robot.commands.get(name, {})}
+    low, high = ranges["finishing"]
+    return CommandRange(min(max(_size(robot, name, _PAPER[name].default), low), high), **ranges)
 
 
 def _scaled(robot: Robot, name: str) -> dict[str, tuple[float, float]]:
     """Return the paper's ranges of a command in proportion to a robot's leg."""
-    size, paper = (robot.leg_length / PAPER_LEG) ** _GROWTH.get(name, 0.0), _PAPER[name]
-    ends = {"initial": paper.initial, "finishing": paper.finishing}
-    return {kind: (round(size * low, 2), round(size * high, 2)) for kind, (low, high) in ends.items()}
+    ends = {"initial": _PAPER[name].initial, "finishing": _PAPER[name].finishing}
+    return {kind: (_size(robot, name, low), _size(robot, name, high)) for kind, (low, high) in ends.items()}
+
+
+def _size(robot: Robot, name: str, value: float) -> float:
+    return round((robot.leg_length / PAPER_LEG) ** _GROWTH.get(name, 0.0) * value, 2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +99,7 @@ class Command:
         v_x, v_y: velocity of the pelvis in the heading frame (yaw only) [m/s].
         omega: yaw rate about gravity [rad/s].
         f: stride frequency, from touch-down to touch-down of one foot [Hz].
-        l: highest sole clearance of a swing [m].
+        l: highest sole clearance of a swing [m]; the default is the H1's, `default_command` has other robots'.
         h: pelvis height above the ground below it, minus the nominal 0.98 m [m].
         p: pelvis pitch, forward positive [rad].
         w: waist yaw, the angle of the torso joint [rad].
@@ -136,12 +141,12 @@ class Command:
         return cls(**dict(zip(COMMAND_NAMES, map(float, values), strict=True)), gait=gait)
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, float], gait: Gait) -> "Command":
-        """Build the default command of a gait with some values replaced."""
+    def from_mapping(cls, values: Mapping[str, float], gait: Gait, robot: Robot | None = None) -> "Command":
+        """Build the default command of a gait, for a robot, with some values replaced."""
         for name in values:
             if name not in COMMAND_NAMES:
                 raise UnknownNameError("command", name, COMMAND_NAMES, at=(name,))
-        return cls(**values, gait=gait)
+        return dataclasses.replace(default_command(gait, robot), **values)
 
     def validate(self, robot: Robot | None = None) -> "Command":
         """Return this command if every value is finite and within the gait's finishing range, for a robot."""
@@ -207,9 +212,9 @@ def changed_command(command: Command, changes: Sequence[CommandChange]) -> Comma
     return changed(command, **{change.name: change.used for change in changes}) if changes else command
 
 
-def default_command(gait: Gait) -> Command:
-    """Return the command of a gait with every value at the paper's default."""
-    return Command(gait=gait)
+def default_command(gait: Gait, robot: Robot | None = None) -> Command:
+    """Return the command of a gait with every value at its default, for a robot or the paper's."""
+    return Command(**{name: limits.default for name, limits in command_ranges(gait, robot).items()}, gait=gait)
 
 
 def sample_all(gait: Gait, rng: np.random.Generator, size: int, robot: Robot | None = None) -> np.ndarray:

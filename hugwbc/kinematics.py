@@ -55,15 +55,16 @@ def place_frames(model: pin.Model, robot: Robot) -> None:
     """Put the frames of soles and hands of a model from the URDF where the robot has them."""
     heel, toe = robot.sole_x
     places = {"heel": heel, "sole": robot.sole_middle, "toe": toe}
-    for side, foot, hand in zip(SIDES, robot.foot_links, robot.hand_links, strict=True):
-        _put(model, f"{side}_hand", hand, robot.hand)
+    for side, foot, link, hand in zip(SIDES, robot.foot_links, robot.hand_links, robot.hands, strict=True):
+        _put(model, f"{side}_hand", link, hand)
         for name, ahead in places.items():
             _put(model, f"{side}_{name}", foot, np.array([ahead, 0.0, robot.sole_z]))
 
 
 def _put(model: pin.Model, name: str, link: str, at: np.ndarray) -> None:
     """Put a frame at a place in a link [m], shape (3,); the link may be fixed to another one that a joint moves."""
-    model.frames[model.getFrameId(name)].placement.translation = model.frames[model.getFrameId(link)].placement.act(at)
+    place = model.frames[model.getFrameId(link, pin.FrameType.BODY)].placement.act(at)
+    model.frames[model.getFrameId(name, pin.FrameType.BODY)].placement.translation = place
 
 
 def joint_columns(model: pin.Model, robot: Robot) -> np.ndarray:
@@ -141,7 +142,8 @@ class Kinematics:
         """Return Pinocchio's index of a frame."""
         index = self._ids.get(name)
         if index is None:
-            index = self._ids[name] = self.model.getFrameId(name)
+            # A joint may have the name of its link.
+            index = self._ids[name] = self.model.getFrameId(name, pin.FrameType.BODY)
         return index
 
     def position(self, frame: str) -> np.ndarray:

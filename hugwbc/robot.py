@@ -73,7 +73,7 @@ class Robot:
         shoulder: origin of the left shoulder roll joint in the pelvis frame with the waist at 0 [m], shape (3,).
         upper_arm: distance from the shoulder roll joint to the elbow [m].
         forearm: distance from the elbow to the hand [m].
-        hand: origin of the hand frame in the hand link's frame [m], shape (3,).
+        hands: origins of the hand frames in the hand links' frames [m], shape (2, 3).
         leg_postures: named postures of a leg [rad], in the order of `legs`.
         arm_postures: named postures of the left arm [rad], in the order of `arms`.
         arm_kp, arm_kd: gains of the arms under external control [N*m/rad], [N*m*s/rad], shape (arm joints,).
@@ -131,7 +131,7 @@ class Robot:
     shoulder: np.ndarray
     upper_arm: float
     forearm: float
-    hand: np.ndarray
+    hands: np.ndarray
     leg_postures: Mapping[str, np.ndarray]
     arm_postures: Mapping[str, np.ndarray]
     arm_kp: np.ndarray
@@ -313,7 +313,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         shoulder=_frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
         upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
         forearm=math.hypot(*placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
-        hand=_frozen(table["hand"]["xyz"]),
+        hands=_frozen(on_both_sides(table["hand"]["xyz"])),
         leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
         arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
         arm_kp=_frozen(2 * table["arm_servo"]["kp"]),
@@ -328,6 +328,12 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         qp=dict(table.get("qp", {})),
         commands={name: _ranges(name, ranges) for name, ranges in table.get("commands", {}).items()},
     )
+
+
+def on_both_sides(place: Sequence[float]) -> np.ndarray:
+    """Return a place in the frame of a left link and its mirror image in that of the right one, shape (2, 3)."""
+    x, y, z = place
+    return np.array([[x, y, z], [x, 0.0 - y, z]])
 
 
 def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:

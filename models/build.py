@@ -13,7 +13,7 @@ from typing import Any
 
 from hugwbc.errors import ModelError
 from hugwbc.files import write_whole, writing
-from hugwbc.robot import SIDES, other_side
+from hugwbc.robot import SIDES, on_both_sides, other_side
 from hugwbc.robot_tables import robot_names, robot_table, table_file
 
 # The spheres at the corners of the sole are small, so that the robot tips over within 5 mm of the sole's edges.
@@ -33,6 +33,10 @@ def _sides(table: dict[str, Any], part: str) -> dict[str, str]:
     """Return the left and the right link that play a part, "foot" or "hand", and the side of each."""
     left = table["roles"][part]
     return {left: SIDES[0], other_side(left): SIDES[1]}
+
+
+def _hand(table: dict[str, Any], side: str) -> list[float]:
+    return on_both_sides(table["hand"]["xyz"])[SIDES.index(side)].tolist()
 
 
 def _children(table: dict[str, Any], link: str) -> list[dict[str, Any]]:
@@ -120,7 +124,7 @@ def _add_body_mjcf(parent: ET.Element, table: dict[str, Any], name: str, joint: 
     if side := _sides(table, "foot").get(name):
         _add_foot_mjcf(body, table["sole"], name, side)
     if side := _sides(table, "hand").get(name):
-        ET.SubElement(body, "site", name=f"{side}_hand", pos=_text(table["hand"]["xyz"]))
+        ET.SubElement(body, "site", name=f"{side}_hand", pos=_text(_hand(table, side)))
     if name == table["imu"]["parent"]:
         ET.SubElement(body, "site", name="imu", pos=_text(table["imu"]["xyz"]))
     for child in _children(table, name):
@@ -245,7 +249,7 @@ def urdf(table: dict[str, Any]) -> str:
         _add_frame_urdf(root, f"{side}_sole", foot, _sole_centre(sole))
         _add_frame_urdf(root, f"{side}_toe", foot, (sole["x"][1], 0, sole["z"]))
         _add_frame_urdf(root, f"{side}_heel", foot, (sole["x"][0], 0, sole["z"]))
-        _add_frame_urdf(root, f"{side}_hand", hand, table["hand"]["xyz"])
+        _add_frame_urdf(root, f"{side}_hand", hand, _hand(table, side))
     _add_frame_urdf(root, "imu", table["imu"]["parent"], table["imu"]["xyz"])
     return _pretty(root)
 

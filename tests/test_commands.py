@@ -16,6 +16,7 @@ from hugwbc.commands import (
     CommandChange,
     CommandRange,
     command_ranges,
+    default_command,
     sample_all,
 )
 from hugwbc.errors import CommandError, UnknownNameError
@@ -67,11 +68,13 @@ def test_ranges_grow_with_the_leg() -> None:
         PAPER[name][2] for name in ("f", "p", "w", "omega")
     ]
     hopping = command_ranges(Gait.HOPPING_LEFT, robot)
-    assert hopping["v_x"].finishing == pytest.approx((-0.54, 0.54)) and hopping["l"].finishing == (0.15, 0.15)
+    assert hopping["v_x"].finishing == pytest.approx((-0.54, 0.54)) and hopping["l"].finishing == (0.12, 0.12)
 
 
 def test_a_table_may_have_ranges_of_its_own() -> None:
-    own = dataclasses.replace(load_robot("g1"), commands={"v_x": {"finishing": (-0.4, 1.0)}})
+    own = {"v_x": {"finishing": (-0.4, 1.0)}, "l": {"finishing": (0.03, 0.08)}}
+    own = dataclasses.replace(load_robot("g1"), commands=own)
+    assert default_command(Gait.WALKING, own).l == 0.08, "the end of the range that is nearest to the usual default"
     assert command_ranges(Gait.WALKING, own)["v_x"] == CommandRange(0.0, (-0.54, 0.54), (-0.4, 1.0))
     assert Command(v_x=1.5, gait=Gait.WALKING).clamp(own)[0].v_x == 1.0
     with pytest.raises(CommandError, match=r"valid: -0\.4 to 1 m/s"):

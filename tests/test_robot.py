@@ -72,6 +72,13 @@ def test_a_robot_of_ones_own_is_the_path_of_its_table(tmp_path) -> None:
         load_robot(str(tmp_path / "other.yaml"))
 
 
+def test_a_joint_may_have_the_name_of_its_link(tmp_path, g1_at_zero) -> None:
+    text = load_robot("g1").xml_path.with_suffix(".yaml").read_text()
+    (tmp_path / "mine.yaml").write_text(text.replace("_knee_joint", "_knee_link"))
+    mine = _at_zero(load_robot(str(tmp_path / "mine.yaml")))
+    assert mine.position("left_knee_link")[2] == g1_at_zero.position("left_knee_link")[2] < 0.0
+
+
 def test_a_folder_of_the_same_name_does_not_hide_a_robot(tmp_path, monkeypatch) -> None:
     (tmp_path / "g1").mkdir()
     (tmp_path / "g1" / "g1.yaml").write_text("roles: {}")
@@ -132,14 +139,13 @@ def test_ideal_drives_have_no_friction_and_everything_else_is_the_same(robot) ->
 def test_dimensions_follow_from_the_joints(name, ankle, leg) -> None:
     """The shoulder roll joint, the straight leg and the stretched arm, as the kinematics has them."""
     robot = load_robot(name)
-    kinematics, zeros = Kinematics(robot), np.zeros(len(robot.joint_names))
-    kinematics.update(RobotState(zeros, zeros, np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)))
+    kinematics = _at_zero(robot)
     at = kinematics.position
     np.testing.assert_allclose(at("left_shoulder_roll_link"), robot.shoulder, atol=1e-12)
     assert np.linalg.norm(at("left_elbow_link") - at("left_shoulder_roll_link")) == pytest.approx(robot.upper_arm)
     assert np.linalg.norm(at("left_hand") - at("left_elbow_link")) == pytest.approx(robot.forearm)
     in_link = kinematics.rotation(robot.hand_links[0]).T @ (at("left_hand") - at(robot.hand_links[0]))
-    np.testing.assert_allclose(in_link, robot.hand, atol=1e-12)
+    np.testing.assert_allclose(in_link, robot.hands[0], atol=1e-12)
     assert robot.leg_length == pytest.approx(leg, abs=1e-4)
     knee = [np.linalg.norm((at(upper) - at("left_knee_link"))[::2]) for upper in ("left_hip_pitch_link", ankle)]
     assert sum(knee) == pytest.approx(robot.leg_length)
@@ -153,3 +159,21 @@ def test_missing_models_folder_says_what_to_do(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(robot_tables, "__file__", str(tmp_path / "hugwbc" / "robot_tables.py"))
     with pytest.raises(ModelError, match="reinstall hugwbc with its models"):
         robot_tables.models_dir()
+
+
+def test_the_right_hand_mirrors_the_left_one(g1_at_zero) -> None:
+    """The G1's hand frame is 3 mm left of the axis of its left wrist, so that the right one is right of it."""
+    left, right = (g1_at_zero.position(f"{side}_hand") for side in ("left", "right"))
+    np.testing.assert_allclose(left, right * (1, -1, 1), atol=1e-5)
+
+
+def _at_zero(robot) -> Kinematics:
+    """Return the kinematics of a robot with all joints at 0 and its base at the origin."""
+    kinematics, zeros = Kinematics(robot), np.zeros(len(robot.joint_names))
+    kinematics.update(RobotState(zeros, zeros, np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)))
+    return kinematics
+
+
+@pytest.fixture
+def g1_at_zero() -> Kinematics:
+    return _at_zero(load_robot("g1"))

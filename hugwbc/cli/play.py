@@ -18,7 +18,7 @@ from hugwbc.cli.output import parse_settings, say, say_arena
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ConfigError, TargetError, needing
 from hugwbc.gait import Gait
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.motion import load_motion
@@ -201,7 +201,7 @@ def _drive(options: PlayOptions) -> int:
     """Serve the live page until the time is over or Ctrl-C."""
     serve, chosen = options.page, ControllerSpec(options.controller, options.policy).told(options.arena)
     port = _free_port(serve.host, serve.port)
-    stream = None if options.listen is None else _listening(options.listen)
+    stream = None if options.listen is None else _listening(options.listen, options.arena.known_robot)
     with needing("live", "the live page"):
         from hugwbc.viz.drive_link import page_address
 
@@ -245,8 +245,8 @@ def _drive(options: PlayOptions) -> int:
     return 0
 
 
-def _listening(port: int) -> SocketSource:
-    source = SocketSource(port, tell=say)
+def _listening(port: int, robot: Robot) -> SocketSource:
+    source = SocketSource(port, tell=say, robot=robot)
     say(f"listening on UDP port {source.port} of this machine")
     return source
 
@@ -281,7 +281,7 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     if options.listen is not None:
         others = [name for name in options.commanding if name != "listen"]
         _refuse_beside("--listen", "the other program gives the commands", others)
-        return _listening(options.listen), options.duration or forever
+        return _listening(options.listen, options.arena.known_robot), options.duration or forever
     if options.script is not None:
         others = [name for name in options.commanding if name != "script"]
         _refuse_beside("--script", "give one or the other", others)
@@ -292,7 +292,8 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
     values = {name: value for name, value in commands.given.items() if name in COMMAND_NAMES}
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     gait = Gait.parse(commands.gait) if commands.gait else Gait.WALKING if moving else Gait.STANDING
-    command = Command.from_mapping(values, gait).validate(options.arena.known_robot)
+    robot = options.arena.known_robot
+    command = Command.from_mapping(values, gait, robot).validate(robot)
     if options.motion is not None:
         hands = [name for name in ("left_hand", "right_hand") if name in commands.given]
         _refuse_beside("--motion", "a motion moves both arms", hands)

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable
 
-from hugwbc.commands import Command, command_ranges
+from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
 from hugwbc.targets import HandTargets
@@ -96,7 +96,7 @@ class Sticks:
 
     def __init__(self, robot: Robot) -> None:
         """Begin standing; the ranges are the robot's."""
-        self._ranges = command_ranges(Gait.WALKING, robot)
+        self._ranges, self._walk = command_ranges(Gait.WALKING, robot), default_command(Gait.WALKING, robot)
         self._requested = dict.fromkeys(_SLOPE, 0.0)
         self._used = dict.fromkeys(_SLOPE, 0.0)
         self._time: float | None = None
@@ -121,7 +121,7 @@ class Sticks:
         """Return the command now; `t` does not matter."""
         if self._time is None or self._time - self._moved > _STILL:
             return Command(gait=Gait.STANDING)
-        return Command(**self._used, gait=Gait.WALKING)
+        return dataclasses.replace(self._walk, **self._used)
 
     def hands_at(self, t: float) -> HandTargets | None:
         """Leave the arms to the controller."""

@@ -3,12 +3,14 @@
 import dataclasses
 from typing import Annotated, Any, ClassVar
 
+from hugwbc.commands import Command, default_command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import ArmIntervention, Conditions
 from hugwbc.evaluation.metrics import SETTLE_S
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.view import CommandSource
@@ -57,6 +59,15 @@ class Settings:
         if self.gait == BOTH_LEGS:
             return Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT
         return Gait.parse(self.gait), Gait.parse(self.gait)
+
+    @property
+    def robot(self) -> Robot:
+        """The simulated robot's table."""
+        return load_robot(self.conditions.robot)
+
+    def default_command(self, draw: int = 0) -> Command:
+        """Return the robot's default command in the gait whose turn it is in a draw."""
+        return default_command(self.gaits[draw % 2], self.robot)
 
 
 @settings(kw_only=True)

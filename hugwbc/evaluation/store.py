@@ -78,9 +78,11 @@ class Store:
 def table_key(experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
     """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files.
 
-    A shipped policy counts by its digest for the controller that it drives. A user's own code may load any of them.
+    A shipped policy counts by its digest for the controller that it drives. A user's own code may load any of them. The
+    number of episodes does not count: more of them continue a table.
     """
-    files = _files(episode, settings)
+    files, given = _files(episode, settings), dataclasses.asdict(settings)
+    given.pop("episodes", None)
     own = spec.is_own or any(path.endswith(".py") for path in files)
     return json.loads(
         json.dumps(
@@ -89,7 +91,7 @@ def table_key(experiment: str, episode: Episode, settings: Settings, spec: Contr
                 "controller": spec.label,
                 "digest": controller_digest(spec),
                 "commit": source_commit(policies=own),
-                "settings": dataclasses.asdict(settings),
+                "settings": given,
                 "files": files,
             },
             default=str,

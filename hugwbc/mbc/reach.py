@@ -27,6 +27,8 @@ def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> floa
     """Interpolate linearly between ascending points, constant beyond them: NumPy's `interp` without its arrays."""
     x = min(max(x, xs[0]), xs[-1])
     k = min(bisect.bisect_right(xs, x), len(xs) - 1)
+    if xs[k - 1] == xs[k]:  # at the end of the range, where nothing changes: the first place
+        return ys[bisect.bisect_left(xs, x)]
     return ys[k - 1] + (ys[k] - ys[k - 1]) * (x - xs[k - 1]) / (xs[k] - xs[k - 1])
 
 

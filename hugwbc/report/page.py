@@ -125,7 +125,9 @@ _TEMPLATE = """<!DOCTYPE html>
   th, td { padding: 4px 10px; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
   td.text { white-space: normal; min-width: 14em; }
   td.text, th.text { text-align: left; }
-  th[scope="row"], th:first-child { text-align: left; font-weight: normal; }
+  th[scope="row"], th:first-child { text-align: left; font-weight: normal; background: var(--ground);
+    position: sticky; left: 0; }
+  th[scope="row"] { white-space: pre; }
   thead th { font-weight: 600; white-space: normal; vertical-align: bottom; }
   thead th:not(.text) { max-width: 9em; }
   td.worse { background: var(--worse); font-weight: 600; }
@@ -149,7 +151,7 @@ _TEMPLATE = """<!DOCTYPE html>
     th, td { padding: 3px 6px; }
     th { white-space: normal; }
     td.text { min-width: 0; }
-    th[scope="row"] { min-width: 7em; }
+    th[scope="row"] { min-width: 7em; white-space: pre-wrap; }
   }
   svg { display: block; width: 100%; height: auto; }
 </style>

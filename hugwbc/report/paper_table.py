@@ -16,6 +16,7 @@ PAIRED_NOTE = (
     "interval, of percentages with the p of McNemar's exact test. * marks those that leave out 0, or p < 0.05. Figures "
     "that are no means over episodes have none."
 )
+_PAGE = 40  # rows
 _TEX = {
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "[": "{[}"},
     **{character: f"\\{character}" for character in "&%$#_{}"},
@@ -25,26 +26,40 @@ _TEX = {
 
 
 def tex_table(tables: Sequence[Table], notes: Sequence[str]) -> str:
-    """Return the tables as one LaTeX table to be included in a document that uses booktabs."""
-    width = max(len(table.columns) for table in tables)
-    lines = [r"% \usepackage{booktabs} in the preamble", r"\begin{table}", r"  \centering", r"  \footnotesize"]
-    lines += [f"  \\begin{{tabular}}{{@{{}}l{'r' * (width - 1)}@{{}}}}", r"    \toprule"]
+    """Return the tables as LaTeX to be included in a document that uses array, booktabs and graphicx.
+
+    A column belongs to one controller in all tables. What is wider than a line is made smaller, and what is longer than
+    a page goes on in another table.
+    """
+    columns = list(dict.fromkeys(column for table in tables for column in table.columns[1:]))
+    pages: list[list[Table]] = []
+    for table in tables:
+        if not pages or sum(len(one.rows) for one in (*pages[-1], table)) > _PAGE:
+            pages.append([])
+        pages[-1].append(table)
+    captions = [" ".join(notes).rstrip("."), *["Continued"] * len(pages)]
+    parts = [_tex_page(page, columns, caption) for page, caption in zip(pages, captions, strict=False)]
+    return "\n".join([r"% \usepackage{array,booktabs,graphicx} in the preamble", *parts]) + "\n"
+
+
+def _tex_page(tables: Sequence[Table], columns: Sequence[str], caption: str) -> str:
+    layout = rf"@{{}}>{{\raggedright\arraybackslash}}p{{12em}}{'r' * len(columns)}@{{}}"
+    fitted = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}"
+    lines = [r"\begin{table}", r"  \centering", r"  \footnotesize", r"  \setlength{\tabcolsep}{3pt}"]
+    lines += [f"  {fitted}{{\\begin{{tabular}}{{{layout}}}", r"    \toprule"]
     for number, table in enumerate(tables):
+        heading = [table.title, *(column if column in table.columns else "" for column in columns)]
         lines += [r"    \midrule"] * (number > 0)
-        lines += [f"    {_tex_row([table.title, *table.columns[1:]], width)}", r"    \midrule"]
-        lines += [f"    {_tex_row(row, width)}" for row in table.rows]
-    lines += [
-        r"    \bottomrule",
-        r"  \end{tabular}",
-        f"  \\caption{{{' '.join(map(tex_text, notes))}}}",
-        r"\end{table}",
-    ]
-    return "\n".join(lines) + "\n"
+        lines += [f"    {_tex_row(heading)}", r"    \midrule"]
+        for name, *cells in table.rows:
+            mine = dict(zip(table.columns[1:], cells, strict=True))
+            lines += [f"    {_tex_row([name, *(mine.get(column, '') for column in columns)])}"]
+    lines += [r"    \bottomrule", r"  \end{tabular}}", f"  \\caption{{{tex_text(caption)}.}}", r"\end{table}"]
+    return "\n".join(lines)
 
 
-def _tex_row(cells: Sequence[Cell], width: int) -> str:
-    words = [re.sub("^ +", r"\\quad ", tex_text(cell_text(cell))) for cell in cells]
-    return " & ".join([*words, *[""] * (width - len(cells))]) + r" \\"
+def _tex_row(cells: Sequence[Cell]) -> str:
+    return " & ".join(re.sub("^ +", r"\\quad ", tex_text(cell_text(cell))) for cell in cells) + r" \\"
 
 
 def tex_text(text: str) -> str:

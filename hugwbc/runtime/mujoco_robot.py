@@ -16,9 +16,9 @@ import pinocchio as pin
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
-from hugwbc.errors import ModelError
+from hugwbc.errors import ConfigError, ModelError
 from hugwbc.kinematics import pinocchio_model
-from hugwbc.robot import SIDES, Robot, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot, on_both_sides
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.view import CommandSource, Constant, Grip
@@ -28,6 +28,7 @@ from hugwbc.upper_ik import UpperBodySource
 
 _FARTHEST, _LEAST_ALIGNED = 0.01, 0.99  # [m] and cosine between a joint's axis in the model and in the description
 _FLAT = 0.005  # [m], height over the lowest point up to which a foot is its sole
+_PAUSE = 0.1  # [s] between two inputs, from which on nobody controlled the robot
 _POSE, _TWIST = 7, 6  # numbers of a free joint: position and quaternion; linear and angular velocity
 # What a body is: left or right foot (0, 1), left or right hand (2, 3), another link, or none of the robot's.
 _HANDS, _LINK, _OBJECT = 2, 4, 5
@@ -94,6 +95,8 @@ class MujocoRobot:
         self.names = tuple(model.body(i).name for i in self._objects)
         self.clipped: Counter[str] = Counter()
         self.problems: list[str] = []
+        self._hold, self._given_at = 0.0, np.inf  # [s]
+        self._controller: Controller | None = None
 
     def control_period(
         self, controller: Controller, source: CommandSource | Command, upper_body: UpperBodySource | None = None
@@ -106,6 +109,7 @@ class MujocoRobot:
             upper_body: turns hand targets into arm targets (`UpperBodySource(robot=...)`); None ignores them.
         """
         source = Constant(source) if isinstance(source, Command) else source
+        self._controller, self._given_at = controller, np.inf
         sight = Sight(self, self.robot, noisy=False, drifting=False)
         return ControlPeriod(controller, source, sight, robot=self.robot, estimator=None, upper_body=upper_body)
 
@@ -132,7 +136,7 @@ class MujocoRobot:
             time=float(data.time),
         )
 
-    def controls(self, command: JointCommand, hold: float | None = None) -> np.ndarray:
+    def controls(self, command: JointCommand) -> np.ndarray:
         r"""Return the inputs of the joints' actuators that give the torques of a command, shape (19,).
 
         A command asks for :math:`\tau = \tau_{ff} + k_p (q^* - q) + k_d (\dot q^* - \dot q)`. An actuator with the
@@ -143,14 +147,17 @@ class MujocoRobot:
             \text{for a position servo} \quad u = q + (\tau + D \dot q) / K.
 
         Until the next input the actuator's own gains act, and not those of the command. q is therefore taken in the
-        middle of this time. What the command has in damping beyond the actuator's own loses the share
-        :math:`|k_d - D| h / I`, with the joint's inertia I: applied late, it would shake the joint.
+        middle of this time h, which is taken to be as long as the last one. What the command has in damping beyond the
+        actuator's own loses the share :math:`|k_d - D| h / I`, with the joint's inertia I: applied late, it would
+        shake the joint.
 
         Args:
             command: what the controller wants.
-            hold: time h for which the actuators keep the inputs [s]; None for one physics step.
+
+        Raises:
+            ConfigError: if inputs are kept for longer than the controller's period.
         """
-        hold = self._model.opt.timestep if hold is None else hold
+        hold = self._kept()
         q, dq = self._data.qpos[self._q], self._data.qvel[self._dq]
         q = q + 0.5 * hold * dq
         more = command.kd - self._own_damping
@@ -162,9 +169,23 @@ class MujocoRobot:
         self.clipped.update(self.robot.joint_names[i] for i in np.flatnonzero(short))
         return given
 
-    def apply(self, command: JointCommand, hold: float | None = None) -> None:
+    def _kept(self) -> float:
+        """Return for how long inputs are kept [s]: as long as the last ones were; 0 for the first."""
+        now, controller = float(self._data.time), self._controller
+        if 0.0 < now - self._given_at < _PAUSE:
+            self._hold = now - self._given_at
+        self._given_at = now
+        if controller is not None and self._hold > 1.01 * controller.period:
+            raise ConfigError(
+                f"inputs are kept for {1e3 * self._hold:.0f} ms, and the period of {controller.name} is "
+                f"{1e3 * controller.period:.0f} ms: give new ones at least as often, in smaller physics steps if need "
+                f"be, or the controller a longer period, as WholeBodyController(robot=..., period={self._hold:.3g})"
+            )
+        return self._hold
+
+    def apply(self, command: JointCommand) -> None:
         """Write the inputs for a command into `data.ctrl` (`controls`)."""
-        self._data.ctrl[self.actuators] = self.controls(command, hold)
+        self._data.ctrl[self.actuators] = self.controls(command)
 
     def picture(self) -> Picture:
         """Return where objects and robot are."""
@@ -226,7 +247,7 @@ class MujocoRobot:
         pin.forwardKinematics(kinematics, placed, pin.neutral(kinematics))
         names = ("root_joint", *described.joint_names)
         places = [placed.oMi[kinematics.getJointId(name)] for name in names]
-        inertias, hand = {}, described.hand
+        inertias, hands = {}, described.hands
         for number, (name, place) in enumerate(zip(names, places, strict=True), start=-1):
             if number >= 0:
                 joint, axis = self._joints[number], place.rotation @ described.axes[number]
@@ -247,7 +268,7 @@ class MujocoRobot:
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{self.prefix}{SIDES[0]}_hand")
         elbow = _last(described.arms)[0]
         if site >= 0 and mover[model.site_bodyid[site]] == elbow:
-            hand = places[elbow + 1].actInv(pose.site_xpos[site])
+            hands = on_both_sides(places[elbow + 1].actInv(pose.site_xpos[site]))
         foot = _last(described.legs)[0]
         sole = _sole(
             described, places[foot + 1].translation, _lowest_points(model, pose, np.flatnonzero(mover == foot))
@@ -261,7 +282,7 @@ class MujocoRobot:
             "damping": model.dof_damping[self._dq] + self._gear**2 * model.actuator_damping[self._rows],
             "friction": model.dof_frictionloss[self._dq],
             "viscous": np.zeros(len(self._joints)),
-            "hand": np.array(hand),
+            "hands": np.array(hands),
         }
         for vector in vectors.values():
             vector.setflags(write=False)

@@ -38,7 +38,15 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PlainValidator, TypeAdapter, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    TypeAdapter,
+    ValidationInfo,
+    model_validator,
+)
 
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.errors import CommandError, ConfigError, HugwbcError, TargetError, UnknownNameError
@@ -95,6 +103,20 @@ def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN4
             raise ConfigError(f"whose arms {path} moves is not known; give a robot: load_script(name, robot)")
         known[path] = load_motion(path, robot)
     return known[path]
+
+
+def _commands(values: Mapping[str, float], info: ValidationInfo) -> Mapping[str, float]:
+    """Return commands within the gait's ranges for the robot of a file, or the paper's, with the robot's defaults."""
+    if (gait := info.data.get("gait")) is None:  # it is wrong, which is said
+        return values
+    robot = None if info.context is None else info.context.get("robot")
+    try:
+        command = Command.from_mapping(values, gait, robot).validate(robot)
+    except HugwbcError as error:
+        raise CommandError(f"segment '{info.data.get('label')}': {error}", at=error.at) from None
+    usual = Command(gait=gait)
+    told = {name: getattr(command, name) for name in COMMAND_NAMES}
+    return MappingProxyType({name: told[name] for name in told if name in values or told[name] != getattr(usual, name)})
 
 
 _Path = Annotated[HandPath | None, PlainValidator(refusing(_path))]
@@ -192,7 +214,8 @@ class Segment:
         label: description for people.
         duration: length of the segment [s].
         gait: gait from the segment's start.
-        commands: values by name, reached after `ramp`; all other commands go to their defaults.
+        commands: values by name, reached after `ramp`; all other commands go to their defaults, those of the robot in
+            a file that is loaded for one.
         hands: paths of the hands; None leaves the arms to the controller. Paths equal to the previous segment's
             continue; others start.
         ramp: time from the previous segment's values to this segment's, for commands and hands [s]; `DEFAULT_RAMP`, or
@@ -203,7 +226,9 @@ class Segment:
     label: str
     duration: Positive
     gait: Annotated[Gait, BeforeValidator(refusing(Gait.parse))] = Gait.STANDING
-    commands: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    commands: Annotated[Mapping[str, float], AfterValidator(refusing(_commands))] = Field(
+        default_factory=dict, validate_default=True
+    )
     hands: HandMotion | None = None
     ramp: NotNegative = Field(default_factory=lambda given: min(DEFAULT_RAMP, given.get("duration", DEFAULT_RAMP)))
     motion: Annotated[ArmMotion | None, PlainValidator(refusing(_motion))] = None
@@ -214,15 +239,10 @@ class Segment:
             raise ConfigError(message, at=("ramp",))
         if self.hands is not None and self.motion is not None:
             raise TargetError(f"segment '{self.label}' has both hands and a motion of the arms; give one of them")
-        object.__setattr__(self, "commands", MappingProxyType(dict(self.commands)))
-        self.command()
 
-    def command(self, robot: Robot | None = None) -> Command:
-        """Return the command at the end of the ramp, within the ranges of a robot, or the paper's."""
-        try:
-            return Command.from_mapping(self.commands, self.gait).validate(robot)
-        except HugwbcError as error:
-            raise CommandError(f"segment '{self.label}': {error}", at=("commands", *error.at)) from None
+    def command(self) -> Command:
+        """Return the command at the end of the ramp."""
+        return Command.from_mapping(self.commands, self.gait)
 
     def blend(self, elapsed: float) -> float:
         """Return the share of the ramp that is done after `elapsed` [s], in [0, 1]."""
@@ -250,11 +270,6 @@ class Script:
     def __post_init__(self) -> None:
         for index, (before, after) in enumerate(itertools.pairwise(self.segments), start=1):
             _check_transition(before, after, at=("segments", index))
-
-    def check(self, robot: Robot) -> None:
-        """Refuse commands outside a robot's ranges."""
-        for segment in self.segments:
-            segment.command(robot)
 
     @functools.cached_property
     def _ends(self) -> list[float]:
@@ -331,12 +346,13 @@ def _check_transition(before: Segment, after: Segment, at: tuple[str, int]) -> N
     """Refuse a segment that cannot follow another.
 
     Ranges are boxes and ramps are convex combinations: a ramp with a valid start in the new gait is valid throughout.
+    What a gait allows like the one before, the segment before has kept.
     """
-    start = before.command()
+    start, ranges, allowed = before.command(), command_ranges(after.gait), command_ranges(before.gait)
     for name in COMMAND_NAMES:
-        low, high = command_ranges(after.gait)[name].finishing
+        low, high = ranges[name].finishing
         value = getattr(start, name)
-        if not low <= value <= high:
+        if ranges[name] != allowed[name] and not low <= value <= high:
             unit = COMMAND_UNITS[name]
             raise CommandError(
                 f"segment '{after.label}' ({after.gait.label}) starts from {name} = {value:g} {unit} of segment "
@@ -378,11 +394,8 @@ def load_script(name: str | pathlib.Path, robot: Robot | None = None) -> Script:
 
     Args:
         name: the name or the path.
-        robot: whose arms the script's motion files move, and whose ranges its commands keep; None for a script without
-            such files, and the paper's ranges.
+        robot: whose arms the script's motion files move, and whose ranges and defaults its commands have; None for a
+            script without such files, and the paper's ranges.
     """
     path = named_path("script", name, FOLDER)
-    script = load(Script, path, robot, name=path.stem)
-    if robot is not None:
-        script.check(robot)
-    return script
+    return load(Script, path, robot, name=path.stem)

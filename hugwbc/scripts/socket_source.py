@@ -12,6 +12,7 @@ from typing import Any
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.streams import Tally, read_object
 from hugwbc.targets import ORIENTATIONS, HandTargets
 
@@ -42,6 +43,7 @@ class SocketSource:
         port: int = 0,
         clock: Callable[[], float] = time.monotonic,
         tell: Callable[[str], object] = lambda text: None,
+        robot: Robot | None = None,
     ) -> None:
         """Listen on a port of this machine.
 
@@ -49,6 +51,7 @@ class SocketSource:
             port: 0 for any that is free.
             clock: returns seconds, to tell silence.
             tell: called with what is wrong with messages, at most once a second.
+            robot: whose ranges and defaults commands have; None for the paper's.
         """
         if not 0 <= port <= 65535:
             raise ConfigError(f"port is {port}; give 1 to 65535, or 0 for any that is free")
@@ -60,7 +63,7 @@ class SocketSource:
             raise ConfigError(f"cannot listen on port {port} of {HOST}: {error}; give another port") from error
         self._socket.setblocking(False)
         self.port = int(self._socket.getsockname()[1])
-        self._clock, self._heard = clock, -math.inf
+        self._clock, self._heard, self._robot = clock, -math.inf, robot
         self.tally = Tally(f"UDP port {self.port}", tell, clock)
         self._command, self._hands, self._sequence = Command(), None, -1
         self.driven, self._followed = False, 0
@@ -110,7 +113,7 @@ class SocketSource:
             if sequence <= self._sequence:
                 self.tally.note("late", f"sequence {sequence} is not above the last one, {self._sequence}")
                 return
-        command, hands = _command(said), _hands(said.get("hands"), sequence)
+        command, hands = _command(said, self._robot), _hands(said.get("hands"), sequence)
         self._command, self._hands = command, hands
         if sequence is not None:
             if self._sequence >= 0:
@@ -128,14 +131,14 @@ def _check_keys(kind: str, said: object, known: Sequence[str]) -> None:
             raise UnknownNameError(kind, name, known)
 
 
-def _command(said: dict[str, Any]) -> Command:
+def _command(said: dict[str, Any], robot: Robot | None) -> Command:
     values = said.get("command", {})
     _check_keys("key of a command", values, COMMAND_NAMES)
     moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
     named = said.get("gait", "walking" if moving else "standing")
     if not isinstance(named, str):
         raise ValueError("gait is a name")
-    return Command.from_mapping(values, Gait.parse(named)).validate()
+    return Command.from_mapping(values, Gait.parse(named), robot).validate(robot)
 
 
 def _hands(said: dict[str, Any] | None, sequence: int | None) -> HandTargets | None:

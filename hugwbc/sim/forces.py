@@ -106,7 +106,8 @@ class HandPull:
         model = self._kinematics.model
         # From the link's centre of mass, at which the engine applies forces, to the hand, in the link's frame.
         self._arms = [
-            simulation.robot.hand - model.inertias[model.frames[model.getFrameId(n)].parentJoint].lever for n in names
+            hand - model.inertias[model.frames[self._kinematics.frame_id(name)].parentJoint].lever
+            for hand, name in zip(simulation.robot.hands, names, strict=True)
         ]
         self._links = names
         self._yaw: float | None = None

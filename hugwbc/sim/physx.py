@@ -367,8 +367,9 @@ class PhysxSimulation(Engine):
         return np.stack([self._motion(self._links[name], centre)[3] for name in self.robot.foot_links])
 
     def hand_position(self, side: str) -> np.ndarray:  # noqa: D102
-        pose = self._links[self.robot.hand_links[SIDES.index(side)]].entity_pose
-        return np.array(pose.p, dtype=float) + rotations.rotate(np.array(pose.q, dtype=float), self.robot.hand)
+        number = SIDES.index(side)
+        pose = self._links[self.robot.hand_links[number]].entity_pose
+        return np.array(pose.p, dtype=float) + rotations.rotate(np.array(pose.q, dtype=float), self.robot.hands[number])
 
     def _trunk_on_ground(self) -> bool:
         return self._trunk

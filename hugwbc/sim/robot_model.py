@@ -204,8 +204,8 @@ class Variation:
             model.body_mass[model.body(robot.trunk).id] += self.payload
             mujoco.mj_setConst(model, mujoco.MjData(model))
         if self.hand_payload:
-            for link in robot.hand_links:
-                _add_mass(model, model.body(link).id, self.hand_payload, robot.hand)
+            for link, hand in zip(robot.hand_links, robot.hands, strict=True):
+                _add_mass(model, model.body(link).id, self.hand_payload, hand)
             mujoco.mj_setConst(model, mujoco.MjData(model))
         if self.friction is not None:
             # MuJoCo uses the larger of two coefficients, so the ground's must not exceed the requested one.

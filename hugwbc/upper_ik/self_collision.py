@@ -73,7 +73,7 @@ def _set_shapes(wrapper: placo.RobotWrapper, robot: Robot, boxes: Iterable[pin.G
     model, frames = wrapper.collision_model, wrapper.model.frames
     capsules = [(box.parentFrame, *shape) for box in boxes for shape in _around(box.placement, box.geometry)]
     for link, shapes in robot.capsules.items():
-        frame = wrapper.model.getFrameId(link)
+        frame = wrapper.model.getFrameId(link, pin.FrameType.BODY)
         for shape in shapes:
             place = frames[frame].placement * pin.SE3(np.eye(3), np.array(shape.pos))
             capsules.append((frame, place, coal.Capsule(shape.radius, shape.length)))

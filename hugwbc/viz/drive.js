@@ -119,7 +119,7 @@
     return box;
   }
 
-  const number = (value) => value === null || value === undefined ? "" : value.toFixed(2);
+  const number = (value) => value === null || value === undefined ? "" : (+value.toFixed(2) + 0).toFixed(2);  // no -0.00
   function show(box, status) {
     const line = box.querySelector(".line");
     if (status.lost) { line.textContent = "No connection to the robot."; return; }

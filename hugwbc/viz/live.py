@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from hugwbc import rotations
-from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, Command, command_ranges
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, command_ranges
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
@@ -189,7 +189,7 @@ class LivePage:
         for name in COMMAND_NAMES:
             low, high = _slider_range(name, self.source.robot)
             slider = gui.add_slider(
-                f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(Command(), name)
+                f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(self.source.requested, name)
             )
             slider.on_update(lambda _, name=name: self._ask(name))
             self._sliders[name] = slider

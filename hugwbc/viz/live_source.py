@@ -29,18 +29,18 @@ class LiveSource:
     def __init__(self, robot: Robot, stream: SocketSource | None = None) -> None:
         self.robot = robot  # whose ranges count
         self._stream, self.following = stream, False  # whether another program gives the commands now
-        self.requested = Command()  # what the person asks for
+        self.requested = default_command(Gait.STANDING, robot)  # what the person asks for
         self.hands: HandTargets | None = None  # None leaves the arms to the controller
         self.notice, self.noticed = "", -np.inf  # what was done with the last request, for people; shown until then
         self._walks_by_itself = self._paused = False
-        self._command = default_command(self.requested.gait)
+        self._command = self.requested
         self._t = 0.0
         self._asking = threading.Lock()
 
     def stand(self) -> None:
         """Ask for nothing but standing."""
         with self._asking:
-            self.requested, self._walks_by_itself = Command(), False
+            self.requested, self._walks_by_itself = default_command(Gait.STANDING, self.robot), False
 
     @property
     def command(self) -> Command:

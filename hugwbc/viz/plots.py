@@ -103,11 +103,11 @@ def _measured(trace: Trace, name: str) -> np.ndarray:
 
 
 def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
-    """Plot the distance of the left and the right hand to their targets; no panels if no run has any."""
-    if not any(np.isfinite(trace.hand_error).any() for trace in traces):
-        return []
+    """Plot the distance of the left and the right hand to their targets; no panel of one that has none in any run."""
     panels = []
     for index, side in enumerate(("Left", "Right")):
+        if not any(np.isfinite(trace.hand_error[:, index]).any() for trace in traces):
+            continue
 
         def draw(axes: "Axes", index: int = index) -> None:
             for trace, colour in zip(traces, LABEL_COLOURS, strict=False):

@@ -5,6 +5,7 @@ until it is stopped and stands the robot up again after a fall; `drive` lets a p
 meshcat is loaded only when something is drawn.
 """
 
+import math
 import pathlib
 import sys
 import time
@@ -19,8 +20,8 @@ from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, Command
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
 from hugwbc.files import writing
-from hugwbc.robot import Robot
-from hugwbc.runtime.loop import ControlLoop
+from hugwbc.robot import SIDES, Robot
+from hugwbc.runtime.loop import ControlLoop, world_targets
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Snapshot, Trace
 from hugwbc.scripts.view import CommandSource
@@ -222,6 +223,8 @@ def run_live(
         tell(f"{loop.control.guard.name}: {simulated:.1f} s simulated, {falls} falls")
         if ticks:
             tell(mean_velocities(*velocities / ticks))
+        if words := hands_reached(loop):
+            tell(words)
         if (watch := getattr(loop.control.upper_body, "watch", None)) is not None and watch.tally.problem:
             tell(str(watch.tally))
         for message in dict.fromkeys([*messages, *loop.control.log.report().messages]):
@@ -280,6 +283,19 @@ def mean_velocities(commanded: np.ndarray, walked: np.ndarray) -> str:
     pairs = zip(VELOCITY_NAMES, walked, commanded, strict=True)
     words = (f"{name} {mean:.2f} of {value:.2f} {COMMAND_UNITS[name]}" for name, mean, value in pairs)
     return f"mean velocities, walked of commanded: {', '.join(words)}"
+
+
+def hands_reached(loop: ControlLoop) -> str:
+    """Return how far the hands are from their targets, as a line for people; empty without targets."""
+    simulation, arms = loop.simulation, loop.control.upper_body
+    targets = world_targets(loop.control.hands, simulation.state())
+    words = []
+    for number, (side, target) in enumerate(zip(SIDES, targets, strict=True)):
+        away = float(np.linalg.norm(simulation.hand_position(side) - target))
+        if math.isfinite(away):
+            beyond = arms is not None and arms.solution is not None and not arms.solution.reachable[number]
+            words.append(f"{side} {100 * away:.1f} cm" + " (out of reach)" * beyond)
+    return f"hands at the end, from their targets: {', '.join(words)}" if words else ""
 
 
 def run_script(main: Callable[..., object]) -> None:

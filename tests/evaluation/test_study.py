@@ -97,3 +97,6 @@ def test_what_is_stored_is_said_at_once_and_counts_as_done(longer, tmp_path):
         run_study(chosen, store=Store(tmp_path), on_progress=parts[-1].append, tell=said.append)
     assert said == ["4 of 8 episodes are stored", "all 8 episodes are stored"]
     assert parts[1][0] == 0.5 and parts[1][-1] == 1.0 and set(parts[2]) == {1.0}
+    more = [Entry(MINE, CountedSettings(episodes=6), ControllerSpec("hold"))]
+    assert len(run_study(more, store=Store(tmp_path), tell=said.append)[0].rows) == 6
+    assert said[-1] == "4 of 6 episodes are stored"

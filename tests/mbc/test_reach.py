@@ -126,3 +126,11 @@ def test_a_sole_is_level_or_on_the_slope_as_far_as_the_ankle_allows():
     assert toe_down(0.7, 0.0, 0.0, load_robot()) == 0.0
     assert toe_down(0.5, 0.0, -0.1, load_robot()) == -0.1
     assert toe_down(0.75, 0.0, -0.1, load_robot()) == pytest.approx(-0.05)
+
+
+def test_a_wide_ankle_allows_the_lowest_squat_at_every_speed():
+    """Where every squat reaches as far ahead, no height is the nearest: the interpolation has no slope there."""
+    robot = dataclasses.replace(FITTED, squat_reach=(0.44,) * len(FITTED.squat_reach))
+    for speed in (0.0, 1.0, 9.0):
+        lowest = lowest_walking_height(PARAMS, speed, 0.25, 0.0, robot)
+        assert lowest == robot.squat_heights[0]

@@ -1,5 +1,6 @@
 """The report page and its plots; what both pages load, and how they escape."""
 
+import dataclasses
 import html.parser
 import pathlib
 import re
@@ -78,6 +79,8 @@ def test_panels_are_pictures_in_the_pages_colour(make_run: Callable) -> None:
         assert "currentColor" in panel.svg and "#010203" not in panel.svg
         assert all(colour in panel.svg for colour in LABEL_COLOURS[:2])
     assert hand_panels([make_run(hands=False)]) == []
+    right = dataclasses.replace(runs[0], hand_error=np.where([True, False], np.nan, runs[0].hand_error))
+    assert [panel.title.split()[0] for panel in hand_panels([right])] == ["Right"], "no empty picture"
 
 
 def _curves(svg: str, colour: str) -> list[np.ndarray]:

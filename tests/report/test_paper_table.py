@@ -46,12 +46,16 @@ def test_the_latex_is_balanced_and_every_row_has_every_cell():
     assert plain.count("{") == plain.count("}") and plain.count("$") % 2 == 0 and "#" not in plain
     begun, ended = (re.findall(rf"\\{word}{{(\w+)}}", text) for word in ("begin", "end"))
     assert begun == ["table", "tabular"] and ended == begun[::-1]
-    (columns,) = re.findall(r"\\begin{tabular}{@{}(\w+)@{}}", text)
+    (columns,) = re.findall(r"\\begin{tabular}{@{}.*p{12em}(r+)@{}}", text)
     body = text.partition("\\toprule")[2].partition("\\bottomrule")[0].replace("\\midrule", "")
     rows = [row for row in body.split(r"\\") if row.strip()]
-    assert len(rows) == 2 + 4 + 1 and {len(cells(row)) for row in rows} == {len(columns)} == {4}
+    assert len(rows) == 2 + 4 + 1 and {len(cells(row)) for row in rows} == {1 + len(columns)} == {4}
+    headings = [[cell.strip() for cell in cells(row)[1:]] for row in rows if r"\_\{own\}" in row]
+    assert headings == [["HugWBC, paper", "qp", r"my\_\{own\}"], ["", "qp", r"my\_\{own\}"]], "one column for each"
     assert not re.search(r"(?<!\\)%", text.split("\n", 1)[1]), "nothing is a comment but the first line"
     assert text.isascii(), "no character needs a font"
+    pages = tex_table(TABLES * 30, ["Many."]).split(r"\begin{table}")[1:]
+    assert len(pages) > 2 and all(r"\end{table}" in page and page.count(r" \\") < 60 for page in pages)
     assert tex_text("-0.5 to x-ray_1 <") == r"$-$0.5 to x-ray\_1 $<$"
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from hugwbc import Command, Gait
 from hugwbc.controller import Controller, JointCommand
-from hugwbc.errors import ModelError
+from hugwbc.errors import ConfigError, ModelError
 from hugwbc.kinematics import Kinematics, pinocchio_model
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import load_robot
@@ -66,14 +66,15 @@ def lab(
 
 
 def run(controller: Controller, robot: MujocoRobot, model: mujoco.MjModel, data: mujoco.MjData, seconds: float) -> None:
-    """Walk at 0.5 m/s, with inputs as old as the controller's period."""
+    """Walk at 0.5 m/s, with inputs that are kept for 20 ms."""
+    kept = 0.02
     robot.stand()
     control = robot.control_period(controller, Command(v_x=0.5, gait=Gait.WALKING))
     control.start(robot.state(), data.time)
-    for _ in range(round(seconds / controller.period)):
+    for _ in range(round(seconds / kept)):
         control.observe(robot.state(), data.time)
-        robot.apply(control.decide(data.time), hold=controller.period)
-        mujoco.mj_step(model, data, round(controller.period / model.opt.timestep))
+        robot.apply(control.decide(data.time))
+        mujoco.mj_step(model, data, round(kept / model.opt.timestep))
 
 
 @pytest.mark.parametrize("servos", [True, False])
@@ -86,6 +87,14 @@ def test_both_controllers_walk_in_it(name: str, servos: bool) -> None:
     state = robot.state()
     assert state.position is not None and state.position[2] > 0.9
     assert 0.6 < state.position[0] < 1.4
+
+
+def test_inputs_that_are_kept_for_longer_than_the_period_are_refused() -> None:
+    model, data = lab()
+    robot = MujocoRobot(model, data)
+    with pytest.raises(ConfigError, match=r"kept for 20 ms, and the period of qp is 4 ms.*period=0\.02"):
+        run(WholeBodyController(robot=robot.robot), robot, model, data, 1.0)
+    assert data.time == pytest.approx(0.02), "with the second inputs"
 
 
 def test_controllers_are_told_the_models_dynamics() -> None:
@@ -117,7 +126,7 @@ def test_an_actuator_gives_the_torque_of_a_command(servos: bool) -> None:
     data.qvel[robot._dq] = draw.normal(0.0, 0.3, 19)
     q, dq = data.qpos[robot._q], data.qvel[robot._dq]
     command = JointCommand(q + 0.01, dq - 0.2, draw.uniform(0, 40, 19), draw.uniform(0, 2, 19), draw.uniform(-2, 2, 19))
-    robot.apply(command, hold=0.0)
+    robot.apply(command)
     mujoco.mj_forward(model, data)
     wanted = command.tau + command.kp * (command.q - q) + command.kd * (command.dq - dq)
     np.testing.assert_allclose(data.qfrc_actuator[robot._dq], wanted, atol=1e-9)

@@ -281,3 +281,17 @@ def test_a_script_with_orientations_is_refused_for_arms_without_wrists(tmp_path)
     assert hands is not None and not hands.left_orientation.any() and hands.right_orientation.tolist() == [1, 0, 0, 0]
     with pytest.raises(ConfigError, match=r"level.yaml:3:\d+: .*left_orientation takes an arm of 5 joints .* h1 has 4"):
         load_script(path, load_robot("h1"))
+
+
+def test_a_script_has_the_ranges_and_defaults_of_the_robot_that_it_is_loaded_for(tmp_path):
+    """A G1 lifts its feet lower: its default is 0.15 m times its leg over the paper's, and 0.08 m is allowed."""
+    path = tmp_path / "walk.yaml"
+    path.write_text(
+        "segments:\n"
+        "- {label: go, duration: 2, gait: walking, commands: {v_x: 0.3}}\n"
+        "- {label: low, duration: 2, gait: walking, commands: {l: 0.08}}\n"
+    )
+    script = load_script(path, load_robot("g1"))
+    assert [script.command_at(t).l for t in (1.5, 4.0)] == pytest.approx([0.15 * 0.6366 / 0.8, 0.08], abs=0.005)
+    with pytest.raises(ConfigError, match=r"segment 'low': command l = 0\.08 m .* valid: 0\.1 to 0\.35"):
+        load_script(path, load_robot("h1"))

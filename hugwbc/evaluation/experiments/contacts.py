@@ -7,7 +7,6 @@ import numpy as np
 import polars as pl
 
 from hugwbc import gait as gaits
-from hugwbc.commands import default_command
 from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
@@ -37,7 +36,7 @@ class ContactsSettings(CountedSettings):
 def plan(settings: ContactsSettings) -> list[Plan]:
     """Return the default command of the gait for every episode, ahead if the gait moves."""
     v_x = 0.0 if settings.gait == Gait.STANDING.label else V_X
-    commands = [dataclasses.replace(default_command(gait), v_x=v_x) for gait in settings.gaits]
+    commands = [dataclasses.replace(settings.default_command(draw), v_x=v_x) for draw in range(2)]
     return [Plan(draw, commands[draw % 2]) for draw in range(settings.episodes)]
 
 

@@ -15,7 +15,6 @@ import numpy as np
 import polars as pl
 from pydantic import Field
 
-from hugwbc.commands import default_command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import Row, Settings, ending, simulate
@@ -171,7 +170,7 @@ def rollout_plan(settings: DisturbanceSettings, kind: str, direction: int, force
     vector = tuple((force * heading(direction)).tolist())
     start = settings.settle + float(rng.uniform(0.0, _START_SPREAD))
     push = Force(vector, start, KINDS[kind], frame="heading")
-    command = default_command(settings.gaits[draw % 2])
+    command = settings.default_command(draw)
     return Plan(draw, command, {"kind": kind, "direction": direction, "force": force}, (push,), conditions)
 
 

@@ -21,7 +21,6 @@ from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.robot import load_robot
 from hugwbc.settings import Count, Positive, one_of, settings
 from hugwbc.sim import Force
 from hugwbc.sim.arena import ENGINES
@@ -73,7 +72,7 @@ def push_of(settings: EnginesSettings, number: int) -> Force:
     rng = np.random.default_rng((settings.seed, number))
     angle, start = rng.uniform(0.0, 2.0 * np.pi), float(rng.uniform(*_PUSHED))
     vector = (float(PUSH * np.cos(angle)), float(PUSH * np.sin(angle)), 0.0)
-    return Force(vector, start=start, duration=PUSH_TIME, link=load_robot(settings.conditions.chosen.robot).base)
+    return Force(vector, start=start, duration=PUSH_TIME, link=settings.robot.base)
 
 
 def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Row:

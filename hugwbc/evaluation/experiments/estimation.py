@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 
 from hugwbc import rotations
-from hugwbc.commands import Command, default_command
+from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
@@ -76,7 +76,7 @@ def plan(settings: EstimationSettings) -> list[Plan]:
 
 def walk_command(settings: EstimationSettings, number: int) -> Command:
     """Return the command of one walk, drawn from the seed and its number."""
-    command = default_command(settings.gaits[number % 2])
+    command = settings.default_command(number)
     if settings.gait == "standing":
         return command
     rng = np.random.default_rng((settings.seed, number))

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import default_command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate, simulation_of
@@ -21,7 +20,6 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean, single, wilson_of
 from hugwbc.evaluation.plans import Plan
-from hugwbc.robot import load_robot
 from hugwbc.settings import Count, NotNegative, Positive, settings
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -97,7 +95,7 @@ class FaultsSettings(CountedSettings):
 
 def plan(settings: FaultsSettings) -> list[Plan]:
     """Return the same walks for every fault."""
-    plans, robot = [], load_robot(settings.conditions.chosen.robot)
+    plans, robot = [], settings.robot
     for name, change in settings.faults.items():
         for draw in range(settings.episodes):
             rng = np.random.default_rng((settings.seed, draw))
@@ -109,7 +107,7 @@ def plan(settings: FaultsSettings) -> list[Plan]:
             for word, value in said.items():
                 faults = tuple(text.replace(word, value) for text in faults)
             conditions = dataclasses.replace(settings.conditions, **{**change, "faults": faults})
-            command = dataclasses.replace(default_command(settings.gaits[0]), v_x=V_X)
+            command = dataclasses.replace(settings.default_command(), v_x=V_X)
             plans.append(Plan(draw, command, {"fault": name, "start": start}, conditions=conditions))
     return plans
 

@@ -31,7 +31,7 @@ from hugwbc.evaluation.intervals import (
 )
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.robot import SIDES, load_robot
+from hugwbc.robot import SIDES
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, NotNegative, settings
 from hugwbc.sim import Engine, Force
@@ -327,7 +327,7 @@ def next_pushes(settings: ForcesSettings, rows: Sequence[Row]) -> list[Plan]:
 
 
 def _push(settings: ForcesSettings, direction: int, draw: int, change: float) -> Plan:
-    mass = load_robot(settings.conditions.chosen.robot).mass
+    mass = settings.robot.mass
     vector = tuple((mass * change / PUSH_TIME * heading(direction)).tolist())
     # Pushes of one direction meet the gait at different times.
     push = Force(vector, BEGIN + 0.13 * (draw % 8), PUSH_TIME, frame="heading")
@@ -390,7 +390,7 @@ def sway_plan(settings: ForcesSettings) -> list[Plan]:
 
 def sway_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -> Row:
     """Return the root mean square of the hands' acceleration [m/s^2]; None in a fall."""
-    duration, robot = SWAYED_FROM + SWAYED, load_robot(settings.conditions.chosen.robot)
+    duration, robot = SWAYED_FROM + SWAYED, settings.robot
     stiff = HandTargets(None, None, joints=robot.nominal[robot.arms])
     source = Source(V_X, HandTargets.of(*HANDS, "steady") if plan.tags["arms"] == "steady" else stiff)
     trace = play(controller, settings, plan, source, simulation_of(settings, plan, duration), duration)

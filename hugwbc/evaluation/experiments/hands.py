@@ -16,7 +16,7 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, scaled, single
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.hand_paths import Line
 from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
@@ -110,7 +110,7 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     - `errors`, `reachable`: of every sample, for the left and the right hand.
     - `joint_error_rad`: mean distance of the arm joints to the inverse kinematics' solution [rad].
     """
-    seed, robot = (settings.seed, plan.draw), load_robot(settings.conditions.chosen.robot)
+    seed, robot = (settings.seed, plan.draw), settings.robot
     source = _Recording(settings.conditions.told_arena.known_robot)
     script = hands_script(settings, np.random.default_rng(seed), plan.draw)
     trace = simulate(controller, settings, plan, source=script, upper_body=source)

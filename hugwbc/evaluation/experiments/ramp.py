@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import Command, command_ranges, default_command
+from hugwbc.commands import Command, command_ranges
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
@@ -21,7 +21,6 @@ from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.kinematics import MEASURED_NAMES
-from hugwbc.robot import load_robot
 from hugwbc.settings import Count, NotNegative, Positive, settings
 from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
@@ -63,8 +62,8 @@ def plan(settings: RampSettings) -> list[Plan]:
 
 def ramp_schedule(settings: RampSettings, name: str) -> Schedule:
     """Go from the default command to one command's minimum, then linearly from `settle` to the end to its maximum."""
-    low, high = command_ranges(settings.gaits[0], load_robot(settings.conditions.chosen.robot))[name].finishing
-    start = default_command(settings.gaits[0])
+    low, high = command_ranges(settings.gaits[0], settings.robot)[name].finishing
+    start = settings.default_command()
 
     def at(value: float) -> Command:
         return dataclasses.replace(start, **{name: value})
@@ -83,7 +82,7 @@ def episode(controller: Controller, settings: RampSettings, plan: Plan) -> Row:
     times = settings.settle + ramp * np.arange(_CURVE_POINTS) / (_CURVE_POINTS - 1)
     samples = np.searchsorted(trace.time, times - 1e-9)
     measured = trace.measured[:, MEASURED_NAMES.index(name)]
-    robot = load_robot(settings.conditions.chosen.robot)
+    robot = settings.robot
     values = np.linspace(*command_ranges(settings.gaits[0], robot)[name].finishing, _CURVE_POINTS)
     # The end of the ramp is the end of the episode, one sample after the last.
     samples = np.where(math.isclose(trace.survived_s, times[-1]), np.minimum(samples, len(measured) - 1), samples)

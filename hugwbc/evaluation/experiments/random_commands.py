@@ -22,7 +22,7 @@ from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.gait import Gait
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot
 from hugwbc.settings import Count, settings
 
 SEGMENT = (1.0, 5.0)  # [s], shortest and longest time between two changes
@@ -43,7 +43,7 @@ class RandomCommandsSettings(CountedSettings):
 
 def plan(settings: RandomCommandsSettings) -> list[Plan]:
     """Return an episode for each drawn command, or for each drawn schedule of `changing`."""
-    robot = load_robot(settings.conditions.chosen.robot)
+    robot = settings.robot
     if settings.changing:
         draws = [(draw, np.random.default_rng((settings.seed, draw))) for draw in range(settings.episodes)]
         return [Plan(draw, random_schedule(rng, settings.duration, robot)) for draw, rng in draws]
@@ -57,7 +57,7 @@ def random_schedule(rng: np.random.Generator, duration: float, robot: Robot) -> 
     while time < duration:
         gait = Gait(rng.integers(len(Gait)))
         varied = rng.uniform(size=len(COMMAND_NAMES)) < rng.uniform()
-        values = np.where(varied, sample_all(gait, rng, 1, robot)[0], default_command(gait).array())
+        values = np.where(varied, sample_all(gait, rng, 1, robot)[0], default_command(gait, robot).array())
         ramp = rng.choice([0.0, rng.uniform(0.0, SEGMENT[0])]) if knots else 0.0
         knots.append(Knot(time, Command.from_array(values, gait), float(ramp)))
         time += rng.uniform(*SEGMENT)

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from pydantic import Field
 
-from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, command_ranges, default_command
+from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, command_ranges
 from hugwbc.controller import Controller
 from hugwbc.evaluation.episode import Row, Settings, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
@@ -21,7 +21,6 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import known, single
 from hugwbc.evaluation.metrics import executed_means
 from hugwbc.evaluation.plans import Plan
-from hugwbc.robot import load_robot
 from hugwbc.settings import settings
 from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
@@ -39,8 +38,8 @@ class ResponseSettings(Settings):
 
 def values(settings: ResponseSettings, name: str) -> list[float]:
     """Return the values of a command, its default among them."""
-    low, high = command_ranges(settings.gaits[0], load_robot(settings.conditions.chosen.robot))[name].finishing
-    chosen = {getattr(default_command(settings.gaits[0]), name), *np.linspace(low, high, settings.points).tolist()}
+    low, high = command_ranges(settings.gaits[0], settings.robot)[name].finishing
+    chosen = {getattr(settings.default_command(), name), *np.linspace(low, high, settings.points).tolist()}
     if name in VELOCITY_NAMES:
         chosen |= {sign * slow for slow in SLOW for sign in (-1.0, 1.0) if low <= sign * slow <= high}
     return sorted(chosen)
@@ -52,7 +51,7 @@ def plan(settings: ResponseSettings) -> list[Plan]:
     return [
         Plan(
             draw,
-            dataclasses.replace(default_command(settings.gaits[draw % 2]), **{name: value}),
+            dataclasses.replace(settings.default_command(draw), **{name: value}),
             {"command": name, "value": value},
         )
         for draw, (name, value) in enumerate(places)
@@ -75,7 +74,7 @@ def figures(settings: ResponseSettings, rows: pl.DataFrame) -> list[Figure]:
     for name in rows["command"].unique(maintain_order=True).to_list():
         kept = rows.filter((pl.col("command") == name) & pl.col("executed").is_not_null()).sort("value")
         value, executed = kept["value"].to_numpy(), kept["executed"].to_numpy()
-        default = value == getattr(default_command(settings.gaits[0]), name)
+        default = value == getattr(settings.default_command(), name)
         gain = float(np.polyfit(value, executed, 1)[0]) if len(value) > 1 else None
         bias = float((executed - value)[default].mean()) if default.any() else None
         found.append(Figure(table, f"{name}: gain", "", single(gain)))

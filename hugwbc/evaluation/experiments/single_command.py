@@ -11,7 +11,7 @@ import math
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import COMMAND_NAMES, Command, command_ranges, default_command
+from hugwbc.commands import COMMAND_NAMES, Command, command_ranges
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
@@ -22,7 +22,6 @@ from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name, other_controllers, single_command_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, settings
 
@@ -63,7 +62,7 @@ def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False)
     the times, take the place of samples of its inside.
     """
     rng = np.random.default_rng(settings.seed)
-    names, robot = sampled_commands(settings.gaits[0]), load_robot(settings.conditions.chosen.robot)
+    names, robot = sampled_commands(settings.gaits[0]), settings.robot
     share, rest = divmod(episodes, len(names))
     samples: list[tuple[str, Command]] = []
     for position, name in enumerate(names):
@@ -74,9 +73,7 @@ def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False)
         if ends:
             values = np.where(np.arange(count) < count / 2, low, high)
         for index, value in enumerate(values):
-            samples.append(
-                (name, dataclasses.replace(default_command(settings.gaits[index % 2]), **{name: float(value)}))
-            )
+            samples.append((name, dataclasses.replace(settings.default_command(index), **{name: float(value)})))
     return samples
 
 

@@ -43,7 +43,7 @@ class Loads:
         self._simulation, count, device = simulation, simulation.count, simulation.device
         self._forearms = torch.tensor([simulation.model.body(link).id for link in robot.hand_links], device=device)
         self._trunk = simulation.model.body(robot.trunk).id
-        self._hand = torch.tensor(robot.hand, dtype=torch.float64, device=device)
+        self._hands = torch.tensor(robot.hands, dtype=torch.float64, device=device)
         self._empty: tuple[torch.Tensor, ...] | None = None
         self._pulled = False
         self.payload = torch.zeros(count, _HANDS, device=device)
@@ -70,7 +70,7 @@ class Loads:
         fields = [simulation.expand(name) for name in ("body_mass", "body_ipos", "body_inertia")]
         if self._empty is None:
             without = [field[:, arms].double() for field in fields]
-            to_hand = self._hand - without[1]
+            to_hand = self._hands - without[1]
             # Along the principal axes of the forearm, which stay.
             axes = simulation.model.body_iquat[arms.numpy(force=True)]
             lever = torch.as_tensor(rotations.rotate_inverse(axes, to_hand.numpy(force=True)), device=arms.device)
@@ -128,7 +128,7 @@ class Loads:
             return
         self._pulled = pulled
         position, matrix, centre = (field[:, self._forearms] for field in self._simulation.link_poses())
-        lever = position + torch.einsum("nbij,j->nbi", matrix, self._hand.to(matrix)) - centre
+        lever = position + torch.einsum("nbij,bj->nbi", matrix, self._hands.to(matrix)) - centre
         forces = self._simulation.forces
         force = self.hand_force.to(forces)
         forces[:, self._forearms, :3] = force

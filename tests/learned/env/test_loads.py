@@ -34,7 +34,9 @@ def test_a_payload_is_a_point_mass_in_the_hand() -> None:
     forearms = [simulation.model.body(f"{side}_elbow_link").id for side in ("left", "right")]
     position, matrix = simulation.batch.bind("xpos"), simulation.batch.bind("xmat")
     simulation.batch.forward()
-    hands = position[:, forearms] + np.einsum("nbij,j->nbi", matrix[:, forearms].reshape(COUNT, 2, 3, 3), ROBOT.hand)
+    hands = position[:, forearms] + np.einsum(
+        "nbij,j->nbi", matrix[:, forearms].reshape(COUNT, 2, 3, 3), ROBOT.hands[0]
+    )
     moment = ROBOT.mass * before + (payload[..., None] * hands).sum(1)
     np.testing.assert_allclose(com[:, 0], moment / mass[:, None], atol=1e-6)
     # Laid down again, the arms are as light as before.
@@ -83,7 +85,7 @@ def test_a_force_on_a_hand_acts_at_the_hand() -> None:
     centre = simulation.batch.bind("xipos")
     position, matrix = simulation.batch.bind("xpos"), simulation.batch.bind("xmat")
     simulation.batch.forward()
-    lever = position[0, body] + matrix[0, body].reshape(3, 3) @ ROBOT.hand - centre[0, body]
+    lever = position[0, body] + matrix[0, body].reshape(3, 3) @ ROBOT.hands[0] - centre[0, body]
     np.testing.assert_allclose(simulation.forces[0, body], [0, 0, -10.0, *np.cross(lever, [0, 0, -10.0])], atol=1e-9)
 
 
