@@ -85,8 +85,7 @@ class ControllerParams:
     waist_gains: _Gains = (100.0, 20.0)
     """Gains of the waist joint [1/s^2], [1/s]."""
     held_weight: float = 20.0
-    """Weight of joints that hold their nominal position, such as the roll of a waist; with the waist's gains. In a leap
-    they yield like the waist: a push-off asks a trunk that must not move for more torque than they have."""
+    """Weight of joints that hold their nominal position, such as the roll of a waist; with the waist's gains."""
     arm_weight: float = 0.5
     """Weight of arm joints without external control: they hold the nominal pose, but yield."""
     arm_gains: _Gains = (100.0, 20.0)
@@ -181,6 +180,9 @@ class ControllerParams:
     first. About the vertical axis the waist can take that momentum."""
     leap_waist_weight: float = 0.2
     """Weight of the waist joint in a leap that turns: the trunk takes up what the legs need in flight."""
+    leap_held_weight: float = 2.0
+    """Weight of joints that hold their nominal position in a leap: a push-off asks a trunk that must not move for more
+    torque than they have."""
     flight_orientation_weight: tuple[float, float, float] = (4.0, 6.0, 6.0)
     """Weights of the pelvis's roll, pitch and yaw in flight. Angular momentum is conserved there, so that turning the
     pelvis moves the legs from their places."""

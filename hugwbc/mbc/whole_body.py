@@ -234,7 +234,7 @@ class WholeBodyController:
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
         leaps = bool(self._locomotion.plan.legs)
         self._waist.weight[0] = params.leap_waist_weight if leaps else params.waist_weight
-        self._still.weight[:] = params.waist_weight if leaps else params.held_weight
+        self._still.weight[:] = params.leap_held_weight if leaps else params.held_weight
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()

@@ -9,6 +9,7 @@ import pytest
 
 from hugwbc import Command, Gait, UpperBody, load_robot, rotations
 from hugwbc.errors import ConfigError
+from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
@@ -199,3 +200,11 @@ def test_a_robot_with_ankle_rolls_and_held_joints_walks():
     assert not trace.fell and trace.measured[len(trace.time) // 2 :, 0].mean() == pytest.approx(0.5, abs=0.03)
     held = trace.qpos[:, 7:][:, robot.held] - robot.nominal[robot.held]
     assert robot.held.size == 2 and np.abs(held).max() < 0.1
+
+
+def test_a_trunk_on_a_waist_of_little_torque_yields_to_the_push_off_of_a_jump():
+    """The G1: with its trunk held level it takes off with too much pitch, which grows to 0.35 rad until it lands."""
+    robot = load_robot("g1")
+    jump = Command(v_x=0.3, gait=Gait.JUMPING)
+    trace = rollout(WholeBodyController(robot), jump, Simulation(sensing="exact", robot=robot), duration=1.6)
+    assert np.abs(trace.measured[:, MEASURED_NAMES.index("p")]).max() < 0.25
