@@ -211,8 +211,23 @@ def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that the links' boxes end above the soles, and that pairs that collide have some."""
+    roles, q = table["roles"], {joint["name"]: joint["nominal"] for joint in table["joints"]}
+    for link in table["links"]:
+        name, box = link["name"], link.get("collision_box")
+        if box is None or name in (roles["foot"], other_side(roles["foot"])):
+            continue
+        corners = [
+            np.add(box["center"], np.multiply(box["size"], at)) for at in itertools.product((-0.5, 0.5), repeat=3)
+        ]
+        lowest = min(placement(table["joints"], name, roles["base"], corner, q)[0][2] for corner in corners)
+        if (below := -table["nominal_height"] - lowest) > 0.0:
+            yield (
+                f"the box of {name} reaches {1e3 * below:.0f} mm below the soles in the nominal pose; give a smaller "
+                f"one, links: {{{name}: {{collision_box: {{center: [x, y, z], size: [x, y, z]}}}}}}, with full lengths"
+            )
     shapes = {link["name"] for link in table["links"] if "collision_box" in link}
-    shapes |= {table["roles"]["foot"], other_side(table["roles"]["foot"])}
+    shapes |= {roles["foot"], other_side(roles["foot"])}
     for name in sorted(set(itertools.chain(*table["collision_pairs"])) - shapes):
         yield f"collision_pairs name {name}, which has no collision_box; valid: {', '.join(sorted(shapes))}"
 

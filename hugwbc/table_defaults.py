@@ -152,11 +152,11 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
     """Give a table, in place, what follows from its links and joints, and its description, where it does not say it."""
     roles, joints = table["roles"], table["joints"]
     if description is not None:
-        from hugwbc.description import measure_sole
+        from hugwbc.description import collision_boxes, measure_sole
 
         if "sole" not in table:
             table["sole"] = measure_sole(description, roles["foot"])
-        _shape(table)
+        _shape(table, collision_boxes(description))
     table.setdefault("damping", 0.001)
     table.setdefault("command_delay", 0.002)
     if "nominal_height" not in table:
@@ -189,8 +189,8 @@ def complete_drive(joint: dict[str, Any]) -> None:
     joint.setdefault("kd", 2.0 * _DAMPING * joint["armature"] * _FREQUENCY)
 
 
-def _shape(table: dict[str, Any]) -> None:
-    """Give the links the boxes of their inertia, for the eye and for collisions, where the table has no shapes."""
+def _shape(table: dict[str, Any], boxes: Mapping[str, Mapping[str, list[float]]]) -> None:
+    """Give the links these boxes, or those of their inertia, to draw and to collide, where the table has no shapes."""
     roles, joints = table["roles"], {joint["name"]: joint for joint in table["joints"]}
     knee, elbow = joints[roles["leg"]["knee"]], joints[roles["arm"]["elbow"]]
     thigh, shank, foot, forearm, hand = knee["parent"], knee["child"], roles["foot"], elbow["child"], roles["hand"]
@@ -198,11 +198,13 @@ def _shape(table: dict[str, Any]) -> None:
     visuals = table.setdefault("visuals", {})
     for link in table["links"]:
         moments = np.array([link["ixx"], link["iyy"], link["izz"]])
-        half = np.sqrt(np.maximum(1.5 * (moments.sum() - 2.0 * moments) / max(link["mass"], 1e-9), 1e-6))
+        size = 2.0 * np.sqrt(np.maximum(1.5 * (moments.sum() - 2.0 * moments) / max(link["mass"], 1e-9), 1e-6))
+        box = boxes.get(link["name"], {"center": link["com"], "size": size.tolist()})
         if link["name"] in solid:
-            link.setdefault("collision_box", {"center": link["com"], "size": (2.0 * half).tolist()})
+            link.setdefault("collision_box", box)
         if other_side(link["name"]) not in visuals:
-            shape = {"type": "box", "size": half.tolist(), "pos": link["com"], "colour": "light"}
+            half = [length / 2.0 for length in box["size"]]
+            shape = {"type": "box", "size": half, "pos": box["center"], "colour": "light"}
             visuals.setdefault(link["name"], [shape])
     table.setdefault("colours", _COLOURS)
     own = [(hand, roles["trunk"]), (hand, thigh), (hand, other_side(thigh)), (forearm, roles["trunk"])]

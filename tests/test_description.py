@@ -1,5 +1,7 @@
 """A robot's table that names a published description, against the same robot's table with all figures."""
 
+import xml.etree.ElementTree as ET
+
 import numpy as np
 import pytest
 import yaml
@@ -45,6 +47,41 @@ def test_twenty_lines_and_a_urdf_are_a_robot(tmp_path) -> None:
             np.testing.assert_allclose(mine_links[name][key], row[key], atol=1e-8, err_msg=name)
     np.testing.assert_allclose(robot_table(mine.name)["imu"]["xyz"], TABLE["imu"]["xyz"])
     assert mine.xml_path.is_file() and mine.urdf_path.is_file()
+
+
+def test_links_have_the_boxes_around_their_shapes_or_of_their_inertia(tmp_path) -> None:
+    """Shapes of fixed links count too; of a link with a mesh, its other shapes are not all."""
+    lying = '<origin xyz="0 0.1 0" rpy="1.5707963 0 0" /><geometry><cylinder radius="0.03" length="0.2" /></geometry>'
+    plate = '<collision><origin xyz="0 0 -0.4" /><geometry><box size="0.02 0.02 0.02" /></geometry></collision>'
+    mesh = '<collision><geometry><mesh filename="none.stl" /></geometry></collision>'
+    links = {"left_knee_link": f"<collision>{lying}</collision>", "left_elbow_link": plate + mesh}
+    root = ET.parse(G1.urdf_path).getroot()
+    for link in root.findall("link"):
+        if shapes := links.get(link.get("name")):
+            for kind in ("visual", "collision"):
+                for old in link.findall(kind):
+                    link.remove(old)
+            link.extend(ET.fromstring(f"<some>{shapes}</some>"))
+    frame = (
+        '<some><link name="plate">{}</link><joint name="screws" type="fixed"><origin xyz="0 0 0.5" />{}</joint></some>'
+    )
+    root.extend(ET.fromstring(frame.format(plate, '<parent link="torso_link" /><child link="plate" />')))
+    ET.ElementTree(root).write(tmp_path / "maker.urdf")
+    mine = _robot(tmp_path, {**SHORT, "description": "maker.urdf"})
+    found, boxes = (
+        {row["name"]: row["collision_box"] for row in robot_table(name)["links"] if "collision_box" in row}
+        for name in (mine.name, "g1")
+    )
+    assert found.keys() <= boxes.keys()
+    np.testing.assert_allclose(found["left_knee_link"]["center"], [0, 0.1, 0], atol=1e-6)
+    np.testing.assert_allclose(found["left_knee_link"]["size"], [0.06, 0.2, 0.06], atol=1e-6)
+    for key in ("center", "size"):
+        np.testing.assert_allclose(found["right_knee_link"][key], boxes["right_knee_link"][key], atol=1e-9)
+    low = np.subtract(boxes["torso_link"]["center"], np.divide(boxes["torso_link"]["size"], 2))
+    found_low = np.subtract(found["torso_link"]["center"], np.divide(found["torso_link"]["size"], 2))
+    np.testing.assert_allclose(found_low, np.minimum(low, [-0.01, -0.01, 0.09]), atol=1e-9)
+    forearm = next(row for row in robot_table(mine.name)["links"] if row["name"] == "left_elbow_link")
+    assert found["left_elbow_link"]["center"] == forearm["com"]
 
 
 def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:

@@ -112,6 +112,10 @@ BROKEN = {
         lambda table: table["collision_pairs"].append(["pelvis", "torso_link"]),
         ["collision_pairs name pelvis, which has no collision_box; valid: left_ankle_roll_link, left_elbow_link"],
     ),
+    "a shank is longer than the leg": (
+        _set("left_knee_link", collision_box={"center": [0, 0, -0.2], "size": [0.05, 0.05, 0.4]}),
+        ["the box of left_knee_link reaches 50 mm below the soles in the nominal pose; give a smaller one, links"],
+    ),
     "a field is missing": (lambda table: _row(table, LEFT_KNEE).pop("kd"), ["left_knee_joint lacks kd; give them"]),
     "a section is missing": (lambda table: table.pop("imu"), ["the section `imu` is missing"]),
 }
