@@ -30,7 +30,8 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
     model = _compile(spec, file)
     if any(model.jnt_type[1:] != mujoco.mjtJoint.mjJNT_HINGE) or np.abs(model.jnt_pos).max() > 0.0:
         raise ModelError(f"{file} has a joint that slides, or is not at its link's origin; only hinges there are valid")
-    speed = {joint.get("name"): joint.find("limit") for joint in ET.parse(file).iter("joint")}  # noqa: S314  the user's
+    rows = ET.parse(file).getroot().findall("joint")  # noqa: S314  the user's; transmissions have joints of their own
+    speed = {joint.get("name"): joint.find("limit") for joint in rows}
     joints, links = [], []
     for body in range(1, model.nbody):
         axes = rotations.to_matrix(model.body_iquat[body])
@@ -87,7 +88,12 @@ def _compile(spec: mujoco.MjSpec, file: pathlib.Path) -> mujoco.MjModel:
     try:
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"MuJoCo refuses {file}: {' '.join(str(error).split())}") from error
+        text = f"MuJoCo refuses {file}: {' '.join(str(error).split())}"
+        if "balanceinertia" in text:
+            text += (
+                "; write <compiler balanceinertia='true'/> into it, in a URDF inside <mujoco>: the means of the moments"
+            )
+        raise ModelError(text) from error
 
 
 def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -27,6 +28,7 @@ SHORT = {
 
 
 def _robot(folder, table):
+    folder.mkdir(exist_ok=True)
     (folder / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
     return load_robot(str(folder / "mine.yaml"))
 
@@ -94,6 +96,56 @@ def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
     # The spheres at the sole's corners stand out by their radius.
     np.testing.assert_allclose([*mine.sole_x, *mine.sole_y], [*G1.sole_x, *G1.sole_y], atol=0.0051)
     assert mine.sole_z == G1.sole_z
+
+
+def test_corrections_of_a_left_part_are_mirrored(tmp_path) -> None:
+    """Unless the right one has its own; a range follows the axis, which a roll has reversed in the mirror image."""
+    box = {"center": [0.0, 0.01, -0.1], "size": [0.05, 0.06, 0.2]}
+    links = {
+        "left_knee_link": {"mass": 2.0, "com": [0.01, 0.02, -0.13], "ixy": 1e-4, "collision_box": box},
+        "left_hip_yaw_link": {"mass": 2.0},
+        "right_hip_yaw_link": {"mass": 2.01},
+    }
+    joints = {"left_hip_roll_joint": {"range": [-0.4, 1.0], "xyz": [0.0, 0.06, -0.03], "effort": 120.0}}
+    mine = _robot(tmp_path, {**SHORT, "links": links, "joints": joints})
+    assert problems(mine.name) == []
+    rows = {row["name"]: row for kind in ("links", "joints") for row in robot_table(mine.name)[kind]}
+    knee, roll = rows["right_knee_link"], rows["right_hip_roll_joint"]
+    assert (knee["mass"], knee["com"], knee["ixy"]) == (2.0, [0.01, -0.02, -0.13], -1e-4)
+    assert knee["collision_box"] == {"center": [0.0, -0.01, -0.1], "size": [0.05, 0.06, 0.2]}
+    assert (roll["range"], roll["xyz"], roll["effort"]) == ([-1.0, 0.4], [0.0, -0.06, -0.03], 120.0)
+    assert rows["right_hip_yaw_link"]["mass"] == 2.01
+
+
+def test_a_joint_in_no_role_holds_what_is_beyond_it(tmp_path) -> None:
+    """Its inertia is that of MuJoCo's mass matrix; 0.05 rad take its whole effort."""
+    drives = [{"joints": ["waist_pitch_joint"], "armature": 0.0072, "effort": effort} for effort in (1e4, 50.0)]
+    low, high = (_robot(tmp_path / str(i), {**SHORT, "drives": [drive]}) for i, drive in enumerate(drives[::-1]))
+    pitch = low.index("waist_pitch_joint")
+    model = mujoco.MjModel.from_xml_path(str(low.xml_path))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    matrix = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, matrix)
+    assert high.kp[pitch] == pytest.approx(matrix[6 + pitch, 6 + pitch] * (20.0 * np.pi) ** 2, rel=1e-6)
+    assert low.kp[pitch] == pytest.approx(50.0 / 0.05)
+    assert low.kd[pitch] == pytest.approx(2.0 * np.sqrt(low.kp[pitch] * matrix[6 + pitch, 6 + pitch]), rel=1e-6)
+
+
+def test_transmissions_do_not_hide_speeds_and_a_refusal_has_its_remedy(tmp_path) -> None:
+    """A transmission's joint has the name of the joint and no limit. MuJoCo refuses moments 1, 0.1, 0.1."""
+    text = G1.urdf_path.read_text()
+    extra = '<transmission name="some"><joint name="left_knee_joint"><role>joint1</role></joint></transmission></robot>'
+    (tmp_path / "maker.urdf").write_text(text.replace("</robot>", extra))
+    mine = _robot(tmp_path, {**SHORT, "drives": [], "description": "maker.urdf"})
+    np.testing.assert_allclose(mine.velocity_limit, G1.velocity_limit[G1.indices(mine.joint_names)])
+    (tmp_path / "maker.xml").write_text(
+        '<mujoco><worldbody><body name="pelvis"><freejoint/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia="1 .1 .1"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(ModelError, match="write <compiler balanceinertia='true'/> into it"):
+        _robot(tmp_path, {**SHORT, "description": "maker.xml"})
 
 
 def test_drives_without_friction_stay_so(tmp_path) -> None:
