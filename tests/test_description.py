@@ -145,7 +145,7 @@ def test_transmissions_do_not_hide_speeds_and_a_refusal_has_its_remedy(tmp_path)
         '<inertial pos="0 0 0" mass="1" diaginertia="1 .1 .1"/></body></worldbody></mujoco>'
     )
     with pytest.raises(ModelError, match="write <compiler balanceinertia='true'/> into it"):
-        _robot(tmp_path, {**SHORT, "description": "maker.xml"})
+        _robot(tmp_path / "other", {**SHORT, "description": str(tmp_path / "maker.xml")})
 
 
 def test_drives_without_friction_stay_so(tmp_path) -> None:
