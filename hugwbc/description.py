@@ -1,6 +1,7 @@
 """Links, joints, frames and soles of a robot from the URDF or MJCF that its maker publishes."""
 
 import itertools
+import math
 import pathlib
 import xml.etree.ElementTree as ET
 from typing import Any
@@ -12,6 +13,7 @@ from hugwbc import rotations
 from hugwbc.errors import ModelError
 
 _SOLE_DEPTH = 0.01  # [m], of the foot's lowest part that counts as its sole
+_TILTED = 5.0  # [degrees], of a box in the foot, above which it is no sole in the link's axes
 _SHAPES = mujoco.mjtGeom
 _SIMPLE = (_SHAPES.mjGEOM_BOX, _SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE, _SHAPES.mjGEOM_CYLINDER)
 
@@ -106,10 +108,19 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     try:
         model = _compile(spec, file)
     except ModelError as error:
-        raise ModelError(f"{error}; give the field sole: {{x: [heel, toe], y: [right, left], z: height}}") from error
+        raise ModelError(
+            f"{error}; without meshes, give the field sole: {{x: [heel, toe], y: [right, left], z: height}}"
+        ) from error
     points = [_cloud(model, geom) for geom in range(model.ngeom)]
     if not points:
         raise ModelError(f"{file} has no shape of {foot}; give the field sole: {{x: [heel, toe], y: [right, left], z}}")
+    for geom in np.flatnonzero(model.geom_type == _SHAPES.mjGEOM_BOX):
+        tilt = math.degrees(math.acos(min(1.0, np.abs(rotations.to_matrix(model.geom_quat[geom])[2]).max())))
+        if tilt > _TILTED:
+            raise ModelError(
+                f"the sole of {foot} is tilted by {tilt:.0f} degrees to the link's axes, and is to be level with them; "
+                "turn the link in the description, and its shapes, inertia and joint axis back"
+            )
     cloud = np.concatenate(points)
     low = cloud[cloud[:, 2] < cloud[:, 2].min() + _SOLE_DEPTH]
     (x0, y0, z), (x1, y1, _) = low.min(0).round(3).tolist(), low.max(0).round(3).tolist()

@@ -83,7 +83,10 @@ def placement(
         return np.array(point), np.eye(3)
     joint = next((joint for joint in joints if joint["child"] == link), None)
     if joint is None:
-        raise ModelError(f"{link} does not hang below {seen_from}, which a role says; `roles` names links and joints")
+        raise ModelError(
+            f"{link} does not hang below {seen_from}, which a role says; `roles` names links and joints, and a "
+            "description whose legs hang below the trunk has to be turned over (docs/how-to/add-a-robot.md)"
+        )
     place, axes = placement(joints, joint["parent"], seen_from, q=q)
     place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
     if q and q[joint["name"]]:
@@ -120,6 +123,9 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
 
     read = read_description(description)
     frames = {**read["frames"], **{link["name"]: {"parent": link["name"], "xyz": [0.0] * 3} for link in read["links"]}}
+    for name in (table["roles"].get(role) for role in ("base", "trunk", "foot", "hand")):
+        if (carrier := frames.get(name, {}).get("parent", name)) != name:
+            raise ModelError(f"{name} is fixed to {carrier}; roles take links that a joint moves: give {carrier}")
     for kind in ("joints", "links"):
         changes = table.get(kind, {})
         for name in changes:
@@ -137,7 +143,8 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
                 raise UnknownNameError(f"frame of {description}", name, frames)
             table[part] = frames[name]
         if (parent := table[part].get("parent", links[0])) not in links:
-            raise ModelError(f"{part} is on {parent}; give a frame of {' or '.join(links)}")
+            fixed = f", which is fixed to {frames[parent]['parent']}" * (parent in read["frames"])
+            raise ModelError(f"{part} is on {parent}{fixed}; give a frame of {' or '.join(links)}")
     by_name, pose = {joint["name"]: joint for joint in table["joints"]}, table.get("nominal", {})
     for name in pose:
         if name not in by_name:

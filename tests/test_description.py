@@ -148,6 +148,16 @@ def test_transmissions_do_not_hide_speeds_and_a_refusal_has_its_remedy(tmp_path)
         _robot(tmp_path / "other", {**SHORT, "description": str(tmp_path / "maker.xml")})
 
 
+def test_a_tilted_sole_is_refused(tmp_path) -> None:
+    text = G1.xml_path.read_text().replace('name="left_toe_left"', 'type="box" euler="0 0.262 0" name="left_toe_left"')
+    (tmp_path / "maker.xml").write_text(
+        text.replace('size="0.005" pos="0.12 0.025', 'size="0.1 0.03 0.01" pos="0.12 0.025')
+    )
+    short = {key: value for key, value in SHORT.items() if key != "sole"}
+    with pytest.raises(ModelError, match="sole of left_ankle_roll_link is tilted by 15 degrees to the link's axes"):
+        _robot(tmp_path, {**short, "description": "maker.xml"})
+
+
 def test_drives_without_friction_stay_so(tmp_path) -> None:
     drives = [{**drive, "friction": 0.0, "viscous": 0.0} for drive in TABLE["drives"]]
     mine = _robot(tmp_path, {**SHORT, "drives": drives})
@@ -161,6 +171,14 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
         ({"hand": "left_foot"}, "unknown frame of .*'left_foot'"),
         ({"hand": "left_sole"}, "hand is on left_ankle_roll_link; give a frame of left_wrist_yaw_link"),
         ({"imu": "left_hand"}, "imu is on left_wrist_yaw_link; give a frame of pelvis or torso_link"),
+        (
+            {"roles": {**TABLE["roles"], "foot": "left_sole"}},
+            "left_sole is fixed to left_ankle_roll_link; roles take links that a joint moves: give left_ankle",
+        ),
+        (
+            {"imu": {"parent": "left_sole"}},
+            "imu is on left_sole, which is fixed to left_ankle_roll_link; give a frame of",
+        ),
         ({"nominal": {"left_kne_joint": 0.3}}, "unknown joint under nominal 'left_kne_joint'. Did you mean"),
         ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
         ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown range of the command v_x 'final'"),
