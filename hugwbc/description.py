@@ -1,6 +1,7 @@
 """Links, joints, frames and soles of a robot from the URDF or MJCF that its maker publishes."""
 
 import itertools
+import math
 import pathlib
 import xml.etree.ElementTree as ET
 from typing import Any
@@ -12,6 +13,9 @@ from hugwbc import rotations
 from hugwbc.errors import ModelError
 
 _SOLE_DEPTH = 0.01  # [m], of the foot's lowest part that counts as its sole
+_TILTED = 5.0  # [degrees], of a box in the foot, above which it is no sole in the link's axes
+_SHAPES = mujoco.mjtGeom
+_SIMPLE = (_SHAPES.mjGEOM_BOX, _SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE, _SHAPES.mjGEOM_CYLINDER)
 
 
 def read_description(file: pathlib.Path) -> dict[str, Any]:
@@ -19,18 +23,17 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
 
     Fixed links count as parts of those that carry them. Meshes are not read.
     """
-    spec = _spec(file, None)
+    spec = _spec(file)
+    _keep(spec, [])
     for body in spec.bodies[1:]:
         if not body.joints:
             body.add_site(name=body.name)
-    root = spec.worldbody.first_body()
-    if not root.joints:
-        root.add_freejoint()
     spec.compiler.fusestatic = True
     model = _compile(spec, file)
     if any(model.jnt_type[1:] != mujoco.mjtJoint.mjJNT_HINGE) or np.abs(model.jnt_pos).max() > 0.0:
         raise ModelError(f"{file} has a joint that slides, or is not at its link's origin; only hinges there are valid")
-    speed = {joint.get("name"): joint.find("limit") for joint in ET.parse(file).iter("joint")}  # noqa: S314  the user's
+    rows = ET.parse(file).getroot().findall("joint")  # noqa: S314  the user's; transmissions have joints of their own
+    speed = {joint.get("name"): joint.find("limit") for joint in rows}
     joints, links = [], []
     for body in range(1, model.nbody):
         axes = rotations.to_matrix(model.body_iquat[body])
@@ -62,48 +65,101 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
     return {"joints": joints, "links": links, "frames": frames}
 
 
-def _spec(file: pathlib.Path, link: str | None) -> mujoco.MjSpec:
-    """Return what a file describes, without shapes but those of one link, and without what may need other shapes."""
+def _spec(file: pathlib.Path) -> mujoco.MjSpec:
+    """Return what a file describes, on a floating root."""
     try:
         spec = mujoco.MjSpec.from_file(str(file))
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"{file} is no URDF or MJCF that MuJoCo reads: {' '.join(str(error).split())}") from error
-    shapes = [geom for geom in spec.geoms if geom.parent.name != link]
-    used = {geom.meshname for geom in spec.geoms if geom.parent.name == link}
+    root = spec.worldbody.first_body()
+    if not root.joints:
+        root.add_freejoint()
+    return spec
+
+
+def _keep(spec: mujoco.MjSpec, kept: list[mujoco.MjsGeom]) -> None:
+    """Remove all shapes but these, and what may need the others."""
+    used = {geom.meshname for geom in kept}
+    shapes = [geom for geom in spec.geoms if geom not in kept]
     meshes = [mesh for mesh in spec.meshes if mesh.name not in used]
     for part in (*shapes, *meshes, *spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
         spec.delete(part)
-    return spec
 
 
 def _compile(spec: mujoco.MjSpec, file: pathlib.Path) -> mujoco.MjModel:
     try:
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"MuJoCo refuses {file}: {' '.join(str(error).split())}") from error
+        text = f"MuJoCo refuses {file}: {' '.join(str(error).split())}"
+        if "balanceinertia" in text:
+            text += (
+                "; write <compiler balanceinertia='true'/> into it, in a URDF inside <mujoco>: the means of the moments"
+            )
+        raise ModelError(text) from error
 
 
 def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     """Return extent and height of the lowest part of a foot's shapes in a description, to a millimetre [m]."""
-    spec = _spec(file, foot)
+    spec = _spec(file)
+    _keep(spec, [geom for geom in spec.geoms if geom.parent.name == foot])
     for mesh in spec.meshes:
         if found := next(file.parent.rglob(pathlib.Path(mesh.file).name), None):
             mesh.file = str(found.resolve())
     try:
         model = _compile(spec, file)
     except ModelError as error:
-        raise ModelError(f"{error}; give the field sole: {{x: [heel, toe], y: [right, left], z: height}}") from error
-    points = []
-    for geom in range(model.ngeom):
-        corners = np.array(list(itertools.product((-1, 1), repeat=3))) * model.geom_aabb[geom, 3:]
-        corners += model.geom_aabb[geom, :3]
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            first, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
-            corners = model.mesh_vert[first : first + count]
-        points.append(corners @ rotations.to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom])
+        raise ModelError(
+            f"{error}; without meshes, give the field sole: {{x: [heel, toe], y: [right, left], z: height}}"
+        ) from error
+    points = [_cloud(model, geom) for geom in range(model.ngeom)]
     if not points:
         raise ModelError(f"{file} has no shape of {foot}; give the field sole: {{x: [heel, toe], y: [right, left], z}}")
+    for geom in np.flatnonzero(model.geom_type == _SHAPES.mjGEOM_BOX):
+        tilt = math.degrees(math.acos(min(1.0, np.abs(rotations.to_matrix(model.geom_quat[geom])[2]).max())))
+        if tilt > _TILTED:
+            raise ModelError(
+                f"the sole of {foot} is tilted by {tilt:.0f} degrees to the link's axes, and is to be level with them; "
+                "turn the link in the description, and its shapes, inertia and joint axis back"
+            )
     cloud = np.concatenate(points)
     low = cloud[cloud[:, 2] < cloud[:, 2].min() + _SOLE_DEPTH]
     (x0, y0, z), (x1, y1, _) = low.min(0).round(3).tolist(), low.max(0).round(3).tolist()
     return {"x": [x0, x1], "y": [y0, y1], "z": z}
+
+
+def _cloud(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return the vertices of a mesh, or the corners around another shape, in its body's frame [m], shape (n, 3)."""
+    points = (
+        np.array(list(itertools.product((-1, 1), repeat=3))) * model.geom_aabb[geom, 3:] + model.geom_aabb[geom, :3]
+    )
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+        first, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+        points = model.mesh_vert[first : first + count]
+    return points @ rotations.to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
+
+
+def collision_boxes(file: pathlib.Path) -> dict[str, dict[str, list[float]]]:
+    """Return the box around the collision shapes of each link, in its frame [m], where none of them is a mesh."""
+    spec = _spec(file)
+    shapes = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
+    simple = [geom for geom in shapes if geom.type in _SIMPLE and not geom.meshname]
+    others = {geom.parent.name for geom in shapes if geom not in simple}
+    _keep(spec, simple)
+    spec.compiler.fusestatic = False
+    model = _compile(spec, file)
+    # A body that is fixed to another counts as a part of it.
+    left_out = {0, *(model.body_weldid[model.body(name).id] for name in others)}
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    clouds: dict[int, list[np.ndarray]] = {}
+    for geom, body in enumerate(model.geom_bodyid):
+        link = model.body_weldid[body]
+        world = _cloud(model, geom) @ data.xmat[body].reshape(3, 3).T + data.xpos[body]
+        clouds.setdefault(int(link), []).append((world - data.xpos[link]) @ data.xmat[link].reshape(3, 3))
+    boxes = {}
+    for link, points in clouds.items():
+        if link in left_out:
+            continue
+        low, high = (of(np.concatenate(points), axis=0) for of in (np.min, np.max))
+        boxes[model.body(link).name] = {"center": ((low + high) / 2).tolist(), "size": (high - low).tolist()}
+    return boxes

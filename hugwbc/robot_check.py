@@ -21,6 +21,7 @@ _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the ri
 # Axes of legs and waist in the base's frame, by part; the others turn about y.
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
 _ALONG = 0.8  # part of an axis along its own
+_TILTED = 12.0  # [degrees], from which on an axis that is along its own enough is named
 _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at heel and toe
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
@@ -43,6 +44,22 @@ def problems(name: str) -> list[str]:
 def table_problems(table: Mapping[str, Any]) -> list[str]:
     """Return what is missing or implausible in a table that `robot_table` returned."""
     return [*_missing(table)] or [text for check in _CHECKS for text in check(table)]
+
+
+def tilted_axes(table: Mapping[str, Any]) -> Iterator[str]:
+    """Say which joints of legs and waist turn aside of their roles' axes, though not too far."""
+    for part, name, axis, wanted in _axes(table):
+        if (tilt := math.degrees(math.acos(min(axis["xyz".index(wanted)], 1.0)))) > _TILTED:
+            yield f"{name} ({part}) {tilt:.0f} degrees from +{wanted}"
+
+
+def _axes(table: Mapping[str, Any]) -> Iterator[tuple[str, str, np.ndarray, str]]:
+    """Yield role, name, axis in the base's frame with all joints at 0, and wanted axis, of legs' and waist's joints."""
+    roles = table["roles"]
+    for part, name in {**roles["leg"], **roles["waist"]}.items():
+        joint = next(joint for joint in table["joints"] if joint["name"] == name)
+        axes = placement(table["joints"], joint["child"], roles["base"])[1]
+        yield part, name, axes @ joint["axis"], _AXES.get(part, "y")
 
 
 def _missing(table: Mapping[str, Any]) -> Iterator[str]:
@@ -71,10 +88,7 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
             link = above[link]["parent"]
         return names[::-1]
 
-    for part, name in {**roles["leg"], **roles["waist"]}.items():
-        joint = next(joint for joint in table["joints"] if joint["name"] == name)
-        axis = placement(table["joints"], joint["child"], roles["base"])[1] @ joint["axis"]
-        wanted = _AXES.get(part, "y")
+    for part, name, axis, wanted in _axes(table):
         if not axis["xyz".index(wanted)] > _ALONG:
             yield (
                 f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; give one that "
@@ -82,7 +96,12 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
             )
     for limb, end, top in (("leg", "foot", "base"), ("arm", "hand", "trunk"), ("waist", "trunk", "base")):
         joints, parts = chain(roles[end], roles[top]), list(roles[limb].values())
-        if joints is None:
+        if joints is not None and limb == "waist" and not joints:
+            yield (
+                f"no waist is between {roles[top]} (base) and {roles[end]} (trunk), where {', '.join(parts)} is to be; "
+                "where the legs hang below the waist, turn the description over (docs/how-to/add-a-robot.md)"
+            )
+        elif joints is None:
             yield f"{roles[end]} ({end}) does not hang below {roles[top]} ({top}); give other links"
         elif parts != [name for name in joints if name in parts]:
             between = f"{', '.join(joints) or 'no joints'} between {roles[top]} and {roles[end]}"
@@ -106,7 +125,10 @@ def _bodies(table: Mapping[str, Any]) -> Iterator[str]:
 
 def _drives(table: Mapping[str, Any]) -> Iterator[str]:
     for field in _ABOVE_ZERO:
-        if names := [joint["name"] for joint in table["joints"] if not joint[field] > 0.0]:
+        # Corner speeds follow from the highest speeds, and right joints from left ones.
+        follows = field == "corner_speed" and not all(joint["velocity"] > 0.0 for joint in table["joints"])
+        lacking = [] if follows else [joint["name"] for joint in table["joints"] if not joint[field] > 0.0]
+        if names := [name for name in lacking if is_left(name) or other_side(name) not in {*lacking} - {name}]:
             yield f"{field} is 0 or less of {', '.join(names)}; give figures above 0, under `drives`"
     for joint in table["joints"]:
         name, (low, high) = joint["name"], joint["range"]
@@ -149,7 +171,7 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
         ):
             yield (
                 f"{name} weighs {link['mass']:g} kg at {link['com']}, and {other['name']} {other['mass']:g} kg at "
-                f"{other['com']}; give mirror images"
+                f"{other['com']}; give mirror images under `links`"
             )
 
 
@@ -173,7 +195,8 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
             fall = ends[0][2] - ends[1][2]
             yield (
                 f"the sole of {foot} is not level in the nominal pose: its heel is {1e3 * fall:.0f} mm above its toe; "
-                f"give {ankle}: {q[ankle] - math.asin(fall / (toe - heel)):.3f} under `nominal`"
+                f"give {ankle}: {q[ankle] - math.asin(fall / (toe - heel)):.3f} under `nominal`, where the link's axes "
+                "are level with its sole; else turn the link in the description"
             )
         elif abs(gap := height + (ends[0][2] + ends[1][2]) / 2.0) > _TOUCH:
             yield (
@@ -211,8 +234,23 @@ def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check that the links' boxes end above the soles, and that pairs that collide have some."""
+    roles, q = table["roles"], {joint["name"]: joint["nominal"] for joint in table["joints"]}
+    for link in table["links"]:
+        name, box = link["name"], link.get("collision_box")
+        if box is None or name in (roles["foot"], other_side(roles["foot"])):
+            continue
+        corners = [
+            np.add(box["center"], np.multiply(box["size"], at)) for at in itertools.product((-0.5, 0.5), repeat=3)
+        ]
+        lowest = min(placement(table["joints"], name, roles["base"], corner, q)[0][2] for corner in corners)
+        if (below := -table["nominal_height"] - lowest) > 0.0:
+            yield (
+                f"the box of {name} reaches {1e3 * below:.0f} mm below the soles in the nominal pose; give a smaller "
+                f"one, links: {{{name}: {{collision_box: {{center: [x, y, z], size: [x, y, z]}}}}}}, with full lengths"
+            )
     shapes = {link["name"] for link in table["links"] if "collision_box" in link}
-    shapes |= {table["roles"]["foot"], other_side(table["roles"]["foot"])}
+    shapes |= {roles["foot"], other_side(roles["foot"])}
     for name in sorted(set(itertools.chain(*table["collision_pairs"])) - shapes):
         yield f"collision_pairs name {name}, which has no collision_box; valid: {', '.join(sorted(shapes))}"
 

@@ -1,5 +1,6 @@
 """What a robot's table need not say: a published description gives links and joints, and the rest follows from them."""
 
+import contextlib
 import math
 import pathlib
 import re
@@ -21,6 +22,7 @@ Joints = Sequence[Mapping[str, Any]]
 _ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
+_HELD_ERROR = 0.05  # [rad], by which a joint in no role may be off when it gives its full effort
 # Stiffness of led arms by torque limit [1/rad], its bounds [N m/rad], and damping by stiffness [s].
 _SERVO, _SERVO_KP, _SERVO_TIME = 3.5, (40.0, 140.0), 0.0375
 _SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
@@ -81,7 +83,10 @@ def placement(
         return np.array(point), np.eye(3)
     joint = next((joint for joint in joints if joint["child"] == link), None)
     if joint is None:
-        raise ModelError(f"{link} does not hang below {seen_from}, which a role says; `roles` names links and joints")
+        raise ModelError(
+            f"{link} does not hang below {seen_from}, which a role says; `roles` names links and joints, and a "
+            "description whose legs hang below the trunk has to be turned over (docs/how-to/add-a-robot.md)"
+        )
     place, axes = placement(joints, joint["parent"], seen_from, q=q)
     place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
     if q and q[joint["name"]]:
@@ -98,17 +103,38 @@ def _turn(roll: float, pitch: float, yaw: float) -> np.ndarray:
     return about_z @ about_y @ about_x
 
 
+def _image(change: Mapping[str, Any], sign: float) -> dict[str, Any]:
+    """Return the mirror image of corrections of a link or joint, whose position has this sign in the mirror image."""
+    image = dict(change)
+    for key, signs in {"com": (1, -1, 1), "xyz": (1, -1, 1), "rpy": (-1, 1, -1), "axis": (-sign, sign, -sign)}.items():
+        if key in change:
+            image[key] = [one * value for one, value in zip(signs, change[key], strict=True)]
+    image.update({key: -change[key] for key in ("ixy", "iyz") if key in change})
+    if "range" in change:
+        image["range"] = sorted(sign * limit for limit in change["range"])
+    if box := change.get("collision_box"):
+        image["collision_box"] = {**box, "center": [*box["center"][:1], -box["center"][1], *box["center"][2:]]}
+    return image
+
+
 def describe(table: dict[str, Any], description: pathlib.Path) -> None:
     """Give a table, in place, the links, joints, frames and nominal positions of a robot with a description."""
     from hugwbc.description import read_description  # MuJoCo is not needed by robots without one
 
     read = read_description(description)
     frames = {**read["frames"], **{link["name"]: {"parent": link["name"], "xyz": [0.0] * 3} for link in read["links"]}}
+    for name in (table["roles"].get(role) for role in ("base", "trunk", "foot", "hand")):
+        if (carrier := frames.get(name, {}).get("parent", name)) != name:
+            raise ModelError(f"{name} is fixed to {carrier}; roles take links that a joint moves: give {carrier}")
     for kind in ("joints", "links"):
         changes = table.get(kind, {})
         for name in changes:
             if name not in (names := [row["name"] for row in read[kind]]):
                 raise UnknownNameError(f"name under {kind}", name, names)
+        rows = {row["name"]: row for row in read[kind]}
+        for name, row in rows.items():
+            if is_left(left := other_side(name)) and left in changes:
+                row.update(_image(changes[left], mirrored(rows[left], row) if kind == "joints" else 1.0))
         table[kind] = [{**row, **changes.get(row["name"], {})} for row in read[kind]]
     for part, carriers in (("imu", ("base", "trunk")), ("camera", ("trunk",)), ("hand", ("hand",))):
         links = [table["roles"][carrier] for carrier in carriers]
@@ -117,7 +143,8 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
                 raise UnknownNameError(f"frame of {description}", name, frames)
             table[part] = frames[name]
         if (parent := table[part].get("parent", links[0])) not in links:
-            raise ModelError(f"{part} is on {parent}; give a frame of {' or '.join(links)}")
+            fixed = f", which is fixed to {frames[parent]['parent']}" * (parent in read["frames"])
+            raise ModelError(f"{part} is on {parent}{fixed}; give a frame of {' or '.join(links)}")
     by_name, pose = {joint["name"]: joint for joint in table["joints"]}, table.get("nominal", {})
     for name in pose:
         if name not in by_name:
@@ -152,11 +179,12 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
     """Give a table, in place, what follows from its links and joints, and its description, where it does not say it."""
     roles, joints = table["roles"], table["joints"]
     if description is not None:
-        from hugwbc.description import measure_sole
+        from hugwbc.description import collision_boxes, measure_sole
 
         if "sole" not in table:
             table["sole"] = measure_sole(description, roles["foot"])
-        _shape(table)
+        _shape(table, collision_boxes(description))
+    _set_gains(table)
     table.setdefault("damping", 0.001)
     table.setdefault("command_delay", 0.002)
     if "nominal_height" not in table:
@@ -185,12 +213,41 @@ def complete_drive(joint: dict[str, Any]) -> None:
     joint.setdefault("friction", _FRICTION * joint["effort"])
     joint.setdefault("viscous", _VISCOUS * joint["friction"])
     joint.setdefault("corner_speed", _CORNER * joint["velocity"])
-    joint.setdefault("kp", joint["armature"] * _FREQUENCY**2)
-    joint.setdefault("kd", 2.0 * _DAMPING * joint["armature"] * _FREQUENCY)
 
 
-def _shape(table: dict[str, Any]) -> None:
-    """Give the links the boxes of their inertia, for the eye and for collisions, where the table has no shapes."""
+def _set_gains(table: dict[str, Any]) -> None:
+    """Give the joints the gains that the table does not say, for the inertia of their rotors, or what they carry.
+
+    A joint in no role has nothing but its gains to hold what is beyond it; in the chains, the controller feeds forward.
+    """
+    joints, roles = table["joints"], table["roles"]
+    q = {joint["name"]: joint["nominal"] for joint in joints}
+    led = {side(name) for limb in _PARTS for name in roles[limb].values() for side in (str, other_side)}
+    for joint in joints:
+        kp, kd = joint["armature"] * _FREQUENCY**2, 2.0 * _DAMPING * joint["armature"] * _FREQUENCY
+        if joint["name"] not in led and not {"kp", "kd"} <= joint.keys():
+            inertia = joint["armature"] + _carried(table, joint, q)
+            kp = max(kp, min(inertia * _FREQUENCY**2, joint["effort"] / _HELD_ERROR))
+            kd = max(kd, 2.0 * math.sqrt(kp * inertia))
+        joint.setdefault("kp", kp)
+        joint.setdefault("kd", kd)
+
+
+def _carried(table: Mapping[str, Any], joint: Mapping[str, Any], q: Mapping[str, float]) -> float:
+    """Return the inertia of everything beyond a joint about its axis, with the joints at some positions [kg m^2]."""
+    total, axis = 0.0, np.array(joint["axis"])
+    for link in table["links"]:
+        with contextlib.suppress(ModelError):  # of a link that is not beyond
+            place, axes = placement(table["joints"], link["name"], joint["child"], link["com"], q)
+            (a, b, c), arm = axes.T @ axis, np.cross(axis, place)
+            turned = link["ixx"] * a * a + link["iyy"] * b * b + link["izz"] * c * c
+            turned += 2.0 * (link["ixy"] * a * b + link["ixz"] * a * c + link["iyz"] * b * c)
+            total += link["mass"] * float(arm @ arm) + turned
+    return total
+
+
+def _shape(table: dict[str, Any], boxes: Mapping[str, Mapping[str, list[float]]]) -> None:
+    """Give the links these boxes, or those of their inertia, to draw and to collide, where the table has no shapes."""
     roles, joints = table["roles"], {joint["name"]: joint for joint in table["joints"]}
     knee, elbow = joints[roles["leg"]["knee"]], joints[roles["arm"]["elbow"]]
     thigh, shank, foot, forearm, hand = knee["parent"], knee["child"], roles["foot"], elbow["child"], roles["hand"]
@@ -198,11 +255,13 @@ def _shape(table: dict[str, Any]) -> None:
     visuals = table.setdefault("visuals", {})
     for link in table["links"]:
         moments = np.array([link["ixx"], link["iyy"], link["izz"]])
-        half = np.sqrt(np.maximum(1.5 * (moments.sum() - 2.0 * moments) / max(link["mass"], 1e-9), 1e-6))
+        size = 2.0 * np.sqrt(np.maximum(1.5 * (moments.sum() - 2.0 * moments) / max(link["mass"], 1e-9), 1e-6))
+        box = boxes.get(link["name"], {"center": link["com"], "size": size.tolist()})
         if link["name"] in solid:
-            link.setdefault("collision_box", {"center": link["com"], "size": (2.0 * half).tolist()})
+            link.setdefault("collision_box", box)
         if other_side(link["name"]) not in visuals:
-            shape = {"type": "box", "size": half.tolist(), "pos": link["com"], "colour": "light"}
+            half = [length / 2.0 for length in box["size"]]
+            shape = {"type": "box", "size": half, "pos": box["center"], "colour": "light"}
             visuals.setdefault(link["name"], [shape])
     table.setdefault("colours", _COLOURS)
     own = [(hand, roles["trunk"]), (hand, thigh), (hand, other_side(thigh)), (forearm, roles["trunk"])]

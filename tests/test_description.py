@@ -1,5 +1,8 @@
 """A robot's table that names a published description, against the same robot's table with all figures."""
 
+import xml.etree.ElementTree as ET
+
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -25,6 +28,7 @@ SHORT = {
 
 
 def _robot(folder, table):
+    folder.mkdir(exist_ok=True)
     (folder / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
     return load_robot(str(folder / "mine.yaml"))
 
@@ -47,6 +51,41 @@ def test_twenty_lines_and_a_urdf_are_a_robot(tmp_path) -> None:
     assert mine.xml_path.is_file() and mine.urdf_path.is_file()
 
 
+def test_links_have_the_boxes_around_their_shapes_or_of_their_inertia(tmp_path) -> None:
+    """Shapes of fixed links count too; of a link with a mesh, its other shapes are not all."""
+    lying = '<origin xyz="0 0.1 0" rpy="1.5707963 0 0" /><geometry><cylinder radius="0.03" length="0.2" /></geometry>'
+    plate = '<collision><origin xyz="0 0 -0.4" /><geometry><box size="0.02 0.02 0.02" /></geometry></collision>'
+    mesh = '<collision><geometry><mesh filename="none.stl" /></geometry></collision>'
+    links = {"left_knee_link": f"<collision>{lying}</collision>", "left_elbow_link": plate + mesh}
+    root = ET.parse(G1.urdf_path).getroot()
+    for link in root.findall("link"):
+        if shapes := links.get(link.get("name")):
+            for kind in ("visual", "collision"):
+                for old in link.findall(kind):
+                    link.remove(old)
+            link.extend(ET.fromstring(f"<some>{shapes}</some>"))
+    frame = (
+        '<some><link name="plate">{}</link><joint name="screws" type="fixed"><origin xyz="0 0 0.5" />{}</joint></some>'
+    )
+    root.extend(ET.fromstring(frame.format(plate, '<parent link="torso_link" /><child link="plate" />')))
+    ET.ElementTree(root).write(tmp_path / "maker.urdf")
+    mine = _robot(tmp_path, {**SHORT, "description": "maker.urdf"})
+    found, boxes = (
+        {row["name"]: row["collision_box"] for row in robot_table(name)["links"] if "collision_box" in row}
+        for name in (mine.name, "g1")
+    )
+    assert found.keys() <= boxes.keys()
+    np.testing.assert_allclose(found["left_knee_link"]["center"], [0, 0.1, 0], atol=1e-6)
+    np.testing.assert_allclose(found["left_knee_link"]["size"], [0.06, 0.2, 0.06], atol=1e-6)
+    for key in ("center", "size"):
+        np.testing.assert_allclose(found["right_knee_link"][key], boxes["right_knee_link"][key], atol=1e-9)
+    low = np.subtract(boxes["torso_link"]["center"], np.divide(boxes["torso_link"]["size"], 2))
+    found_low = np.subtract(found["torso_link"]["center"], np.divide(found["torso_link"]["size"], 2))
+    np.testing.assert_allclose(found_low, np.minimum(low, [-0.01, -0.01, 0.09]), atol=1e-9)
+    forearm = next(row for row in robot_table(mine.name)["links"] if row["name"] == "left_elbow_link")
+    assert found["left_elbow_link"]["center"] == forearm["com"]
+
+
 def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
     table = {key: value for key, value in SHORT.items() if key not in ("drives", "sole")}
     rows = [row for row in TABLE["joints"] if not row["name"].startswith("right")]
@@ -57,6 +96,66 @@ def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
     # The spheres at the sole's corners stand out by their radius.
     np.testing.assert_allclose([*mine.sole_x, *mine.sole_y], [*G1.sole_x, *G1.sole_y], atol=0.0051)
     assert mine.sole_z == G1.sole_z
+
+
+def test_corrections_of_a_left_part_are_mirrored(tmp_path) -> None:
+    """Unless the right one has its own; a range follows the axis, which a roll has reversed in the mirror image."""
+    box = {"center": [0.0, 0.01, -0.1], "size": [0.05, 0.06, 0.2]}
+    links = {
+        "left_knee_link": {"mass": 2.0, "com": [0.01, 0.02, -0.13], "ixy": 1e-4, "collision_box": box},
+        "left_hip_yaw_link": {"mass": 2.0},
+        "right_hip_yaw_link": {"mass": 2.01},
+    }
+    joints = {"left_hip_roll_joint": {"range": [-0.4, 1.0], "xyz": [0.0, 0.06, -0.03], "effort": 120.0}}
+    mine = _robot(tmp_path, {**SHORT, "links": links, "joints": joints})
+    assert problems(mine.name) == []
+    rows = {row["name"]: row for kind in ("links", "joints") for row in robot_table(mine.name)[kind]}
+    knee, roll = rows["right_knee_link"], rows["right_hip_roll_joint"]
+    assert (knee["mass"], knee["com"], knee["ixy"]) == (2.0, [0.01, -0.02, -0.13], -1e-4)
+    assert knee["collision_box"] == {"center": [0.0, -0.01, -0.1], "size": [0.05, 0.06, 0.2]}
+    assert (roll["range"], roll["xyz"], roll["effort"]) == ([-1.0, 0.4], [0.0, -0.06, -0.03], 120.0)
+    assert rows["right_hip_yaw_link"]["mass"] == 2.01
+
+
+def test_a_joint_in_no_role_holds_what_is_beyond_it(tmp_path) -> None:
+    """Its inertia is that of MuJoCo's mass matrix; 0.05 rad take its whole effort."""
+    drives = [{"joints": ["waist_pitch_joint"], "armature": 0.0072, "effort": effort} for effort in (1e4, 50.0)]
+    low, high = (_robot(tmp_path / str(i), {**SHORT, "drives": [drive]}) for i, drive in enumerate(drives[::-1]))
+    pitch = low.index("waist_pitch_joint")
+    model = mujoco.MjModel.from_xml_path(str(low.xml_path))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    matrix = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, matrix)
+    assert high.kp[pitch] == pytest.approx(matrix[6 + pitch, 6 + pitch] * (20.0 * np.pi) ** 2, rel=1e-6)
+    assert low.kp[pitch] == pytest.approx(50.0 / 0.05)
+    assert low.kd[pitch] == pytest.approx(2.0 * np.sqrt(low.kp[pitch] * matrix[6 + pitch, 6 + pitch]), rel=1e-6)
+
+
+def test_transmissions_do_not_hide_speeds_and_a_refusal_has_its_remedy(tmp_path) -> None:
+    """A transmission's joint has the name of the joint and no limit. MuJoCo refuses moments 1, 0.1, 0.1."""
+    text = G1.urdf_path.read_text()
+    extra = '<transmission name="some"><joint name="left_knee_joint"><role>joint1</role></joint></transmission></robot>'
+    (tmp_path / "maker.urdf").write_text(text.replace("</robot>", extra))
+    mine = _robot(tmp_path, {**SHORT, "drives": [], "description": "maker.urdf"})
+    np.testing.assert_allclose(mine.velocity_limit, G1.velocity_limit[G1.indices(mine.joint_names)])
+    (tmp_path / "maker.xml").write_text(
+        '<mujoco><worldbody><body name="pelvis"><freejoint/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia="1 .1 .1"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(ModelError, match="write <compiler balanceinertia='true'/> into it"):
+        _robot(tmp_path / "other", {**SHORT, "description": str(tmp_path / "maker.xml")})
+
+
+def test_a_tilted_sole_is_refused(tmp_path) -> None:
+    text = G1.xml_path.read_text().replace('name="left_toe_left"', 'type="box" euler="0 0.262 0" name="left_toe_left"')
+    (tmp_path / "maker.xml").write_text(
+        text.replace('size="0.005" pos="0.12 0.025', 'size="0.1 0.03 0.01" pos="0.12 0.025')
+    )
+    short = {key: value for key, value in SHORT.items() if key != "sole"}
+    with pytest.raises(ModelError, match="sole of left_ankle_roll_link is tilted by 15 degrees to the link's axes"):
+        _robot(tmp_path, {**short, "description": "maker.xml"})
 
 
 def test_drives_without_friction_stay_so(tmp_path) -> None:
@@ -72,6 +171,14 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
         ({"hand": "left_foot"}, "unknown frame of .*'left_foot'"),
         ({"hand": "left_sole"}, "hand is on left_ankle_roll_link; give a frame of left_wrist_yaw_link"),
         ({"imu": "left_hand"}, "imu is on left_wrist_yaw_link; give a frame of pelvis or torso_link"),
+        (
+            {"roles": {**TABLE["roles"], "foot": "left_sole"}},
+            "left_sole is fixed to left_ankle_roll_link; roles take links that a joint moves: give left_ankle",
+        ),
+        (
+            {"imu": {"parent": "left_sole"}},
+            "imu is on left_sole, which is fixed to left_ankle_roll_link; give a frame of",
+        ),
         ({"nominal": {"left_kne_joint": 0.3}}, "unknown joint under nominal 'left_kne_joint'. Did you mean"),
         ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
         ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown range of the command v_x 'final'"),

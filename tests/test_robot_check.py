@@ -112,6 +112,18 @@ BROKEN = {
         lambda table: table["collision_pairs"].append(["pelvis", "torso_link"]),
         ["collision_pairs name pelvis, which has no collision_box; valid: left_ankle_roll_link, left_elbow_link"],
     ),
+    "a shank is longer than the leg": (
+        _set("left_knee_link", collision_box={"center": [0, 0, -0.2], "size": [0.05, 0.05, 0.4]}),
+        ["the box of left_knee_link reaches 50 mm below the soles in the nominal pose; give a smaller one, links"],
+    ),
+    "no speeds are given": (
+        lambda table: [row.update(velocity=0.0, corner_speed=0.0) for row in table["joints"] if "ankle" in row["name"]],
+        ["velocity is 0 or less of left_ankle_pitch_joint, left_ankle_roll_joint; give figures above 0"],
+    ),
+    "no waist is between base and trunk": (
+        lambda table: table["roles"].update(trunk="pelvis"),
+        ["no waist is between pelvis (base) and pelvis (trunk), where waist_yaw_joint is to be; where the legs hang"],
+    ),
     "a field is missing": (lambda table: _row(table, LEFT_KNEE).pop("kd"), ["left_knee_joint lacks kd; give them"]),
     "a section is missing": (lambda table: table.pop("imu"), ["the section `imu` is missing"]),
 }

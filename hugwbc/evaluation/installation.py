@@ -1,19 +1,31 @@
 """Check an installation by trying its parts: versions, robot models, controllers, training environment."""
 
+import dataclasses
 import functools
 import importlib.metadata
 import importlib.util
 import platform
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.robot_tables import DEFAULT_ROBOT
 
+if TYPE_CHECKING:
+    from hugwbc.commands import Command
+    from hugwbc.runtime import Trace
+    from hugwbc.targets import HandTargets
+
 PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "numpy", "meshcat", "tyro")
 LEARNED = ("torch", "safetensors")  # of the extra [learned]
 WITHOUT_TORCH = "left out: torch is not installed; `pip install 'hugwbc[learned]'` brings it"
+_HAND_ERROR = 0.1  # [m], of a hand a second after its target has come
+_REMEDY = (
+    "bend the knees to 0.6 to 1.0 rad under `nominal`, lower the swing with commands: {l: {default: ...}}, or correct "
+    "`effort` and `velocity` of `drives`"
+)
 SAMPLES = 20  # random states on which the models are compared
 
 
@@ -33,7 +45,7 @@ def run_checks(
             outcomes.append((name, True, check()))
         except (HugwbcError, ImportError) as error:
             outcomes.append((name, False, str(error)))
-            if robot is not None:
+            if name == "table":  # the others need it
                 break
         on_progress((index + 1) / len(checks))
     return outcomes
@@ -42,7 +54,8 @@ def run_checks(
 def check_table(name: str) -> str:
     """Check that the table of a robot is complete and plausible, and say what follows from it."""
     from hugwbc.robot import load_robot
-    from hugwbc.robot_check import problems
+    from hugwbc.robot_check import problems, tilted_axes
+    from hugwbc.robot_tables import robot_table
 
     if found := problems(name):
         raise ConfigError("\n".join(found))
@@ -52,6 +65,7 @@ def check_table(name: str) -> str:
         f"{len(robot.joint_names)} joints, {robot.mass:.2f} kg; pelvis at {robot.nominal_height:.3f} m, legs of "
         f"{robot.leg_length:.3f} m, soles from {heel:.1f} to {toe:.1f} cm and {width:.1f} cm wide; "
         f"held: {', '.join(robot.joint_names[i] for i in robot.held) or 'none'}"
+        + "".join(f"; aside: {text}" for text in tilted_axes(robot_table(name)))
     )
 
 
@@ -121,16 +135,87 @@ def check_agreement(robot: str = DEFAULT_ROBOT) -> str:
 def check_standing(robot: str = DEFAULT_ROBOT) -> str:
     """Check that `qp` stands and squats for two seconds."""
     from hugwbc.commands import Command
-    from hugwbc.robot import load_robot
-    from hugwbc.runtime import rollout
-    from hugwbc.runtime.controllers import ControllerSpec
-    from hugwbc.sim import Simulation
 
-    simulation = Simulation(robot=load_robot(robot))
-    trace = rollout(ControllerSpec("qp", robot=robot).build(), Command(h=-0.1), simulation, duration=2.0)
-    if trace.fell or trace.safety.failures:
-        raise ConfigError(f"the controller qp fell after {trace.survived_s:.1f} s; {trace.safety.messages}")
+    trace = _played(robot, Command(h=-0.1), 2.0, "standing and squatting")
     return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
+
+
+def check_walking(robot: str) -> str:
+    """Check that `qp` walks for three seconds, at 0.3 m/s or a third of the robot's fastest."""
+    from hugwbc.commands import command_ranges, default_command
+    from hugwbc.gait import Gait
+    from hugwbc.robot import load_robot
+
+    speed = min(0.3, command_ranges(Gait.WALKING, load_robot(robot))["v_x"].finishing[1] / 3.0)
+    command = dataclasses.replace(default_command(Gait.WALKING, load_robot(robot)), v_x=speed)
+    trace = _played(robot, command, 3.0, f"walking at {speed:.2f} m/s")
+    walked = float(trace.measured[trace.time > 2.0, 0].mean())
+    if walked < speed / 2.0:
+        raise ConfigError(f"it walks at {walked:.2f} of {speed:.2f} m/s; {_strain(trace)}; {_REMEDY}")
+    return f"it walks at {walked:.2f} of {speed:.2f} m/s; {_strain(trace)}"
+
+
+def check_hands(name: str) -> str:
+    """Check that `qp` stands while both hands go half the way to the arms' posture `forward`, for a second."""
+    from hugwbc.commands import Command
+    from hugwbc.kinematics import Kinematics
+    from hugwbc.robot import SIDES, load_robot
+    from hugwbc.sim import Simulation
+    from hugwbc.targets import HandTargets
+    from hugwbc.upper_ik.detour import seeds
+
+    robot = load_robot(name)
+    kinematics, q, forward = Kinematics(robot), robot.nominal.copy(), list(robot.arm_postures).index("forward")
+    q[robot.arms] = (q[robot.arms] + seeds(robot)[:, forward].ravel()) / 2.0
+    state = Simulation(robot=robot).reset(q=q)
+    kinematics.update(state)
+    places = [kinematics.position(f"{side}_hand") - state.position for side in SIDES]
+    trace = _played(name, Command(), 1.0, "raising both hands", HandTargets.of(*places))
+    error = float(trace.hand_error[-1].max())
+    if error > _HAND_ERROR:
+        raise ConfigError(
+            f"a hand is {100.0 * error:.0f} cm from its target after 1 s; {_strain(trace)}; give arm_servo, or another "
+            "forward posture under arm_postures"
+        )
+    return f"it raises both hands, to {1e3 * error:.0f} mm"
+
+
+def _played(robot: str, command: "Command", duration: float, what: str, hands: "HandTargets | None" = None) -> "Trace":
+    """Return what `qp` does in the arena of `hugwbc play`.
+
+    Raises:
+        ConfigError: if the robot falls.
+    """
+    from hugwbc.runtime import UpperBodySource, rollout
+    from hugwbc.runtime.controllers import ControllerSpec
+    from hugwbc.scripts.view import Constant
+    from hugwbc.sim.arena import Arena
+
+    simulation = Arena(robot=robot).simulation()
+    upper_body = UpperBodySource(simulation.robot) if hands is not None else None
+    controller = ControllerSpec("qp", robot=robot).build()
+    trace = rollout(controller, Constant(command, hands), simulation, upper_body, duration=duration)
+    if trace.fell or trace.safety.failures:
+        said = "".join(f"; {message}" for message in trace.safety.messages)
+        raise ConfigError(f"the robot fell after {trace.survived_s:.1f} s of {what}; {_strain(trace)}{said}; {_REMEDY}")
+    return trace
+
+
+def _strain(trace: "Trace") -> str:
+    """Say which joint needed most of its speed and of its torque in all but 5 % of the time and a fall's last 0.2 s."""
+    from hugwbc.robot import load_robot
+
+    robot = load_robot(trace.robot)
+    before = trace.time <= trace.survived_s - 0.2 * trace.fell
+    parts = []
+    for what, of_all, limits, unit in (
+        ("turned at", trace.qvel[before, 6:], robot.velocity_limit, "rad/s"),
+        ("gave", trace.torque[before], robot.torque_limit, "N m"),
+    ):
+        most = np.percentile(np.abs(of_all), 95, axis=0)
+        joint = int(np.argmax(most / limits))
+        parts.append(f"{robot.joint_names[joint]} {what} {most[joint]:.3g} of {limits[joint]:.3g} {unit}")
+    return " and ".join(parts)
 
 
 def _is_installed(package: str) -> bool:
@@ -184,6 +269,8 @@ OF_A_ROBOT: dict[str, Callable[[str], str]] = {
     "table": check_table,
     "models": check_agreement,
     "controller qp": check_standing,
+    "walk": check_walking,
+    "hands": check_hands,
 }
 CHECKS: dict[str, Callable[[], str]] = {
     "versions": check_versions,
