@@ -243,7 +243,7 @@ def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
         corners = [
             np.add(box["center"], np.multiply(box["size"], at)) for at in itertools.product((-0.5, 0.5), repeat=3)
         ]
-        lowest = min(placement(table["joints"], name, roles["base"], corner, q)[0][2] for corner in corners)
+        lowest = min(placement(table["joints"], name, roles["base"], corner.tolist(), q)[0][2] for corner in corners)
         if (below := -table["nominal_height"] - lowest) > 0.0:
             yield (
                 f"the box of {name} reaches {1e3 * below:.0f} mm below the soles in the nominal pose; give a smaller "

@@ -169,8 +169,8 @@ def check_hands(name: str) -> str:
     q[robot.arms] = (q[robot.arms] + seeds(robot)[:, forward].ravel()) / 2.0
     state = Simulation(robot=robot).reset(q=q)
     kinematics.update(state)
-    places = [kinematics.position(f"{side}_hand") - state.position for side in SIDES]
-    trace = _played(name, Command(), 1.0, "raising both hands", HandTargets.of(*places))
+    left, right = (kinematics.position(f"{side}_hand") - state.position for side in SIDES)
+    trace = _played(name, Command(), 1.0, "raising both hands", HandTargets.of(left, right))
     error = float(trace.hand_error[-1].max())
     if error > _HAND_ERROR:
         raise ConfigError(
