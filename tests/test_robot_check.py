@@ -6,6 +6,8 @@ import pytest
 import yaml
 
 from hugwbc.cli import main
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.installation import check_hands, check_walking
 from hugwbc.robot_check import problems, table_problems
 from hugwbc.robot_tables import robot_names, robot_table
 
@@ -179,3 +181,28 @@ def test_a_base_below_the_feet_is_refused(tmp_path) -> None:
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
     (found,) = problems(str(tmp_path / "mine.yaml"))
     assert "pelvis does not hang below torso_link, which a role says" in found
+
+
+@pytest.mark.slow
+def test_a_robot_with_slow_knees_does_not_pass_the_walk(tmp_path) -> None:
+    """A G1 whose knees turn at 3 instead of 20 rad/s cannot lift its feet in time."""
+    table = copy.deepcopy(G1)
+    for name in (LEFT_KNEE, RIGHT_KNEE):
+        _row(table, name).update(velocity=3.0, corner_speed=2.4)
+    path = tmp_path / "slow.yaml"
+    path.write_text(yaml.safe_dump(table))
+    with pytest.raises(ConfigError, match=r"_knee_joint turned at .* of 3 rad/s .*bend the knees"):
+        check_walking(str(path))
+    assert check_walking("g1").startswith("it walks at 0.3")
+
+
+@pytest.mark.slow
+def test_arms_without_strength_do_not_pass_the_hands(tmp_path) -> None:
+    table = copy.deepcopy(G1)
+    for row in table["joints"]:
+        if "shoulder" in row["name"] or "elbow" in row["name"]:
+            row.update(effort=0.4)
+    path = tmp_path / "weak.yaml"
+    path.write_text(yaml.safe_dump(table))
+    with pytest.raises(ConfigError, match=r"a hand is \d+ cm from its target"):
+        check_hands(str(path))
