@@ -11,6 +11,7 @@ import os
 import pathlib
 import signal
 import threading
+import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -20,6 +21,7 @@ from torch import distributed as dist
 from hugwbc.errors import ConfigError
 
 LEAST_SPREAD = 0.25
+_AGAIN = 0.2  # [s] after a signal, within which others are the same request
 _PR_SET_PDEATHSIG = 1  # of Linux: the signal that comes when the parent process ends
 
 
@@ -166,18 +168,21 @@ class Stop:
 def stopped_by_signals() -> Iterator[Stop]:
     """Let SIGINT and SIGTERM ask for a stop instead of ending the process.
 
-    Each signal does so once: when it comes again, it does what it did before, which usually ends the process. SIGTERM
-    after SIGINT is no repetition, since torchrun sends both to its processes on one Ctrl-C. In a thread other than the
-    main one, where Python handles no signals, nothing changes.
+    When a signal comes again, it does what it did before, which usually ends the process. Within a moment it is the
+    same request, since a launcher that is killed sends one for each of its threads. SIGTERM after SIGINT is no
+    repetition either: torchrun sends both to its processes on one Ctrl-C. In a thread other than the main one, where
+    Python handles no signals, nothing changes.
 
     Yields:
         The wish to stop.
     """
-    stop, previous = Stop(), dict[int, Any]()
+    stop, previous, asked = Stop(), dict[int, Any](), dict[int, float]()
 
     def request(number: int, _frame: object) -> None:
         stop.requested = True
-        signal.signal(number, previous.pop(number))
+        if time.monotonic() - asked.setdefault(number, time.monotonic()) > _AGAIN:
+            signal.signal(number, previous.pop(number))
+            signal.raise_signal(number)
 
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
