@@ -113,7 +113,8 @@ def _image(change: Mapping[str, Any], sign: float) -> dict[str, Any]:
     if "range" in change:
         image["range"] = sorted(sign * limit for limit in change["range"])
     if box := change.get("collision_box"):
-        image["collision_box"] = {**box, "center": [*box["center"][:1], -box["center"][1], *box["center"][2:]]}
+        x, y, z = box["center"]
+        image["collision_box"] = {**box, "center": [x, -y, z]}
     return image
 
 

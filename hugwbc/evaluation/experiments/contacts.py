@@ -36,8 +36,8 @@ class ContactsSettings(CountedSettings):
 def plan(settings: ContactsSettings) -> list[Plan]:
     """Return the default command of the gait for every episode, ahead if the gait moves."""
     v_x = 0.0 if settings.gait == Gait.STANDING.label else V_X
-    commands = [dataclasses.replace(settings.default_command(draw), v_x=v_x) for draw in range(2)]
-    return [Plan(draw, commands[draw % 2]) for draw in range(settings.episodes)]
+    draws = range(settings.episodes)
+    return [Plan(draw, dataclasses.replace(settings.default_command(draw), v_x=v_x)) for draw in draws]
 
 
 def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> Row:
