@@ -8,9 +8,9 @@ from hugwbc.controller import JointCommand
 from hugwbc.robot import Robot
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import RobotState
+from hugwbc.table_defaults import LEAST_ERROR
 
-# [rad], and as a part of a joint's highest speed: a drive that gives all its torque for less is a switch.
-_LEAST_ERROR, _LEAST_SPEED = 0.05, 0.1
+_LEAST_SPEED = 0.1  # as a part of a joint's highest speed, likewise `LEAST_ERROR`
 # Counters of what was clamped in the five vectors.
 _LIMITED = ("positions_limited", "speeds_limited", "gains_limited", "gains_limited", "torques_limited")
 
@@ -30,7 +30,7 @@ def gain_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
     They give the drive's full torque for an error of 0.05 rad, or of a tenth of the joint's highest speed.
     """
-    return robot.torque_limit / _LEAST_ERROR, robot.torque_limit / (_LEAST_SPEED * robot.velocity_limit)
+    return robot.torque_limit / LEAST_ERROR, robot.torque_limit / (_LEAST_SPEED * robot.velocity_limit)
 
 
 class SafetyFilter:
