@@ -23,6 +23,7 @@ _ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
 LEAST_ERROR = 0.05  # [rad]; a drive that gives all its torque for less is a switch
+LEAST_SPEED = 0.1  # likewise, as a part of a joint's highest speed
 # Stiffness of led arms by torque limit [1/rad], its bounds [N m/rad], and damping by stiffness [s].
 _SERVO, _SERVO_KP, _SERVO_TIME = 3.5, (40.0, 140.0), 0.0375
 _SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
@@ -229,7 +230,8 @@ def _set_gains(table: dict[str, Any]) -> None:
         if joint["name"] not in led and not {"kp", "kd"} <= joint.keys():
             inertia = joint["armature"] + _carried(table, joint, q)
             kp = max(kp, min(inertia * _FREQUENCY**2, joint["effort"] / LEAST_ERROR))
-            kd = max(kd, 2.0 * math.sqrt(kp * inertia))
+            highest = joint["effort"] / (LEAST_SPEED * joint["velocity"])
+            kd = max(kd, min(2.0 * math.sqrt(kp * inertia), highest))
         joint.setdefault("kp", kp)
         joint.setdefault("kd", kd)
 

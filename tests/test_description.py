@@ -11,6 +11,7 @@ from hugwbc import load_robot
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.robot_check import problems
 from hugwbc.robot_tables import robot_table
+from hugwbc.runtime.safety import gain_limits
 from hugwbc.table_defaults import complete, is_left, other_side
 
 G1, TABLE = load_robot("g1"), robot_table("g1")
@@ -118,7 +119,7 @@ def test_corrections_of_a_left_part_are_mirrored(tmp_path) -> None:
 
 
 def test_a_joint_in_no_role_holds_what_is_beyond_it(tmp_path) -> None:
-    """Its inertia is that of MuJoCo's mass matrix; 0.05 rad take its whole effort."""
+    """Its inertia is that of MuJoCo's mass matrix; 0.05 rad, or a tenth of its speed, take its whole effort."""
     drives = [{"joints": ["waist_pitch_joint"], "armature": 0.0072, "effort": effort} for effort in (1e4, 50.0)]
     low, high = (_robot(tmp_path / str(i), {**SHORT, "drives": [drive]}) for i, drive in enumerate(drives[::-1]))
     pitch = low.index("waist_pitch_joint")
@@ -130,7 +131,10 @@ def test_a_joint_in_no_role_holds_what_is_beyond_it(tmp_path) -> None:
     mujoco.mj_fullM(model, data, matrix)
     assert high.kp[pitch] == pytest.approx(matrix[6 + pitch, 6 + pitch] * (20.0 * np.pi) ** 2, rel=1e-6)
     assert low.kp[pitch] == pytest.approx(50.0 / 0.05)
-    assert low.kd[pitch] == pytest.approx(2.0 * np.sqrt(low.kp[pitch] * matrix[6 + pitch, 6 + pitch]), rel=1e-6)
+    assert high.kd[pitch] == pytest.approx(2.0 * np.sqrt(high.kp[pitch] * matrix[6 + pitch, 6 + pitch]), rel=1e-6)
+    assert low.kd[pitch] == pytest.approx(50.0 / (0.1 * low.velocity_limit[pitch]))
+    for limit, gain in zip(gain_limits(low), (low.kp, low.kd), strict=True):
+        assert np.all(gain <= limit)  # so that holding it counts nothing as clamped
 
 
 def test_transmissions_do_not_hide_speeds_and_a_refusal_has_its_remedy(tmp_path) -> None:

@@ -8,9 +8,8 @@ from hugwbc.controller import JointCommand
 from hugwbc.robot import Robot
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import RobotState
-from hugwbc.table_defaults import LEAST_ERROR
+from hugwbc.table_defaults import LEAST_ERROR, LEAST_SPEED
 
-_LEAST_SPEED = 0.1  # as a part of a joint's highest speed, likewise `LEAST_ERROR`
 # Counters of what was clamped in the five vectors.
 _LIMITED = ("positions_limited", "speeds_limited", "gains_limited", "gains_limited", "torques_limited")
 
@@ -30,7 +29,7 @@ def gain_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
     They give the drive's full torque for an error of 0.05 rad, or of a tenth of the joint's highest speed.
     """
-    return robot.torque_limit / LEAST_ERROR, robot.torque_limit / (_LEAST_SPEED * robot.velocity_limit)
+    return robot.torque_limit / LEAST_ERROR, robot.torque_limit / (LEAST_SPEED * robot.velocity_limit)
 
 
 class SafetyFilter:
