@@ -6,8 +6,10 @@ import itertools
 import math
 import os
 import pathlib
+import shlex
 import time
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from hugwbc import extensions
 from hugwbc.cli import INTERRUPTED, USAGE_ERROR
@@ -16,18 +18,25 @@ from hugwbc.errors import ConfigError
 from hugwbc.files import digest
 from hugwbc.learned.config import TrainConfig
 
+if TYPE_CHECKING:
+    from hugwbc.learned.recipe.recipe import Recipe
+
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
 _OTHER_STAGES = 3e6  # environment steps that take about as long as a recording or a calibration
 _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
-With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`.
+With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`. Options change
+a recipe of one stage, such as --env.count 8192 --device cuda.
 With --processes N, N processes on this machine train as one, each with --env.count robots and --threads threads."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RecipeOptions:
-    """Make a policy by a recipe, or continue its run; Ctrl-C stops, and the same command continues."""
+    """Make a policy by a recipe, or continue its run; Ctrl-C stops, and the same command continues.
+
+    Options of `hugwbc train` change a recipe that has one stage.
+    """
 
     recipe: str  # Name of a shipped recipe, or path of a recipe file that ends in .yaml
     out: pathlib.Path | None = None  # Folder of the run; runs/NAME by default
@@ -41,7 +50,7 @@ def run(words: Sequence[str]) -> int:
     if processes > 1:
         return _train_together(processes, words)
     if any(word.partition("=")[0] == "--recipe" for word in words):
-        return _run_recipe(parse(RecipeOptions, words, "train", RecipeOptions.__doc__))
+        return _run_recipe(words)
     config = _parse(words)
     with output_folder(config.out), progress(f"training {config.out}") as advance:
         from hugwbc.learned.rl import train
@@ -103,12 +112,22 @@ def _parse(words: Sequence[str]) -> TrainConfig:
     return parse_settings(TrainConfig, words, "train", _DESCRIPTION, default)
 
 
-def _run_recipe(options: RecipeOptions) -> int:
+def _run_recipe(words: Sequence[str]) -> int:
     from hugwbc.evaluation.recipe_services import RecipeServices
     from hugwbc.learned.recipe.recipe import load_recipe
     from hugwbc.learned.recipe.run import run_recipe
 
+    parser = argparse.ArgumentParser(prog="hugwbc train", add_help=False, allow_abbrev=False)
+    for field in dataclasses.fields(RecipeOptions):
+        if field.name != "smoke":
+            parser.add_argument(f"--{field.name}")
+    given, others = parser.parse_known_args(words)
+    flags = [word for word in others if word in ("-h", "--help", "--smoke", "--no-smoke")]
+    own = [f"--{name}={value}" for name, value in vars(given).items() if value is not None]
+    options = parse(RecipeOptions, [*own, *flags], "train", RecipeOptions.__doc__)
+    changes = [word for word in others if word not in flags]
     recipe = load_recipe(options.recipe, smoke=options.smoke)
+    recipe = _changed(recipe, changes) if changes else recipe
     out = options.out or pathlib.Path("runs") / pathlib.Path(options.recipe).stem
     sizes = {name: getattr(stage.config, "steps", _OTHER_STAGES) for name, stage in recipe.stages.items()}
     line = _Line()
@@ -123,6 +142,23 @@ def _run_recipe(options: RecipeOptions) -> int:
         finished = run_recipe(recipe, out, RecipeServices(options.workers), report=report, say=say)
     say(f"finished; the policy is in {out}" if finished else f"stopped; the same command continues {out}")
     return 0 if finished else INTERRUPTED
+
+
+def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
+    """Return a recipe of one stage with options of `hugwbc train` in the place of its settings; its text names them."""
+    (name, stage), *others = recipe.stages.items()
+    if others or stage.train is None:
+        raise ConfigError(
+            f"{words[0]} changes recipes of one stage that trains; {recipe.name} has {', '.join(recipe.stages)}. "
+            "Change a copy of its file, and give --recipe its path"
+        )
+    config = parse(TrainConfig, words, "train", None, stage.train)
+    return dataclasses.replace(
+        recipe,
+        source=f"# hugwbc train {shlex.join(words)}\n{recipe.source}",
+        seed=config.seed if config.seed != stage.train.seed else recipe.seed,
+        stages={name: dataclasses.replace(stage, train=config)},
+    )
 
 
 class _Line:

@@ -206,3 +206,19 @@ def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
     assert smoke is not None and smoke.at(smoke.steps).env.rewards == late.env.rewards
     assert main(["check", "--policy", "h1"]) == 0
     assert "ca15dd32" in capsys.readouterr().out
+
+
+def test_options_change_a_recipe_of_one_stage(tmp_path, monkeypatch, capsys) -> None:
+    """A recipe file serves a laptop and a GPU; what was changed stands in the run's recipe. Seeds are the recipe's."""
+    runs = []
+    monkeypatch.setattr("hugwbc.learned.recipe.run.run_recipe", lambda recipe, *_, **__: runs.append(recipe) or True)
+    text = "about: A walk.\nseed: 2001\nstages: {walk: {train: {steps: 64, env: {count: 8}}}}\n"
+    (tmp_path / "walk.yaml").write_text(text)
+    words = ["train", "--recipe", str(tmp_path / "walk.yaml"), "--out", str(tmp_path / "run"), "--workers", "16"]
+    assert main([*words, "--env.count", "16", "--env.robot=g1", "--seed", "2007"]) == 0
+    changed = runs[0].stages["walk"].train
+    assert (changed.env.count, changed.env.robot, changed.steps, runs[0].seed) == (16, "g1", 64, 2007)
+    assert runs[0].source.startswith("# hugwbc train --env.count 16 --env.robot=g1 --seed 2007\n" + text[:5])
+    assert main(words) == 0 and runs[1] == load_recipe(tmp_path / "walk.yaml")
+    assert main(["train", "--recipe", "h1", "--env.count", "16"]) == 2
+    assert "--env.count changes recipes of one stage" in capsys.readouterr().err
