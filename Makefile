@@ -32,7 +32,7 @@ help:
 	@echo "make models         write the robots' XML and URDF files from their tables"
 	@echo "make picture        take the README's picture of both controllers"
 	@echo "make task-pictures  take the pictures of the tasks, docs/tasks.md"
-	@echo "make animation      take the README's animation of both controllers at a task; minutes of computing"
+	@echo "make animation      take the README's animation of robots and controllers at a task; minutes of computing"
 	@echo "make results        run what the tables of the documents show, and write them; hours, goes on after a kill"
 	@echo "make response       draw how both controllers answer commands, docs/comparison.md"
 	@echo "make curve          draw the training curve of docs/results.md, with RUN=FOLDER that of a run"
@@ -101,6 +101,7 @@ task-pictures: $(STAMP)
 animation: $(STAMP)
 	$(BIN)/hugwbc compare --task fetch_box --controllers qp --seed 0 --out out/animation/qp --hide steps forces balance phases
 	$(BIN)/hugwbc compare --task fetch_box --controllers learned --seed 0 --out out/animation/learned --hide steps forces balance phases
+	$(BIN)/hugwbc compare --task fetch_box --robot g1 --controllers qp --seed 0 --out out/animation/g1 --hide steps forces balance phases
 	$(BIN)/python docs/animation.py
 
 results: $(STAMP)

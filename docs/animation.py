@@ -1,4 +1,4 @@
-"""Make the README's animation from videos of `hugwbc compare`; `make animation` runs both.
+"""Make the README's animation from videos of `hugwbc compare`; `make animation` runs all of it.
 
 Each robot does the whole task in the same ten seconds, so the slower one is played faster; the caption says how much.
 """
@@ -11,19 +11,20 @@ from PIL import Image, ImageDraw, ImageFont
 
 ROOT = pathlib.Path(__file__).parents[1]
 VIDEOS = ROOT / "out" / "animation"
-TASK, SHOWN = "fetch_box", ("qp", "learned")  # controllers from left to right
+TASK = "fetch box"
+SHOWN = {"qp": "H1, QP", "learned": "H1, policy", "g1": "G1, QP"}  # folders, from left to right
 LENGTH, FPS = 10.0, 10  # [s], [1/s]; the format counts the time of a frame in hundredths of a second
-SIZE, CAPTION = (360, 340), 24  # [pixel]
+SIZE, CAPTION = (270, 300), 24  # [pixel]
 COLOURED = 36  # difference of the channels of a pixel, of 255, from which it is not grey
 COLOURS = 192  # few, because the size of the file grows with them
 
 
-def frames(controller: str) -> list[Image.Image]:
+def frames(folder: str) -> list[Image.Image]:
     """Return the frames of one video, its middle cut out, with a caption below."""
-    reader = imageio.get_reader(VIDEOS / controller / "compare.mp4")
+    reader = imageio.get_reader(VIDEOS / folder / "compare.mp4")
     about = reader.get_meta_data()
     count, seconds = round(LENGTH * FPS), about["duration"]
-    font, caption = ImageFont.load_default(size=14), f"{controller}: {TASK.replace('_', ' ')}, {seconds / LENGTH:.1f} x"
+    font, caption = ImageFont.load_default(size=14), f"{SHOWN[folder]}: {TASK}, {seconds / LENGTH:.1f} x"
     pictures = []
     for number in range(count):
         moment = min(number / (count - 1) * seconds, seconds - 2.0 / about["fps"])
@@ -47,7 +48,7 @@ def _palette(pictures: list[Image.Image]) -> Image.Image:
 
 def main() -> None:
     """Write the robots side by side into one GIF, with one palette for all frames."""
-    columns = [frames(controller) for controller in SHOWN]
+    columns = [frames(folder) for folder in SHOWN]
     pictures = []
     for row in zip(*columns, strict=True):
         picture = Image.new("RGB", (SIZE[0] * len(row), row[0].height))

@@ -127,7 +127,7 @@ TABLES = {
         RESULTS, _tracking("standing", "walking", "hopping", further=" --told h1-2023"), (*ERRORS, FALLS)
     ),
     "public": Table(
-        ("README.md", *RESULTS),
+        RESULTS,
         {
             f"{project}'s": f"single-command --controller {name} --policy {{public}}/{file}.pt --episodes 128"
             for project, name, file in (
