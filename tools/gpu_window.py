@@ -3,10 +3,12 @@
     python tools/gpu_window.py pack FOLDER SITE    # here: what must travel, in parts of at most 60 MiB
     python tools/gpu_window.py unpack FOLDER SITE  # there; then with PYTHONPATH=SITE:. and WARP_CACHE_PATH set
     python tools/gpu_window.py measure --out FILE.jsonl --seconds 300
+    python -m hugwbc.cli train --recipe FILE.yaml --out RUN --device cuda --env.count 8192
 
-SITE holds warp-lang, mujoco-warp, mujoco and mujoco-core, made by pip install --target SITE --no-deps. `measure` writes
-a line for each finding at once, so that a cut loses one: throughput by number of robots, with and without the graph,
-and shares by part. Keep the folder of WARP_CACHE_PATH: with it, the next window compiles nothing.
+SITE holds warp-lang, mujoco-warp, mujoco and mujoco-core, made by pip install --target SITE --no-deps; other packages
+that are missing there are carried as wheels. Those of the QP and the arms, which training imports and does not use, are
+large, and stay behind: `unpack` writes empty modules in their place. `measure` writes a line for each finding at once,
+so that a cut loses one: throughput by number of robots, with and without the graph, and shares by part. Keep the folder of WARP_CACHE_PATH: with it, the next window compiles nothing.
 """
 
 import argparse
@@ -21,6 +23,20 @@ import time
 PART = 60 << 20  # bytes
 KEPT = {90}  # compute capabilities whose machine code travels
 _BLOCK, _CODE = struct.Struct("<IHHQ"), struct.Struct("<HHIQ")  # headers of a fat binary, and of the code of one GPU
+UNUSED = ("pinocchio", "placo", "proxsuite")
+EMPTY = '''"""Stands for a package that training imports and does not use."""
+import numpy
+
+
+def skew(vector):
+    return numpy.zeros((3, 3))
+
+
+def __getattr__(name):
+    if name.startswith("__"):
+        raise AttributeError(name)
+    return object
+'''
 _MAGIC, _CAPABILITY = 0xBA55ED50, 28  # first number of a fat binary; place of the capability in the second header
 
 
@@ -67,6 +83,8 @@ def unpack(folder: pathlib.Path, site: pathlib.Path) -> None:
     content = b"".join(path.read_bytes() for path in sorted(folder.glob("site.part*")))
     with tarfile.open(fileobj=io.BytesIO(content)) as tar:
         tar.extractall(site, filter="data")
+    for name in UNUSED:
+        (site / f"{name}.py").write_text(EMPTY)
 
 
 def measure(out: pathlib.Path, counts: list[int], seconds: float, device: str, steps: int) -> None:
