@@ -8,7 +8,8 @@
 SITE holds warp-lang, mujoco-warp, mujoco and mujoco-core, made by pip install --target SITE --no-deps; other packages
 that are missing there are carried as wheels. Those of the QP and the arms, which training imports and does not use, are
 large, and stay behind: `unpack` writes empty modules in their place. `measure` writes a line for each finding at once,
-so that a cut loses one: throughput by number of robots, with and without the graph, and shares by part. Keep the folder of WARP_CACHE_PATH: with it, the next window compiles nothing.
+so that a cut loses one: throughput by number of robots, with and without the graph, and shares by part. Keep the folder
+of WARP_CACHE_PATH: with it, the next window compiles nothing.
 """
 
 import argparse

@@ -1,6 +1,9 @@
 """The luggage of a GPU window: what is left out, and that it arrives whole."""
 
+import os
 import struct
+import subprocess
+import sys
 
 import pytest
 
@@ -40,4 +43,18 @@ def test_packages_arrive_whole_in_parts(gpu_window, tmp_path, monkeypatch, capsy
     gpu_window.unpack(tmp_path / "parts", tmp_path / "there")
     there = tmp_path / "there"
     found = {str(path.relative_to(there)): path.read_bytes() for path in there.rglob("*") if path.is_file()}
+    empty = [found.pop(f"{name}.py") for name in gpu_window.UNUSED]
     assert found == {"warp/bin/warp.so": library(code(90, 3000)), "warp/config.py": b"quiet = True"}
+    assert set(empty) == {gpu_window.EMPTY.encode()}
+
+
+def test_training_is_imported_without_the_packages_of_the_qp(gpu_window, tmp_path):
+    """Theirs are larger than what may travel to a borrowed machine."""
+    gpu_window.pack(tmp_path / "parts", tmp_path)
+    gpu_window.unpack(tmp_path / "parts", tmp_path)
+    code = (
+        "from hugwbc.evaluation import recipe_services; from hugwbc.learned.recipe import run; import pinocchio as pin"
+    )
+    command = [sys.executable, "-c", f"{code}; print(pin.__file__)"]
+    ran = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
+    assert (ran.stdout.strip(), ran.returncode) == (str(tmp_path / "pinocchio.py"), 0), ran.stderr
