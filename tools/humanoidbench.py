@@ -35,6 +35,7 @@ from hugwbc.behaviours import (
     walk_to,
 )
 from hugwbc.mbc import WholeBodyController
+from hugwbc.robot import SIDES
 from hugwbc.runtime import MujocoRobot, UpperBodySource, load_controller
 from hugwbc.scripts.view import Action
 from hugwbc.targets import HandTargets
@@ -98,18 +99,25 @@ def touch(view: View, env: Environment) -> Course:
 
 
 def push(view: View, env: Environment) -> Course:
-    """Lean forward, put a hand behind the box, seen from the goal, and keep it there while the box moves."""
-    goal, side = env.task.goal.copy(), int(env.task.goal[1] > 0.0)
-    begin, point = view.time, view.hands[side]
-    while True:
-        box, time = view.objects["object"].position, view.time - begin
+    """Put a hand behind the box, seen from the goal, and keep it there while the box moves."""
+    goal, box = env.task.goal.copy(), view.objects["object"].position
+    side = "right" if goal[1] > 0.0 else "left"
+    end = view.time + 0.9
+    while view.time < end:  # to the table
+        view = yield Action(walk(0.25))
+    point = np.zeros(3)
+    for behind, height in ((0.3, 0.2), (0.2, 0.02)):
         way = (goal - box) / np.linalg.norm(goal - box)
-        behind, height = (0.25, 0.2) if time < 2.0 else (0.2, 0.02) if time < 3.0 else (0.07, 0.02)
-        wanted = box - behind * way + [0.035 * abs(way[1]), 0.0, height]
-        fastest = 0.012 if time < 3.0 else 0.003
-        point = point + np.clip(wanted - point, -fastest, fastest)
-        hands = HandTargets.of(*(None if row != side else point for row in range(2)), frame="world")
-        view = yield Action(walk(0.25) if time < 0.9 else Command(h=-0.05, p=0.35), hands)
+        point = box - behind * way - [0.06 * abs(way[1]), 0.0, -height]
+        left, right = (tuple(point.tolist()) if one == side else None for one in SIDES)
+        view = yield from reach(view, left, right, frame="world", whole_body=True, speed=0.8, tolerance=0.06, timeout=2)
+    while True:
+        box = view.objects["object"].position
+        way = (goal - box) / np.linalg.norm(goal - box)
+        wanted = box - 0.05 * way - [0.06 * abs(way[1]), 0.0, -0.02]
+        point = point + np.clip(wanted - point, -0.004, 0.004)
+        left, right = (point if one == side else None for one in SIDES)
+        view = yield Action(standing(view), HandTargets.of(left, right, "world", whole_body=True))
 
 
 def package(view: View, env: Environment) -> Course:
