@@ -220,17 +220,9 @@ def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
 
 def _bar(start: np.ndarray, end: np.ndarray) -> Mark:
     """Return a mark that lays a part of unit length along z from one point to another."""
-    length = max(float(np.linalg.norm(end - start)), 1e-6)
-    return Mark(True, start, _from_z((end - start) / length), np.array([1.0, 1.0, length]))
-
-
-def _from_z(direction: np.ndarray) -> np.ndarray:
-    """Return the smallest rotation of z into a unit vector, as a quaternion (w, x, y, z)."""
-    x, y, z = direction
-    if z < -1.0 + 1e-9:  # straight down: half a turn about x, as the formula below would give 0 / 0
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    quaternion = np.array([1.0 + z, -y, x, 0.0])
-    return quaternion / np.linalg.norm(quaternion)
+    length, turn = max(float(np.linalg.norm(end - start)), 1e-6), np.zeros(4)
+    mujoco.mju_quatZ2Vec(turn, end - start)
+    return Mark(True, start, turn, np.array([1.0, 1.0, length]))
 
 
 def _about_z(yaw: float) -> np.ndarray:
