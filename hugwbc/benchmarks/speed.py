@@ -1,10 +1,6 @@
 """Measure the speed of training and its environment, of controllers, of an episode and of the hand IK."""
 
-import collections
-import cProfile
 import dataclasses
-import pathlib
-import pstats
 import time
 from collections.abc import Callable
 
@@ -30,7 +26,6 @@ from hugwbc.sim.batch import BatchSimulation
 from hugwbc.tasks import load_task, run_task
 from hugwbc.upper_ik import UpperBodySource
 
-_PACKAGE = pathlib.Path(__file__).parents[1]
 WARM_UP_STEPS = 20
 WALK = Command(v_x=0.5, gait=Gait.WALKING)
 COMMANDS = {"standing": Command(), "walking": WALK, "jumping": Command(v_x=0.5, gait=Gait.JUMPING)}
@@ -206,31 +201,6 @@ def episode_speed(controller: Controller, activity: str, duration: float) -> Epi
     bare, spent = time.process_time() - begin, cpu[-1] - cpu[0]
     p50, p999 = np.percentile(1e3 * np.diff(wall), (50.0, 99.9)).tolist()
     return EpisodeSpeed(simulated / spent, spent / bare, {"p50": p50, "p99.9": p999}, 1e-3 * p999 / controller.period)
-
-
-def period_shares(controller: Controller, duration: float) -> dict[str, float]:
-    """Return the share of each room in the time of an episode of walking [s], with everything in the loop."""
-    conditions, profile = Conditions(), cProfile.Profile()
-    simulation, estimator = conditions.simulation(duration, (0,)), conditions.estimator()
-    profile.runcall(rollout, controller, WALK, simulation, duration=duration, estimator=estimator)
-    seconds: dict[str, float] = collections.defaultdict(float)
-    for (file, *_), (_, _, own, _, callers) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
-        if _room(file):
-            seconds[_room(file)] += own
-            continue
-        for (caller, *_), (_, _, part, _) in callers.items():  # a library's time is that of the room that calls it
-            seconds[_room(caller) or "libraries"] += part
-    total = sum(seconds.values())
-    return {room: part / total for room, part in sorted(seconds.items(), key=lambda item: -item[1])}
-
-
-def _room(file: str) -> str:
-    """Return the room of a source file; empty for one of another package."""
-    path = pathlib.Path(file)
-    if not path.is_relative_to(_PACKAGE):
-        return ""
-    parts = path.relative_to(_PACKAGE).parts
-    return parts[0] if len(parts) > 1 else "core"
 
 
 def policy_tick(controller: Controller, calls: int) -> dict[str, float | None]:

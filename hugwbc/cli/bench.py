@@ -28,7 +28,6 @@ class BenchOptions:
     calls: Count = 500  # calls of the policy and of the IK to measure
     json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.
     training: bool = False  # Print only the speed of training and its parts.
-    profile: bool = False  # Print only where the time of an episode goes, by part of the code, for both controllers.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,9 +54,6 @@ def run(words: Sequence[str]) -> int:
     """Parse, measure, print, write."""
     options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
     check_writable(options.json)
-    if options.profile:
-        write_json(options.json, _profile(options))
-        return 0
     if options.training:
         speeds = _measure_training(options)
         say(_training(speeds, options.threads), options.json)
@@ -96,18 +92,6 @@ def _measure(options: BenchOptions, advance: Callable[[float], None]) -> BenchFi
     policy_tick, ik_tick = speed.policy_tick(policy, options.calls), speed.ik_tick(options.calls)
     advance(1.0)
     return BenchFigures(training, qp, episodes, policy_tick, ik_tick, options.threads)
-
-
-def _profile(options: BenchOptions) -> dict[str, dict[str, float]]:
-    """Profile an episode of each controller, and print the share of each room."""
-    from hugwbc.benchmarks.speed import period_shares
-    from hugwbc.runtime.controllers import load_controller
-
-    shares = {name: period_shares(load_controller(name), options.seconds) for name in ("qp", "learned")}
-    rooms = dict.fromkeys(room for found in shares.values() for room in found)
-    rows = [(room, *(f"{found.get(room, 0.0):.0%}" for found in shares.values())) for room in rooms]
-    say(format_table(("walking, share of the time", *shares), rows), options.json)
-    return shares
 
 
 def _training(speeds: Sequence["TrainingSpeed"], threads: int) -> str:

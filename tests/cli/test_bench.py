@@ -1,7 +1,5 @@
 import json
 
-import pytest
-
 from hugwbc.cli import main
 
 
@@ -37,11 +35,3 @@ def test_the_speed_of_training_is_measured_by_number_of_robots(capsys):
     printed = capsys.readouterr()
     assert [speed["count"] for speed in json.loads(printed.out)] == [4, 8]
     assert "bare physics" in printed.err and "tick [ms]" not in printed.err
-
-
-def test_bench_prints_where_the_time_goes(capsys):
-    assert main(["bench", "--profile", "--seconds", "0.1", "--json"]) == 0
-    printed = capsys.readouterr()
-    for shares in json.loads(printed.out).values():
-        assert sum(shares.values()) == pytest.approx(1.0) and {"sim", "runtime"} <= set(shares)
-    assert "walking, share of the time" in printed.err
