@@ -7,6 +7,7 @@ import torch
 from hugwbc import rotations
 from hugwbc.learned.config import LoadConfig
 from hugwbc.learned.env.randomization import rand, randint, randn, uniform
+from hugwbc.learned.env.readings import to_heading
 from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.batch import RobotBatch
 
@@ -138,10 +139,7 @@ class Loads:
     def observation(self, heading: torch.Tensor) -> torch.Tensor:
         """Return payloads [kg] and forces in the heading frame [N]: of both hands, then the trunk's, shape (n, 11)."""
         forces = torch.cat((self.hand_force, self.trunk_force[:, None]), dim=1)
-        cos, sin = heading.cos()[:, None], heading.sin()[:, None]
-        x, y, z = forces.unbind(2)
-        turned = torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=2)
-        return torch.cat((self.payload, turned.flatten(1)), dim=1)
+        return torch.cat((self.payload, to_heading(forces, heading[:, None]).flatten(1)), dim=1)
 
     # Checkpointing --------------------------------------------------------------------------------------------------
 

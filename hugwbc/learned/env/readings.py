@@ -226,22 +226,23 @@ def read(simulation: RobotBatch, ground: RoughGround | None = None) -> Readings:
         pitch=torch.asin((2.0 * (w * y - x * z)).clamp(-1.0, 1.0)),
         position=qpos[:, :3],
         heading=heading,
-        velocity=_to_heading(qvel[:, :3], heading),
+        velocity=to_heading(qvel[:, :3], heading),
         # World z component of the angular velocity: its projection on the up direction, which is minus gravity.
         yaw_rate=-(gravity * angular_velocity).sum(1),
         height=height,
         clearance=clearance,
-        foot_offset=_to_heading(soles[:, 0] - soles[:, 1], heading),
+        foot_offset=to_heading(soles[:, 0] - soles[:, 1], heading),
         foot_velocity=tensor(simulation.sole_velocity()),
         foot_force=tensor(simulation.foot_force()),
         link_force=tensor(simulation.link_force()),
     )
 
 
-def _to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
+def to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
+    """Return vectors of the world, shape (..., 3), in frames that are turned by a heading [rad], shape (...)."""
     cos, sin = heading.cos(), heading.sin()
-    x, y, z = vector.unbind(1)
-    return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=1)
+    x, y, z = vector.unbind(-1)
+    return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=-1)
 
 
 def tracked(state: Readings | Transition, waist: int) -> torch.Tensor:
