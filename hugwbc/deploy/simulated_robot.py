@@ -250,7 +250,8 @@ class SimulatedRobot:
         self._states: Channel[bytes] = Channel(radio, rng, latency)
         self._commands: Channel[tuple[float, JointCommand]] = Channel(radio, rng)
         self._schedule = schedule or Schedule()
-        self._command = _off(simulation)
+        zero = np.zeros_like(simulation.robot.kp)
+        self._command = JointCommand(q=zero, dq=zero, kp=zero, kd=zero, tau=zero)  # the motors are off
         self._command_sent = -math.inf
         self._sent_tick = 0
         self._first: float | None = None
@@ -388,9 +389,3 @@ class SimulatedRobot:
                 return True
         self._tell(f"[{self.time:.2f} s] no answer for {_PATIENCE:g} s: going on with the last command")
         return False
-
-
-def _off(simulation: Simulation) -> JointCommand:
-    """Return the command of motors that are off."""
-    zero = np.zeros_like(simulation.robot.kp)
-    return JointCommand(q=zero, dq=zero, kp=zero, kd=zero, tau=zero)

@@ -6,7 +6,6 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.behaviours.hands import points_in
-from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
 from hugwbc.scripts.view import SeenObject, View
@@ -75,7 +74,7 @@ class ObservationLayout:
             state.q - self._nominal,
             state.dq,
             float(command.gait is not Gait.STANDING),
-            _numbers_of(command),
+            (command.v_x, command.v_y, command.omega, command.h, command.p, command.w),
             points_in(view, view.hands, "heading"),
             points,
             np.isfinite(points).all(axis=1),
@@ -89,10 +88,6 @@ class ObservationLayout:
         return np.clip(np.nan_to_num(row, nan=0.0, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST).astype(
             np.float32
         )
-
-
-def _numbers_of(command: Command) -> tuple[float, ...]:
-    return command.v_x, command.v_y, command.omega, command.h, command.p, command.w
 
 
 def _seen(view: View, thing: SeenObject, axes: np.ndarray) -> np.ndarray:

@@ -140,9 +140,6 @@ class WarpBatch(RobotBatch):
             with wp.ScopedDevice(self._device), wp.ScopedCapture() as capture:
                 self._launch()
             self._graph = capture.graph
-        return self._diverged()
-
-    def _diverged(self) -> torch.Tensor:
         state = torch.cat((self.qpos, self.qvel, self.warm_start, self.ctrl), 1)
         return ~(state.abs() < _LARGEST).all(1)  # of NaN as well
 

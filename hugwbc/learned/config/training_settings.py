@@ -137,11 +137,6 @@ class TrainConfig:
                 raise ConfigError(f"the schedules give at {steps:g} steps: {error}", at=("schedules",)) from error
 
 
-def _recording_env() -> EnvConfig:
-    """Build a small environment, since every robot has a controller to ask."""
-    return EnvConfig(count=24, episode_steps=600)
-
-
 @settings
 class RecordConfig:
     """States of robots driven by another controller, such as the QP, from which training episodes can start."""
@@ -158,7 +153,8 @@ class RecordConfig:
     """Noise level alpha of the arms' intervention."""
     max_speed: Annotated[float, Field(gt=0, le=2)] = 1.4
     """Largest v_x of the agile group [m/s]."""
-    env: EnvConfig = dataclasses.field(default_factory=_recording_env)
+    # Few robots, since each has a controller to ask.
+    env: EnvConfig = dataclasses.field(default_factory=lambda: EnvConfig(count=24, episode_steps=600))
 
 
 @settings

@@ -214,11 +214,9 @@ class OnnxNetwork:
 
     def reset(self) -> None:
         """Set the recurrent state to zero."""
-        self._values = {name: self._zeros(name) for name in self._state}
-
-    def _zeros(self, name: str) -> np.ndarray:
         # A free dimension is the batch, which is one robot.
-        return np.zeros([size if isinstance(size, int) else 1 for size in self._shapes[name]], self._types[name])
+        shapes = {name: [size if isinstance(size, int) else 1 for size in self._shapes[name]] for name in self._state}
+        self._values = {name: np.zeros(shape, self._types[name]) for name, shape in shapes.items()}
 
     def __call__(self, inputs: Sequence[np.ndarray]) -> np.ndarray:
         """Return the actions, shape (m,)."""
