@@ -25,11 +25,6 @@ def test_json_to_standard_output_keeps_it_clean(capsys):
     assert json.loads(printed.out) == {"a": 1} and printed.err == "for people\n"
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(12.4, "12 s"), (100.0, "2 min"), (7200.0, "2.0 h")])
-def test_durations_are_rounded_for_people(seconds, text):
-    assert output._duration(seconds) == text
-
-
 def test_the_time_left_follows_from_the_work_and_not_from_what_was_stored_or_from_starting():
     """40 % were stored; the first two of two processes' episodes take 30 s longer than the others, which take 20 s."""
     pace, said = output.Pace(), []

@@ -7,7 +7,7 @@ import time
 import mujoco
 import numpy as np
 import pytest
-from deploy_bench import EXACT, Counting, Pair
+from deploy_bench import EXACT, Pair
 from local_endpoint import LocalEndpoint, local_pair
 
 from hugwbc import JointCommand, load_robot
@@ -237,15 +237,6 @@ def test_from_the_hoist_to_a_stand(monkeypatch, name) -> None:
     expected = [Mode.ZERO_TORQUE, Mode.START_POSE, Mode.START_POSE, Mode.RUN, Mode.DAMPING]
     assert events == [(mode, index == 2) for index, mode in enumerate(expected)]
     assert not pair.robot.tally.counts and pair.side.intake.wrong_sum == pair.side.intake.old == 0
-
-
-def test_a_robot_side_that_dies_leaves_the_last_command() -> None:
-    pair = Pair(Counting(), "")
-    pair.run(0.1)
-    sent = pair.side.sent
-    pair.run(0.3, alive=lambda: False)
-    assert pair.side.sent == sent
-    assert pair.robot.extremes.silence == pytest.approx(0.2, abs=0.02)
 
 
 def arrivals(radio: Radio, count: int = 2000, delay: float = 0.0) -> tuple[Channel, list[tuple[int, float]]]:

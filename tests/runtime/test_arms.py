@@ -74,19 +74,6 @@ def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
     assert np.abs(np.diff(torques)).max() < 1.5
 
 
-@pytest.mark.parametrize("soft", [0.0, 5.0])
-def test_gains_that_change_while_the_arms_are_handed_over_stay_between_those_before_and_now(soft):
-    """Stiff hands that become soft a tenth of a second after the takeover."""
-    own, handover = JointCommand.position(ROBOT, ROBOT.nominal), Handover(ROBOT.arms)
-    handover(own, UpperBody.none(), DT)
-    for tick in range(30):
-        kp = np.full(8, 140.0 if tick < 5 else soft)
-        arms = dataclasses.replace(UpperBody.targets(ROBOT.nominal[ROBOT.arms]), kp=kp, kd=np.full(8, 3.0))
-        faded = handover(override_arms(own, arms, ROBOT), arms, DT)
-        assert min(20.0, kp[0]) <= faded.kp[ROBOT.arms].min() and faded.kp.max() <= 300.0
-    np.testing.assert_array_equal(faded.kp[ROBOT.arms], soft)
-
-
 # The learned payload: from the vertical force, slowly, beyond the friction; and where nothing is learned.
 BODY = UpperBody.targets(np.zeros(8))
 
