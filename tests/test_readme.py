@@ -24,7 +24,7 @@ def test_python_block_runs(block, capsys):
 
 def test_there_is_code_for_each_pillar():
     code = "".join(block.text for block in CODE)
-    for pillar in ('load_controller("learned")', 'load_controller("qp")', "hugwbc.upper_ik"):
+    for pillar in ('"learned"', '"qp"', "UpperBodySource"):
         assert pillar in code
 
 

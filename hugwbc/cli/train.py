@@ -27,7 +27,7 @@ _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
 With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`. Options change
-a recipe of one stage, such as --env.count 8192 --device cuda.
+a recipe of one stage.
 With --processes N, N processes on this machine train as one, each with --env.count robots and --threads threads."""
 
 
