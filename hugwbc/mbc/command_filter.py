@@ -33,6 +33,7 @@ class SmoothCommand(NamedTuple):
         l: swing apex above the ground [m].
         h, p, w: pelvis height above nominal [m], pelvis pitch [rad] and waist angle [rad].
         h_rate, p_rate, w_rate: their rates [m/s], [rad/s], [rad/s].
+        posed: whether h and p have almost arrived. Leaps change them slowly, so that they start with them.
     """
 
     gait: Gait
@@ -46,6 +47,7 @@ class SmoothCommand(NamedTuple):
     h_rate: float
     p_rate: float
     w_rate: float
+    posed: bool
 
 
 class GaitState(NamedTuple):
@@ -80,6 +82,9 @@ class CommandFilter:
             (height_rate, params.leap_pitch_rate, params.waist_rate)
             for height_rate in (params.jump_height_rate, params.hop_height_rate)
         )
+        # Gaps to h and p that are left when these move as slowly as in a leap (the tangent in `approach`).
+        slow, usual = self._leap_limits[1], self._limits
+        self._close = tuple(slow[axis][0] * 0.5 * usual[axis][0] / usual[axis][1] for axis in range(2))
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, h: float, p: float, w: float) -> None:
@@ -144,6 +149,7 @@ class CommandFilter:
         if legs.stepping or gait is not Gait.STANDING:
             h = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
         leaping = legs.running.flight and not legs.waiting
+        posed = abs(h - self._posture[0]) <= self._close[0] and abs(pitch - self._posture[1]) <= self._close[1]
         self._follow((h, pitch, waist), self._leap_limits[limiting.hops] if leaping else self._limits, dt)
         height = self._posture[0]
         if limiting.flight:
@@ -152,7 +158,7 @@ class CommandFilter:
             apex = highest_clearance(params, height, self._frequency, speed, self._robot)
         apex = min(command.l, apex)
         velocity = np.array([speed, aside])
-        return SmoothCommand(gait, velocity, turn, self._frequency, apex, *self._posture, *self._rate)
+        return SmoothCommand(gait, velocity, turn, self._frequency, apex, *self._posture, *self._rate, posed)
 
     def _stepping_height(self, h: float, speed: float, f: float, gait: Gait, stray: float) -> float:
         """Return the height that is used while the legs move [m].
@@ -166,6 +172,8 @@ class CommandFilter:
         """
         params = self._params
         lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
+        if gait.flight and not gait.hops:  # whose legs lean as well, both backwards at the take-off
+            lowering = min(params.speed_lowering * abs(speed), params.hop_lowering)
         # A pushed robot could not brake in a squat, so the height also suits the speed that it actually has.
         lowest = max(
             lowest_walking_height(params, each, 0.5 / f, self._posture[1], self._robot)
