@@ -60,12 +60,9 @@ def test_balance_point_keeps_its_margin_from_the_foremost_one(standing_state, h,
 def _centre_of_mass(robot, standing_state, up, back):
     """Centre of mass ahead of the pelvis with both feet pulled up and back from the nominal pose [m]."""
     kinematics, q = Kinematics(robot), standing_state.q.copy()
-    thigh, (hip, knee, ankle) = (
-        0.5 * robot.leg_length,
-        (robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch")),
-    )
-    down = 2.0 * thigh * math.cos(0.5 * q[knee[0]]) - up
-    bent = 2.0 * math.acos(math.hypot(down, back) / (2.0 * thigh))
+    hip, knee, ankle = (robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch"))
+    down = robot.leg_length * math.cos(0.5 * q[knee[0]]) - up
+    bent = 2.0 * math.acos(math.hypot(down, back) / robot.leg_length)
     q[hip] = math.atan2(back, down) - 0.5 * bent
     q[knee], q[ankle] = bent, -q[hip] - bent
     kinematics.update(dataclasses.replace(standing_state, q=q))
