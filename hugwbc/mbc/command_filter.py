@@ -31,9 +31,9 @@ class SmoothCommand(NamedTuple):
         omega: yaw rate [rad/s].
         f: stride frequency [Hz].
         l: swing apex above the ground [m].
+        posed: whether h and p have almost arrived. Leaps change them slowly, so that they start with them.
         h, p, w: pelvis height above nominal [m], pelvis pitch [rad] and waist angle [rad].
         h_rate, p_rate, w_rate: their rates [m/s], [rad/s], [rad/s].
-        posed: whether h and p have almost arrived. Leaps change them slowly, so that they start with them.
     """
 
     gait: Gait
@@ -41,13 +41,13 @@ class SmoothCommand(NamedTuple):
     omega: float
     f: float
     l: float  # noqa: E741  the paper's symbol
+    posed: bool
     h: float
     p: float
     w: float
     h_rate: float
     p_rate: float
     w_rate: float
-    posed: bool
 
 
 class GaitState(NamedTuple):
@@ -158,7 +158,7 @@ class CommandFilter:
             apex = highest_clearance(params, height, self._frequency, speed, self._robot)
         apex = min(command.l, apex)
         velocity = np.array([speed, aside])
-        return SmoothCommand(gait, velocity, turn, self._frequency, apex, *self._posture, *self._rate, posed)
+        return SmoothCommand(gait, velocity, turn, self._frequency, apex, posed, *self._posture, *self._rate)
 
     def _stepping_height(self, h: float, speed: float, f: float, gait: Gait, stray: float) -> float:
         """Return the height that is used while the legs move [m].
@@ -183,7 +183,8 @@ class CommandFilter:
         if gait.hops:
             wanted = min(wanted, -params.hop_lowering)  # a leg that leans is shorter
         if gait.flight:
-            wanted = min(wanted, highest_leaping_height(params, self._robot))
+            highest = highest_leaping_height(params, self._robot)
+            wanted = min(wanted, highest if gait.hops else highest - lowering)
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
             travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
             least = -params.hop_lowering if gait.hops else -params.jump_lowering

@@ -174,7 +174,8 @@ def leap_lean(params: ControllerParams, h: float, f: float, apex: float, speed: 
     stands = min(_leg(robot).hip_height + h, length)
     pulled = max(stands + leap_rise(f) - apex, 0.0)  # the body rises, too
     forwards = 0.5 * (math.sqrt(length**2 - min(pulled, length) ** 2) - math.sqrt(length**2 - stands**2))
-    spare = 1.0 - min(max(speed / fastest_walk(params, f, robot), 0.0), 1.0)
+    fastest = params.jump_speed * fastest_walk(params, f, robot)
+    spare = 1.0 - min(max(speed / fastest, 0.0), 1.0)
     return spare * forwards / apex
 
 
