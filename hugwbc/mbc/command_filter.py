@@ -172,8 +172,6 @@ class CommandFilter:
         """
         params = self._params
         lowering = params.speed_lowering * max(abs(speed) - params.lowering_from, 0.0)
-        if gait.flight and not gait.hops:  # whose legs lean as well, both backwards at the take-off
-            lowering = min(params.speed_lowering * abs(speed), params.hop_lowering)
         # A pushed robot could not brake in a squat, so the height also suits the speed that it actually has.
         lowest = max(
             lowest_walking_height(params, each, 0.5 / f, self._posture[1], self._robot)
@@ -184,7 +182,9 @@ class CommandFilter:
             wanted = min(wanted, -params.hop_lowering)  # a leg that leans is shorter
         if gait.flight:
             highest = highest_leaping_height(params, self._robot)
-            wanted = min(wanted, highest if gait.hops else highest - lowering)
+            if not gait.hops:  # both legs lean backwards at the take-off
+                wanted, highest = h, highest - min(params.speed_lowering * abs(speed), params.hop_lowering)
+            wanted = min(wanted, highest)
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
             travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
             least = -params.hop_lowering if gait.hops else -params.jump_lowering

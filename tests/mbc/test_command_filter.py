@@ -137,6 +137,12 @@ def test_a_jump_from_a_squat_does_not_travel():
     assert lowest < -0.16
 
 
+def test_a_jump_that_travels_keeps_length_for_legs_that_lean_and_a_low_one_has_it():
+    for h, used in ((0.0, -0.0596), (-0.09, -0.09)):
+        command = Command(v_x=0.8, h=h, gait=Gait.JUMPING)
+        assert _after(3000, command, GaitState(running=Gait.JUMPING)).h == pytest.approx(used, abs=1e-3)
+
+
 def test_the_last_leap_keeps_its_posture():
     commands, leaps = CommandFilter(PARAMS, load_robot()), GaitState(running=Gait.JUMPING)
     _after(1000, Command(p=0.2, w=0.3, gait=Gait.JUMPING), leaps, commands)
