@@ -31,6 +31,7 @@ class SmoothCommand(NamedTuple):
         omega: yaw rate [rad/s].
         f: stride frequency [Hz].
         l: swing apex above the ground [m].
+        posed: whether h and p have almost arrived. Leaps change them slowly, so that they start with them.
         h, p, w: pelvis height above nominal [m], pelvis pitch [rad] and waist angle [rad].
         h_rate, p_rate, w_rate: their rates [m/s], [rad/s], [rad/s].
     """
@@ -40,6 +41,7 @@ class SmoothCommand(NamedTuple):
     omega: float
     f: float
     l: float  # noqa: E741  the paper's symbol
+    posed: bool
     h: float
     p: float
     w: float
@@ -80,6 +82,9 @@ class CommandFilter:
             (height_rate, params.leap_pitch_rate, params.waist_rate)
             for height_rate in (params.jump_height_rate, params.hop_height_rate)
         )
+        # Gaps to h and p that are left when these move as slowly as in a leap (the tangent in `approach`).
+        slow, usual = self._leap_limits[1], self._limits
+        self._close = tuple(slow[axis][0] * 0.5 * usual[axis][0] / usual[axis][1] for axis in range(2))
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, h: float, p: float, w: float) -> None:
@@ -144,6 +149,7 @@ class CommandFilter:
         if legs.stepping or gait is not Gait.STANDING:
             h = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
         leaping = legs.running.flight and not legs.waiting
+        posed = abs(h - self._posture[0]) <= self._close[0] and abs(pitch - self._posture[1]) <= self._close[1]
         self._follow((h, pitch, waist), self._leap_limits[limiting.hops] if leaping else self._limits, dt)
         height = self._posture[0]
         if limiting.flight:
@@ -152,7 +158,7 @@ class CommandFilter:
             apex = highest_clearance(params, height, self._frequency, speed, self._robot)
         apex = min(command.l, apex)
         velocity = np.array([speed, aside])
-        return SmoothCommand(gait, velocity, turn, self._frequency, apex, *self._posture, *self._rate)
+        return SmoothCommand(gait, velocity, turn, self._frequency, apex, posed, *self._posture, *self._rate)
 
     def _stepping_height(self, h: float, speed: float, f: float, gait: Gait, stray: float) -> float:
         """Return the height that is used while the legs move [m].
@@ -175,7 +181,10 @@ class CommandFilter:
         if gait.hops:
             wanted = min(wanted, -params.hop_lowering)  # a leg that leans is shorter
         if gait.flight:
-            wanted = min(wanted, highest_leaping_height(params, self._robot))
+            highest = highest_leaping_height(params, self._robot)
+            if not gait.hops:  # both legs lean backwards at the take-off
+                wanted, highest = h, highest - min(params.speed_lowering * abs(speed), params.hop_lowering)
+            wanted = min(wanted, highest)
             lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
             travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
             least = -params.hop_lowering if gait.hops else -params.jump_lowering

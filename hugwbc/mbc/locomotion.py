@@ -98,9 +98,6 @@ class Locomotion:
         self.footholds[:] = np.nan
         standing.catching = max(standing.catching - dt, 0.0)
         catching = standing.catching > 0.0
-        # Leaps change their posture slowly, so that they start with it.
-        slow = self._params.hop_height_rate[0], self._params.leap_pitch_rate[0]
-        posed = abs(command.h_rate) <= slow[0] and abs(command.p_rate) <= slow[1]
         # Leaps take the ground to be level, and judge their feet by height: they land at once or not at all.
         walks = self.contact & (not plan.legs)
         self.ground.update(dynamics, walks, self.references.yaw, dt)
@@ -110,7 +107,7 @@ class Locomotion:
             Gait.WALKING if catching else command.gait,
             command.f,
             dt,
-            may_start=catching or (standing.ready and (posed or not command.gait.flight)),
+            may_start=catching or (standing.ready and (command.posed or not command.gait.flight)),
             first_swing=standing.first_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
             landed=self._walking.loaded,
@@ -170,6 +167,12 @@ class Locomotion:
     def planned_forces(self) -> np.ndarray | None:
         """Contact forces of the force plan [N], shape (4, 3); None without one."""
         return self._leap.forces
+
+    @property
+    def turn(self) -> float:
+        """Rate at which a jump turns on its standing feet [rad/s]; zero in other states."""
+        stands = len(self.plan.legs) == len(SIDES) and self.planned_forces is not None
+        return self.references.orientation.yaw_rate if stands else 0.0
 
     def state(self, fastest: float) -> GaitState:
         """Return the state of the legs for the command filter, on ground that allows a largest speed [m/s]."""

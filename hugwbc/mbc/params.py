@@ -234,7 +234,7 @@ class ControllerParams:
     hop_overshoot: float = 0.07
     """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
     hop_lowering: float = 0.06
-    """Lowering of the pelvis for a hop [m]: its leg leans and must still reach the ground."""
+    """Lowering of the pelvis for a hop, and for a jump that travels fast [m]: a leg that leans must still push."""
     jump_lowering: float = 0.1
     """Largest lowering of the pelvis for a jump that travels or turns [m]."""
     leap_squat_speed: Positive = 0.3

@@ -162,6 +162,23 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float, robot: 
     return max(params.min_clearance, min(reach + rise, rise + params.leap_tuck / f**2))
 
 
+def leap_lean(params: ControllerParams, h: float, f: float, apex: float, speed: float, robot: Robot) -> float:
+    r"""Return how far a foot goes backwards per way upwards in a jump, so that the pelvis does not sway.
+
+    A leg that is pulled up straight moves its knee forwards, and half of an H1's mass is in its legs: the pelvis would
+    go back. A foot that goes back as far as the knee goes forwards keeps the leg's mass below the hip. A leg of length
+    L, s between hip and ankle, has its knee :math:`\frac{1}{2} \sqrt{L^2 - s^2}` ahead of the line between them. The
+    faster the jump, the less torque have the hips for it, which swing the legs forwards (`fastest_walk`).
+    """
+    length = robot.leg_length
+    stands = min(_leg(robot).hip_height + h, length)
+    pulled = max(stands + leap_rise(f) - apex, 0.0)  # the body rises, too
+    forwards = 0.5 * (math.sqrt(length**2 - min(pulled, length) ** 2) - math.sqrt(length**2 - stands**2))
+    fastest = params.jump_speed * fastest_walk(params, f, robot)
+    spare = 1.0 - min(max(speed / fastest, 0.0), 1.0)
+    return spare * forwards / apex
+
+
 def toe_down(shank_pitch: float, shank_rate: float, slope: float, robot: Robot) -> float:
     """Return the pitch of a lifted sole [rad]: that of the ground, until the ankle's range forces the toe down.
 

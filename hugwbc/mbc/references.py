@@ -12,7 +12,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import StepPlan, StepRequest
 from hugwbc.mbc.gait_plan import GaitPlan, Mode
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.reach import balance_point
+from hugwbc.mbc.reach import balance_point, leap_rise
 from hugwbc.mbc.tasks import PelvisHeightTask, PelvisOrientationTask
 
 _MAX_YAW_LEAD = 0.3  # [rad], lead of the yaw reference over the measured yaw
@@ -89,7 +89,9 @@ class References:
         orientation.weight = self._orientation_weights["flight" if plan.airborne else "leap" if plan.legs else "ground"]
         orientation.pitch, orientation.pitch_rate = command.p, command.p_rate
         walks = plan.mode is not Mode.STANDING
-        self.balance = balance_point(self._params, command.h, command.p, walking=walks, robot=dynamics.robot)
+        # A jump sinks in its stance, by so much in the mean: its ankles must not reach the end of their range there.
+        sinking = 2.0 / 3.0 * leap_rise(command.f) if len(plan.legs) == 2 else 0.0
+        self.balance = balance_point(self._params, command.h - sinking, command.p, walking=walks, robot=dynamics.robot)
 
     def _below(self, dynamics: Dynamics) -> float:
         """Return the height of the ground below the pelvis, as the standing feet tell it [m]; in flight, the last."""

@@ -289,6 +289,10 @@ class WholeBodyController:
         waist = self._robot.waist
         sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
         friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
+        if turn := self._locomotion.turn:  # nor have hips, which would stick at each landing and let go with a jerk
+            hips = self._robot.pair("hip_yaw")
+            sticks = 1.0 - np.abs(np.tanh(dq[hips] / FRICTION_SPEED))
+            friction[hips] -= sticks * self._robot.friction[hips] * math.tanh(turn / FRICTION_SPEED)
         q, held, kp, kd = state.q + half * state.dq, self._robot.held, self._kp, self._kd
         if not self._locomotion.plan.legs:
             q[held], dq[held], kp, kd = self._robot.nominal[held], 0.0, self._holding_kp, self._holding_kd

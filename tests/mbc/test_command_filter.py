@@ -95,6 +95,13 @@ def test_a_jump_keeps_room_to_sink_and_may_lift_its_feet_with_the_body():
     assert smooth.l == pytest.approx(0.31 + smooth.h + 0.1363, abs=1e-3)
 
 
+def test_a_jump_waits_for_its_posture():
+    history = _history(Command(h=-0.2, gait=Gait.JUMPING), 1.5)
+    begin = [command.posed for command in history].index(True)
+    assert not history[0].posed and history[begin].h == pytest.approx(history[-1].h, abs=0.005) and history[-1].posed
+    assert _history(Command(gait=Gait.JUMPING), 0.1)[0].posed
+
+
 def test_a_robot_that_stands_on_nearly_straight_legs_bends_them_to_jump():
     """The H1's knees are bent by 0.8 rad where it stands, the G1's by 0.3: 0.035 m of leg are left to push off with."""
     jump = Command(gait=Gait.JUMPING)
@@ -128,6 +135,12 @@ def test_a_jump_from_a_squat_does_not_travel():
     for faster in (dict(v_x=-0.3), dict(v_y=0.3, omega=0.3)):
         assert _after(3000, dataclasses.replace(deep, **faster), jumps).h == pytest.approx(-PARAMS.jump_lowering)
     assert lowest < -0.16
+
+
+def test_a_jump_that_travels_keeps_length_for_legs_that_lean_and_a_low_one_has_it():
+    for h, used in ((0.0, -0.0596), (-0.09, -0.09)):
+        command = Command(v_x=0.8, h=h, gait=Gait.JUMPING)
+        assert _after(3000, command, GaitState(running=Gait.JUMPING)).h == pytest.approx(used, abs=1e-3)
 
 
 def test_the_last_leap_keeps_its_posture():

@@ -104,6 +104,22 @@ def test_a_jump_lands_on_both_sides_of_where_the_body_will_be(standing_state):
     assert feet[0] - feet[1] == pytest.approx(PARAMS.leap_width * np.array([-np.sin(yaw), np.cos(yaw)]))
 
 
+def test_the_feet_of_a_jump_push_for_whole_periods(standing_state):
+    """Half a stride of 2.7 Hz lasts for 92.6 of them: the forces of a plan must end with the 93rd, and not before."""
+    plan, dynamics = GaitPlan(), Dynamics(load_robot())
+    dynamics.update(standing_state)
+    leap = Leap(PARAMS, plan, References(PARAMS, plan, Ground()), load_robot())
+    command, ends = _command(Gait.JUMPING), []
+    for tick in range(500):
+        if plan.advance(Gait.JUMPING, 2.7, DT, may_start=True, may_stop=False):
+            break
+        if plan.legs and plan.remaining > PARAMS.mpc_shortest_stance:
+            leap.release()
+            leap.push(Tick(dynamics, command, np.zeros(2), DT))
+            ends.append(tick * DT + leap._force_plan.interval * PARAMS.mpc_intervals)
+    assert len(ends) > 50 and ends == pytest.approx([tick * DT] * len(ends))
+
+
 @pytest.mark.parametrize("gait", [Gait.JUMPING, Gait.HOPPING_RIGHT])
 def test_the_single_body_has_the_angular_momentum_of_the_robot_on_feet_that_stay(standing_state, gait):
     """Any motion of the pelvis, the legs following so that the soles' line contacts do not move."""

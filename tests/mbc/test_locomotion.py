@@ -142,6 +142,15 @@ def test_it_jumps_in_time_and_comes_to_rest_again():
     assert standing[:, 4].mean() == pytest.approx(0.0, abs=0.01)
 
 
+def test_a_jump_that_turns_slowly_does_not_stick_to_the_ground():
+    """Nor does its pelvis sway: each foot is pulled back as it is lifted."""
+    run = Run(Command(omega=-0.25, f=2.7, gait=Gait.JUMPING), 3.0, period=0.004, since=1.0)
+    assert run.good
+    assert np.abs(run.table[:, 3] + 0.25).mean() < 0.08
+    assert np.abs(run.table[:, 1]).mean() < 0.05
+    assert np.diff(run.lift_offs[0][1:]) == pytest.approx(np.full(len(run.lift_offs[0]) - 2, 1.0 / 2.7), abs=0.007)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "command",

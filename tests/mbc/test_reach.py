@@ -15,6 +15,7 @@ from hugwbc.mbc.reach import (
     highest_clearance,
     highest_leap_clearance,
     highest_lift,
+    leap_lean,
     leap_rise,
     lowest_leaping_height,
     lowest_walking_height,
@@ -54,6 +55,30 @@ def test_balance_point_keeps_its_margin_from_the_foremost_one(standing_state, h,
         point = balance_point(PARAMS, h, p, walking=walking, robot=FITTED)
         assert foremost - point == pytest.approx(PARAMS.balance_margin[walking], abs=0.012)
         assert 0.0 < heavier - foremost < 0.01
+
+
+def _centre_of_mass(robot, standing_state, up, back):
+    """Centre of mass ahead of the pelvis with both feet pulled up and back from the nominal pose [m]."""
+    kinematics, q = Kinematics(robot), standing_state.q.copy()
+    hip, knee, ankle = (robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch"))
+    down = robot.leg_length * math.cos(0.5 * q[knee[0]]) - up
+    bent = 2.0 * math.acos(math.hypot(down, back) / robot.leg_length)
+    q[hip] = math.atan2(back, down) - 0.5 * bent
+    q[knee], q[ankle] = bent, -q[hip] - bent
+    kinematics.update(dataclasses.replace(standing_state, q=q))
+    return kinematics.centre_of_mass()[0] - kinematics.position("pelvis")[0]
+
+
+@pytest.mark.parametrize("apex", [0.1, 0.2])
+def test_feet_that_go_back_as_they_are_pulled_up_leave_the_pelvis_in_its_place(standing_state, apex):
+    up = apex - leap_rise(2.0)  # relative to the body
+    lean = leap_lean(PARAMS, 0.0, 2.0, apex, 0.0, HEAVIER)
+    still, straight, leaning = (
+        _centre_of_mass(HEAVIER, standing_state, *way) for way in ((0.0, 0.0), (up, 0.0), (up, lean * apex))
+    )
+    assert straight - still > 0.002
+    assert abs(leaning - still) < 0.35 * (straight - still)
+    assert leap_lean(PARAMS, 0.0, 2.0, apex, 5.0, HEAVIER) == 0.0, "legs that swing as fast as they can"
 
 
 def test_the_ankle_holds_the_weight_less_far_away_the_heavier_the_robot():
