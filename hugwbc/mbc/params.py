@@ -278,6 +278,11 @@ class ControllerParams:
     that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly."""
     hip_torque: Positive = 1.25
     """Largest sum of what swinging and lifting a leg take of that torque, whose peaks do not coincide."""
+    fall_speed: tuple[Positive, Positive] = (1.3, 0.95)
+    """Share of the knees' highest speed that the plan of a foot's fall may take, at rest and from `fall_travel` on. A
+    foot may land late in place; one that travels lets the body run ahead."""
+    fall_travel: Positive = 0.53
+    """Speed from which the second share counts [m/s]."""
     swing_reaction_per_speed: float = 0.3
     """Share of `SWING_REACTION` that is lost per m/s above `clearance_speed` [s/m]."""
     min_clearance: float = 0.04
@@ -351,6 +356,7 @@ _GROWTH = {
     (0.5, 0.0): (
         "lowering_from",
         "clearance_speed",
+        "fall_travel",
         "hop_inward_speed",
         "max_velocity_trim",
         "velocity_integral_bound",

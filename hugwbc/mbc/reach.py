@@ -1,4 +1,4 @@
-"""Limits of the legs by joint range (inverse kinematics of a squat with level soles) and by torque.
+"""Limits of the legs by joint range (inverse kinematics of a squat with level soles), by torque and by speed.
 
 Of the arguments, h is the height of the pelvis above the nominal one [m], in a leap at take-off, p its pitch [rad],
 f the stride frequency [Hz], and speed that along the heading [m/s]. The parameters give margins, and the robot what its
@@ -16,11 +16,13 @@ import pinocchio as pin
 from hugwbc.commands import SWING_REACTION, highest_swing
 from hugwbc.kinematics import joint_columns, pinocchio_model
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.swing import PEAK
+from hugwbc.mbc.swing import FALL, PEAK, WAY
 from hugwbc.robot import Robot
 from hugwbc.state import GRAVITY
 
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
+_STRETCHED = 0.9975  # largest part of the leg's length between hip and ankle: the knee of a straighter leg races
+_SECANTS = 4  # steps to the highest apex
 
 
 def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> float:
@@ -101,6 +103,53 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot, *, 
     stands = min(max(leg.hip_height + h, 0.0), straight)  # an absurd height must not stop the loop
     bent = 2.0 * math.acos(stands / straight) + torque / (leg.lifted * 96.0 * f**2)
     return stands - straight * math.cos(0.5 * min(bent, math.pi))
+
+
+def highest_fall(
+    params: ControllerParams, apex: float, h: float, f: float, step: float, robot: Robot, *, speed: float = 0.0
+) -> float:
+    r"""Return the apex, or the highest one below it from which the knees can bring a foot down in time [m].
+
+    The fall is faster than the rise, and stretches a leg that reaches forward. With the ankle x ahead of the hip and z
+    below it, at a distance r, a leg of length L has the knee angle k where :math:`r = L \cos(k / 2)`, and so
+
+    .. math:: \dot k = -\frac{2 \dot r}{\sqrt{L^2 - r^2}}, \qquad \dot r = \frac{x \dot x + z \dot z}{r}
+
+    It is greatest about where the foot falls fastest. Of a step beyond `long_step` the walk lowers the foot anyway.
+
+    Args:
+        params: the share of the knees' highest speed that a fall may take.
+        apex: wanted apex [m].
+        h: height of the pelvis above the nominal one [m].
+        f: stride frequency [Hz].
+        step: distance along the heading from the stance foot to the foothold [m]. A robot that runs ahead of its
+            command steps further, and lifts its feet less.
+        robot: the robot.
+        speed: commanded speed along the heading [m/s].
+    """
+    length, step = robot.leg_length, min(abs(step), params.long_step)
+    stands = min(max(_leg(robot).hip_height + h, 0.0), length)
+    at_rest, travelling = params.fall_speed
+    share = at_rest + min(abs(speed) / params.fall_travel, 1.0) * (travelling - at_rest)
+    most = share * float(robot.velocity_limit[robot.pair("knee")[0]])
+    # The hip passes the stance foot half-way through the step, and the foot goes two steps in the time of one.
+    x = step * (2.0 * WAY[0] - 1.0 - 0.25)
+    along = step * 2.0 * f * (2.0 * WAY[1] - 1.0)
+
+    def knee_speed(apex: float) -> float:
+        z = stands - 0.5 * apex
+        r = min(max(math.hypot(x, z), 0.1 * length), _STRETCHED * length)
+        return 2.0 * (x * along + z * FALL * apex * 4.0 * f) / (r * math.sqrt(length**2 - r**2))
+
+    slowest, fastest = knee_speed(0.0), knee_speed(apex)
+    if slowest >= most:
+        return 0.0
+    for _ in range(_SECANTS):  # from above: it grows less and less with the apex
+        if fastest <= most:
+            break
+        apex *= (most - slowest) / (fastest - slowest)
+        fastest = knee_speed(apex)
+    return apex
 
 
 class _Leg(NamedTuple):

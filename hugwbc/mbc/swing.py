@@ -35,6 +35,13 @@ def quintic_advance(
     )
 
 
+FALL = 1.875
+"""Highest speed of a foot's fall, over the apex and the duration of the fall: half-way down, as of a quintic from rest
+to rest."""
+WAY = quintic_advance(0.0, 0.0, BRISKNESS, 1.0, 0.0, -BRISKNESS, 1.0, 0.75)[:2]
+"""How far the foot has come then along the ground, and its speed, over the whole way and the duration of the swing."""
+
+
 def cubic_advance(x: float, v: float, x_end: float, v_end: float, T: float, dt: float) -> tuple[float, float, float]:
     """Return position, velocity and acceleration after `dt` on the cubic from a state to a target.
 

@@ -10,7 +10,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, StepPlan, StepRequest, plan_step, time_step
 from hugwbc.mbc.gait_plan import GaitPlan
 from hugwbc.mbc.params import ControllerParams
-from hugwbc.mbc.reach import cop_reach, highest_lift
+from hugwbc.mbc.reach import cop_reach, highest_fall, highest_lift
 from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.swing import BRISKNESS, SwingTrajectory
 from hugwbc.mbc.tasks import PelvisTravelTask, SwingFootTask
@@ -104,8 +104,8 @@ class Walking:
         """Return the height of a swing that the drives can follow [m].
 
         A step that is hurried to catch the robot keeps its height: its nominal duration counts, less the time that the
-        step before took of it. A long step does not keep its height, since the knee has to stretch the leg in the time
-        in which it would lower the foot.
+        step before took of it. The knee has to stretch the leg in time (`highest_fall`), so that a long step does not
+        keep its height.
 
         Args:
             dynamics: robot model at the current state.
@@ -117,6 +117,9 @@ class Walking:
         height, speed = command.h - self._references.crouch.depth, float(command.velocity[0])
         lift = highest_lift(params, height, frequency, dynamics.robot, speed=speed)
         apex = min(command.l, max(lift, params.min_clearance))
+        along = float(self._references.to_heading[0].dot(step))
+        fall = highest_fall(params, apex, height, frequency, along, dynamics.robot, speed=speed)
+        apex = max(fall, min(apex, params.min_clearance))
         longest = params.max_step[1]
         share = (math.hypot(*step.tolist()) - params.long_step) / (longest - params.long_step)
         return apex + min(max(share, 0.0), 1.0) * (min(apex, params.long_step_clearance) - apex)

@@ -29,7 +29,11 @@ def hold_payload(view: View, shapes: Shapes, *, timeout: Seconds = 40.0) -> Cour
     half = settled(shapes[WEIGHTS[0]]["height"]) / 2  # type: ignore[arg-type]
     weights = np.array([seen(view, name).position for name in WEIGHTS])
     at = weights + up(half + _ABOVE) - np.array([0.02, 0.0, 0.0])
-    view = yield from doing("reach for the weights", glide(view, at + up(0.06), frame="world"))
+    above = at + up(0.06)
+    # Straight up first: on the way from beside the body a hand that points down would knock a weight over.
+    beside = np.column_stack((view.hands[:, :2], above[:, 2]))
+    for points in (beside, above):
+        view = yield from doing("reach for the weights", glide(view, points, frame="world"))
     view = yield from doing("reach for the weights", glide(view, at, frame="world", speed=0.1))
     grips = [Grip(side, name) for side, name in zip(SIDES, WEIGHTS, strict=True)]
     view = yield from doing("grip the weights", grip(view, *grips))

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from hugwbc import load_robot, rotations
@@ -13,6 +14,7 @@ from hugwbc.mbc.reach import (
     cop_reach,
     fastest_walk,
     highest_clearance,
+    highest_fall,
     highest_leap_clearance,
     highest_lift,
     leap_lean,
@@ -21,6 +23,7 @@ from hugwbc.mbc.reach import (
     lowest_walking_height,
     toe_down,
 )
+from hugwbc.mbc.swing import BRISKNESS, SwingTrajectory
 
 # The limits are fitted to the lighter robot; the heavier legs of the other one leave a centimetre more.
 FITTED, HEAVIER = load_robot("h1-2023"), load_robot("h1")
@@ -128,6 +131,29 @@ def test_a_leg_is_lifted_as_high_as_the_hip_bends_it_in_half_a_step():
     assert highest_lift(PARAMS, 0.0, 3.0, FITTED) > highest_lift(PARAMS, 0.0, 3.0, HEAVIER)
     assert highest_lift(PARAMS, 0.0, 0.1, HEAVIER) == pytest.approx(0.7381, abs=1e-3), "a knee bends no further than π"
     assert highest_lift(PARAMS, -5.0, 2.0, HEAVIER) == pytest.approx(0.0, abs=1e-9), "an absurd height raises nothing"
+
+
+@pytest.mark.parametrize(("f", "speed", "share"), [(2.0, 0.0, 1.3), (2.0, 0.9, 0.95), (2.5, -0.6, 0.95)])
+def test_a_foot_falls_no_faster_than_the_knee_stretches_the_leg(f, speed, share):
+    """The trajectory itself, seen from a hip that moves evenly: its fastest knee is the one that was allowed."""
+    velocity = HEAVIER.velocity_limit.copy()
+    velocity[list(HEAVIER.pair("knee"))] = 10.0
+    slow, duration, dt = dataclasses.replace(HEAVIER, velocity_limit=velocity), 0.5 / f, 1e-4
+    step = speed * duration
+    apex = highest_fall(PARAMS, 0.3, 0.0, f, step, slow, speed=speed)
+    assert apex < highest_fall(PARAMS, 0.3, 0.0, f, step, HEAVIER, speed=speed)
+    swing, knee = SwingTrajectory(PARAMS), []
+    swing.start(np.array([-step, 0.0, 0.0]))
+    for k in range(round(duration / dt)):
+        swing.advance(np.array([step, 0.0]), apex, 0.0, k * dt, duration - k * dt, dt, briskness=BRISKNESS)
+        x, z = swing.position[0] - speed * ((k + 1) * dt - 0.5 * duration), 0.7381 - swing.position[2]
+        knee.append(2.0 * math.acos(math.hypot(x, z) / 0.8))
+    assert np.max(-np.diff(knee)) / dt == pytest.approx(share * 10.0, rel=0.05)
+
+
+def test_an_absurd_step_or_height_lowers_the_foot_and_raises_nothing():
+    assert 0.0 <= highest_fall(PARAMS, 0.3, 5.0, 3.0, 9.0, HEAVIER, speed=1.0) < 0.1
+    assert math.isfinite(highest_fall(PARAMS, 0.3, -5.0, 2.0, 0.0, HEAVIER))
 
 
 def test_a_leap_rises_as_a_ballistic_flight_of_half_a_stride():
