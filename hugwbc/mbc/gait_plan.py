@@ -97,6 +97,11 @@ class GaitPlan:
         return None if self.swing is None else 1 - self.swing
 
     @property
+    def on_both(self) -> bool:
+        """Whether both feet leap or land."""
+        return len(self.legs) == 2
+
+    @property
     def airborne(self) -> bool:
         """Whether the robot is in flight by the clock."""
         return self.mode is Mode.LEAPING and self.phase >= 0.5

@@ -67,7 +67,7 @@ class Leap:
         time_left = plan.remaining + plan.step_time * plan.airborne
         # Feet push for whole periods. Unless the plan knows, the last one adds up to 0.06 m/s to the take-off. Hops are
         # tuned with that.
-        overtime = -time_left % tick.dt if len(plan.legs) == len(SIDES) else 0.0
+        overtime = -time_left % tick.dt if plan.on_both else 0.0
         to_heading = self._to_heading()
         young = self._age < params.mpc_period - 0.5 * tick.dt
         # Close to take-off the last plan runs out: a shorter one would correct small errors by large forces.
@@ -186,7 +186,7 @@ class Leap:
         elapsed = plan.step_time - plan.remaining
         trajectory.advance(foothold, tick.command.l, references.ground, elapsed, plan.remaining, tick.dt)
         back, command, speed = np.zeros(3), tick.command, float(tick.command.velocity[0])
-        if len(plan.legs) == len(SIDES):
+        if plan.on_both:
             lean = leap_lean(self._params, command.h, command.f, command.l, speed, tick.dynamics.robot)
             back[:2] = -lean * references.to_heading[0]
         task.position = trajectory.position + (trajectory.position[2] - references.ground) * back

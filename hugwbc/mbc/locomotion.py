@@ -171,7 +171,7 @@ class Locomotion:
     @property
     def turn(self) -> float:
         """Rate at which a jump turns on its standing feet [rad/s]; zero in other states."""
-        stands = len(self.plan.legs) == len(SIDES) and self.planned_forces is not None
+        stands = self.plan.on_both and self.planned_forces is not None
         return self.references.orientation.yaw_rate if stands else 0.0
 
     def state(self, fastest: float) -> GaitState:

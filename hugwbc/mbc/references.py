@@ -90,7 +90,7 @@ class References:
         orientation.pitch, orientation.pitch_rate = command.p, command.p_rate
         walks = plan.mode is not Mode.STANDING
         # A jump sinks in its stance, by so much in the mean: its ankles must not reach the end of their range there.
-        sinking = 2.0 / 3.0 * leap_rise(command.f) if len(plan.legs) == 2 else 0.0
+        sinking = 2.0 / 3.0 * leap_rise(command.f) if plan.on_both else 0.0
         self.balance = balance_point(self._params, command.h - sinking, command.p, walking=walks, robot=dynamics.robot)
 
     def _below(self, dynamics: Dynamics) -> float:
