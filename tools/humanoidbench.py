@@ -32,6 +32,7 @@ from hugwbc.behaviours import (
     reach,
     squeeze,
     standing,
+    wait,
     walk_to,
 )
 from hugwbc.mbc import WholeBodyController
@@ -61,21 +62,13 @@ def along(view: View, path: list[tuple[float, float]], speed: float, near: float
             ahead = speed * max(math.cos(turn), 0.0) ** 2 * min(1.0, float(np.hypot(*way)))
             command = walk(max(ahead, 0.15), omega=float(np.clip(1.5 * turn, -0.8, 0.8)))
             view = yield Action(command, view.last.hands)
-    return (yield from hold(view, 1.0))
-
-
-def hold(view: View, seconds: float = math.inf) -> Course:
-    """Stand, the hands where they are."""
-    end = view.time + seconds
-    while view.time < end:
-        view = yield Action(standing(view), view.last.hands)
-    return view
+    return (yield from wait(view, 1.0))
 
 
 def maze(view: View, env: Environment) -> Course:
     """Walk from corner to corner."""
     view = yield from along(view, [tuple(corner[:2]) for corner in env.task.checkpoints[1:4]], 1.1)
-    return (yield from hold(view))
+    return (yield from wait(view, math.inf))
 
 
 def pole(view: View, env: Environment) -> Course:
@@ -95,7 +88,7 @@ def touch(view: View, env: Environment) -> Course:
         view = yield from along(view, [(x, y)], 0.8, near=0.25)
     view = yield from walk_to(view, (float(x), float(y)), yaw, tolerance=0.08)
     view = yield from reach(view, left=tuple(goal.tolist()), frame="world", whole_body=True, tolerance=0.03, timeout=8)
-    return (yield from hold(view))
+    return (yield from wait(view, math.inf))
 
 
 def push(view: View, env: Environment) -> Course:
@@ -130,7 +123,7 @@ def package(view: View, env: Environment) -> Course:
     view = yield from lift(view, name, 0.08)
     view = yield from walk_to(view, (float(goal[0]) - 0.45, float(goal[1])), 0.0, speed=0.4)
     view = yield from place(view, name, at=(float(goal[0]), float(goal[1])))
-    return (yield from hold(view))
+    return (yield from wait(view, math.inf))
 
 
 def door(view: View, env: Environment) -> Course:
@@ -138,7 +131,7 @@ def door(view: View, env: Environment) -> Course:
     view = yield from walk_to(view, (0.25, 0.1), 0.0, tolerance=0.06)
     for height in (1.4, 1.1):
         view = yield from reach(view, left=(0.69, 0.27, height), frame="world", tolerance=0.05, timeout=5)
-    return (yield from hold(view))
+    return (yield from wait(view, math.inf))
 
 
 # A command, commands by controller, or a behaviour that gets the environment.
