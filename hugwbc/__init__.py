@@ -11,7 +11,7 @@ from hugwbc.gait import Gait
 from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "COMMAND_NAMES",

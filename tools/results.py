@@ -33,6 +33,7 @@ FEET = (
     "hops per second, difference to the clock",
     "held foot on the ground",
 )
+HANDS = ("hand error, mean", "hand error, 95th percentile", "arm joints' error", FALLS)
 HEADLINES = (
     "E_vx_low",
     "E_omega",
@@ -98,7 +99,15 @@ def _both(words: str) -> dict[str, str]:
     return {label: words.format(name) for label, name in BOTH.items()}
 
 
+def _g1(*gaits: str) -> dict[str, str]:
+    """Return runs of single commands of the G1 with the QP."""
+    return {
+        f"G1, QP, {gait}": f"single-command --robot g1 --controller qp --gait {gait} --episodes 64" for gait in gaits
+    }
+
+
 RESULTS = ("docs/results.md",)
+G1 = ("models/g1/README.md",)
 COMPARED = (
     "single-command --controller {0} --gait walking --episodes 128",
     "random-commands --controller {0} --episodes 64",
@@ -110,7 +119,7 @@ COMPARED = (
     "tasks --controller {0} --episodes 50",
 )
 TABLES = {
-    "walking": Table(("README.md",), _tracking("walking"), (*ERRORS, FALLS)),
+    "walking": Table(("README.md",), _tracking("walking") | _g1("walking"), (*ERRORS, FALLS)),
     "single-commands": Table(RESULTS, _tracking(*GAITS), (*ERRORS, FALLS)),
     "feet": Table(RESULTS, _tracking("walking", "jumping", "hopping"), FEET),
     "random-commands": Table(RESULTS, _both("random-commands --controller {} --episodes 64"), (*ERRORS, FALLS)),
@@ -145,7 +154,7 @@ TABLES = {
             for gait in ("standing", "walking")
             for label, name in BOTH.items()
         },
-        ("hand error, mean", "hand error, 95th percentile", "arm joints' error", FALLS),
+        HANDS,
     ),
     "estimation": Table(RESULTS, _both("estimation --controller {} --episodes 50 --duration 6"), tall=True),
     "engines": Table(("docs/physx.md",), _both("engines --controller {} --episodes 10"), IN_PHYSX),
@@ -167,6 +176,16 @@ TABLES = {
     "push": Table(("docs/forces.md",), _both("push --controller {}"), tall=True),
     "sway": Table(("docs/forces.md",), _both("sway --controller {}"), tall=True),
     "faults": Table(("docs/reliability.md",), _both("faults --controller {} --episodes 10"), GROUND),
+    "g1": Table(G1, _g1("standing", "walking", "jumping"), (*ERRORS, FALLS)),
+    "g1-hands": Table(
+        G1,
+        {
+            f"G1, QP, {gait}": f"hands --robot g1 --controller qp --gait {gait} --episodes 3"
+            for gait in ("standing", "walking")
+        },
+        HANDS,
+    ),
+    "g1-tasks": Table(G1, {"G1, QP": "tasks --robot g1 --controller qp --episodes 20"}, OUTCOMES),
     "stops": Table(("docs/reliability.md",), _both("stops --controller {}"), tall=True),
     "arrive": Table(("docs/reliability.md",), _both("arrive --controller {} --episodes 20"), tall=True),
 }

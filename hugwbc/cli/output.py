@@ -36,13 +36,40 @@ def parse(
     options: type[Options], words: Sequence[str], verb: str, description: str | None, default: Options | None = None
 ) -> Options:
     """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
-    description = inspect.cleandoc(description) if description else description
     given: dict[str, Any] = {} if default is None else {"default": default}
-    # A shell expands only a `~` at the start of a word.
-    args = [re.sub("^(--[^=]+=)(~.*)", lambda it: it[1] + os.path.expanduser(it[2]), word) for word in words]
+    with _options_named():
+        return tyro.cli(options, prog=f"hugwbc {verb}", description=_clean(description), args=_expand(words), **given)
+
+
+def parse_known(
+    options: type[Options], words: Sequence[str], verb: str, description: str | None
+) -> tuple[Options, list[str]]:
+    """Parse as `parse` does, and return the words of unknown options, too."""
+    with _options_named():
+        return tyro.cli(
+            options,
+            prog=f"hugwbc {verb}",
+            description=_clean(description),
+            args=_expand(words),
+            return_unknown_args=True,
+        )
+
+
+def _clean(description: str | None) -> str | None:
+    return inspect.cleandoc(description) if description else description
+
+
+def _expand(words: Sequence[str]) -> list[str]:
+    """Return words with the user's folder for `~`, which a shell expands only at the start of a word."""
+    return [re.sub("^(--[^=]+=)(~.*)", lambda it: it[1] + os.path.expanduser(it[2]), word) for word in words]
+
+
+@contextlib.contextmanager
+def _options_named() -> Iterator[None]:
+    """Let settings' errors name options, which a user knows, and not the classes behind them."""
     try:
-        return tyro.cli(options, prog=f"hugwbc {verb}", description=description, args=args, **given)
-    except ConfigError as error:  # a user knows options, not the classes behind them
+        yield
+    except ConfigError as error:
         raise ConfigError(re.sub(r"^[A-Z]\w+\.", "", str(error))) from None
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from hugwbc import extensions
 from hugwbc.cli import INTERRUPTED, USAGE_ERROR
-from hugwbc.cli.output import output_folder, parse, parse_settings, progress, say
+from hugwbc.cli.output import output_folder, parse, parse_known, parse_settings, progress, say
 from hugwbc.errors import ConfigError
 from hugwbc.files import digest
 from hugwbc.learned.config import TrainConfig
@@ -117,15 +117,7 @@ def _run_recipe(words: Sequence[str]) -> int:
     from hugwbc.learned.recipe.recipe import load_recipe
     from hugwbc.learned.recipe.run import run_recipe
 
-    parser = argparse.ArgumentParser(prog="hugwbc train", add_help=False, allow_abbrev=False)
-    for field in dataclasses.fields(RecipeOptions):
-        if field.name != "smoke":
-            parser.add_argument(f"--{field.name}")
-    given, others = parser.parse_known_args(words)
-    flags = [word for word in others if word in ("-h", "--help", "--smoke", "--no-smoke")]
-    own = [f"--{name}={value}" for name, value in vars(given).items() if value is not None]
-    options = parse(RecipeOptions, [*own, *flags], "train", RecipeOptions.__doc__)
-    changes = [word for word in others if word not in flags]
+    options, changes = parse_known(RecipeOptions, words, "train", RecipeOptions.__doc__)
     recipe = load_recipe(options.recipe, smoke=options.smoke)
     recipe = _changed(recipe, changes) if changes else recipe
     out = options.out or pathlib.Path("runs") / pathlib.Path(options.recipe).stem
@@ -153,6 +145,8 @@ def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
             "Change a copy of its file, and give --recipe its path"
         )
     config = parse(TrainConfig, words, "train", None, stage.train)
+    if config.resume or config.hours != stage.train.hours:
+        raise ConfigError("--resume and --hours are not for recipes: the same command continues, and Ctrl-C stops it")
     return dataclasses.replace(
         recipe,
         source=f"# hugwbc train {shlex.join(words)}\n{recipe.source}",

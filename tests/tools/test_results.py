@@ -20,7 +20,7 @@ def tool(load_tool):
 def test_every_table_has_its_places_and_every_place_its_table(tool) -> None:
     places = {
         (path.relative_to(ROOT).as_posix(), part["name"])
-        for path in (ROOT / "README.md", *ROOT.glob("docs/*.md"))
+        for path in (ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*/README.md"))
         for part in tool.marked(path.read_text())
     }
     assert places == {(document, name) for name, table in tool.TABLES.items() for document in table.documents}

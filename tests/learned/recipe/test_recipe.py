@@ -222,3 +222,6 @@ def test_options_change_a_recipe_of_one_stage(tmp_path, monkeypatch, capsys) -> 
     assert main(words) == 0 and runs[1] == load_recipe(tmp_path / "walk.yaml")
     assert main(["train", "--recipe", "h1", "--env.count", "16"]) == 2
     assert "--env.count changes recipes of one stage" in capsys.readouterr().err
+    for words_of_a_run in (["--resume"], ["--hours", "2"]):
+        assert main([*words, *words_of_a_run]) == 2
+        assert "the same command continues" in capsys.readouterr().err
