@@ -138,11 +138,10 @@ TABLES = {
     "public": Table(
         RESULTS,
         {
-            f"{project}'s": f"single-command --controller {name} --policy {{public}}/{file}.pt --episodes 128"
-            for project, name, file in (
-                ("unitree_rl_gym", "unitree-h1", "unitree"),
-                ("LeggedLabDeploy", "leggedlab-h1", "leggedlab"),
-            )
+            f"{project}'s {robot.upper()}": f"single-command --robot {robot} --controller {name}-{robot}"
+            f" --policy {{public}}/{name}-{robot}.pt --episodes 128"
+            for robot in ("h1", "g1")
+            for project, name in (("unitree_rl_gym", "unitree"), ("LeggedLabDeploy", "leggedlab"))
         },
         (*ERRORS[:4], FALLS),  # they have no other commands
     ),
@@ -328,7 +327,10 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=REPORT_SEED)
     parser.add_argument("--quick", action="store_true", help="few, short episodes; print the tables instead of writing")
     parser.add_argument("--check", action="store_true", help="run nothing; fail if a table is of another commit")
-    parser.add_argument("--public", help="folder with other people's networks: unitree.pt, leggedlab.pt")
+    parser.add_argument(
+        "--public",
+        help="folder with other people's networks, each named as its contract: unitree-h1.pt",
+    )
     options = parser.parse_args()
     if options.check:
         return check({name: TABLES[name] for name in options.only})

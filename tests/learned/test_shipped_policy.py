@@ -9,7 +9,7 @@ from hugwbc.commands import Command
 from hugwbc.evaluation.metrics import held_foot_contact, touch_downs
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
-from hugwbc.learned.policy import load_policy, policy_dir, shipped_policies
+from hugwbc.learned.policy import load_policy, policy_file, shipped_policies
 from hugwbc.learned.rl.trainer import SNAPSHOT_NAME, Trainer
 from hugwbc.runtime import Constant, rollout
 from hugwbc.sim import Simulation
@@ -48,7 +48,7 @@ def test_hops_at_the_frequency_of_the_clock(gait: Gait) -> None:
 def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
     assert shipped_policies() == ["h1"]
     for name in shipped_policies():
-        folder = policy_dir() / name
+        folder = policy_file(name).parent
         assert (folder / "README.md").read_text().startswith(f"# Policy `{name}`")
         rows = list(csv.DictReader((folder / "training.csv").open()))
         steps = [float(row["steps"]) for row in rows]
@@ -59,7 +59,7 @@ def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
 
 def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> None:
     settings = TrainConfig(
-        out=tmp_path, start_from=policy_dir() / "h1" / SNAPSHOT_NAME, threads=1, env=EnvConfig(count=8)
+        out=tmp_path, start_from=policy_file("h1").parent / SNAPSHOT_NAME, threads=1, env=EnvConfig(count=8)
     )
     resumed, shipped = Trainer(settings), load_policy("h1")
     assert resumed.steps == shipped.training["steps"]

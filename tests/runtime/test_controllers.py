@@ -9,7 +9,7 @@ import hugwbc
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
-from hugwbc.learned.policy import policy_dir
+from hugwbc.learned.policy import policy_file
 from hugwbc.robot import load_robot
 from hugwbc.robot_tables import DEFAULT_ROBOT, robot_names
 from hugwbc.runtime import controllers, rollout
@@ -107,7 +107,7 @@ def test_a_policy_is_told_no_robot(name):
     ("name", "policy"), [("learned", "h1"), ("unitree-h1", "unitree-h1"), ("leggedlab-h1", "leggedlab-h1")]
 )
 def test_a_policy_refuses_another_robot_by_name(name, policy):
-    message = f"policy '{policy}' is for the robot h1, and this is g1; train one: hugwbc train --env.robot g1"
+    message = f"policy '{policy}' is for the robot h1, and this is g1; choose --robot h1, or train one for g1: "
     with pytest.raises(ConfigError, match=message):
         ControllerSpec(name).told(arena_of("g1"))
     with pytest.raises(ConfigError, match=message):
@@ -126,7 +126,7 @@ def test_plugins_that_do_not_work_are_refused(third_party):
 
 
 def test_paths(tmp_path, theirs):
-    shutil.copytree(policy_dir() / "h1", tmp_path / "mine")
+    shutil.copytree(policy_file("h1").parent, tmp_path / "mine")
     for path in (tmp_path / "mine", tmp_path / "mine" / "policy.safetensors"):
         assert ControllerSpec(str(path)).build().name == "learned"
     with pytest.raises(PolicyFileError, match="names no policy file"):
@@ -144,14 +144,14 @@ def test_labels_tell_policies_apart(theirs):
 
 
 def test_the_training_is_what_the_policys_file_says(theirs):
-    assert ControllerSpec("learned").training == "noise" == ControllerSpec(str(policy_dir() / "h1")).training
+    assert ControllerSpec("learned").training == "noise" == ControllerSpec(str(policy_file("h1").parent)).training
     assert ControllerSpec("qp").training is None
     assert ControllerSpec(theirs, "net.pt").training is None
 
 
 def test_identity_is_that_of_the_files(tmp_path, theirs):
     default = ControllerSpec("learned").identity()
-    shutil.copytree(policy_dir() / "h1", tmp_path / "copy")
+    shutil.copytree(policy_file("h1").parent, tmp_path / "copy")
     copy = ControllerSpec("learned", tmp_path / "copy").identity()
     assert copy == default and len(default["files"]) == 1
     assert ControllerSpec("qp").identity() == {
@@ -181,7 +181,7 @@ def test_a_policy_for_what_takes_none_is_refused(theirs):
         with pytest.raises(ConfigError, match=f"controller '{name}' takes no policy"):
             ControllerSpec(name, "h1")
     with pytest.raises(ConfigError, match="takes no policy because it is one"):
-        ControllerSpec(str(policy_dir() / "h1"), "h1")
+        ControllerSpec(str(policy_file("h1").parent), "h1")
     with pytest.raises(ConfigError, match="takes no policy"):
         ControllerSpec.parse("qp=h1")
     assert ControllerSpec(theirs, "net.pt").policy == "net.pt"

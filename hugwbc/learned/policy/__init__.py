@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from hugwbc.learned.policy.network_files import (
     DEFAULT_POLICY,
     POLICY_FILE,
-    policy_dir,
     policy_file,
     shipped_contracts,
     shipped_policies,
@@ -22,7 +21,6 @@ __all__ = [
     "POLICY_FILE",
     "LearnedController",
     "load_policy",
-    "policy_dir",
     "policy_file",
     "save_policy",
     "shipped_contracts",

@@ -16,7 +16,7 @@ import numpy as np
 
 from hugwbc.errors import PolicyFileError, UnknownNameError, needing
 from hugwbc.files import note, read_file
-from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir
+from hugwbc.robot_tables import models_dir
 
 DEFAULT_POLICY = "h1"
 POLICY_FILE, CONTRACT_FILE = "policy.safetensors", "contract.yaml"
@@ -30,28 +30,31 @@ _TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(flo
 _RESETS = ("reset_memory", "reset")
 
 
-def policy_dir() -> pathlib.Path:
-    """Return the folder of the shipped policies."""
-    return models_dir() / DEFAULT_ROBOT / "policies"
-
-
 def shipped_policies() -> list[str]:
-    """Return the names of the shipped policies."""
-    return sorted(path.parent.name for path in policy_dir().glob(f"*/{POLICY_FILE}"))
+    """Return the names of the shipped policies, of all robots."""
+    return [path.parent.name for path in _shipped(POLICY_FILE)]
 
 
 def shipped_contracts() -> list[str]:
     """Return the names of the shipped contracts of other projects' policies, whose networks are not shipped."""
-    return sorted(path.parent.name for path in policy_dir().glob(f"*/{CONTRACT_FILE}"))
+    return [path.parent.name for path in _shipped(CONTRACT_FILE)]
+
+
+def _shipped(file: str) -> list[pathlib.Path]:
+    """Return the files with a name in the folders of the shipped policies."""
+    return sorted(models_dir().glob(f"*/policies/*/{file}"), key=lambda path: path.parent.name)
 
 
 def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
     """Find the file of a policy or contract, given a shipped name, a file, or a folder that holds one."""
-    for path in (pathlib.Path(name_or_path), policy_dir() / str(name_or_path)):
-        # pathlib raises on a name that no file can have; os.path says that it does not exist.
-        if os.path.exists(path):
-            contract = path / CONTRACT_FILE
-            return path if not path.is_dir() else contract if contract.is_file() else path / POLICY_FILE
+    path = pathlib.Path(name_or_path)
+    # pathlib raises on a name that no file can have; os.path says that it does not exist.
+    if os.path.exists(path):
+        contract = path / CONTRACT_FILE
+        return path if not path.is_dir() else contract if contract.is_file() else path / POLICY_FILE
+    for file in (*_shipped(CONTRACT_FILE), *_shipped(POLICY_FILE)):
+        if file.parent.name == str(name_or_path):
+            return file
     valid = [*shipped_policies(), *shipped_contracts(), "the path of a policy, of a contract, or of a folder with one"]
     raise UnknownNameError("policy", name_or_path, valid)
 

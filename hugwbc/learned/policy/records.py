@@ -71,7 +71,8 @@ def check_robot(what: str, own: str, robot: str) -> None:
     """Refuse what was learnt for a robot with other joints than that which is here, both given by name."""
     if load_robot(own).joint_names != load_robot(robot).joint_names:
         raise ConfigError(
-            f"{what} is for the robot {own}, and this is {robot}; train one: hugwbc train --env.robot {robot}"
+            f"{what} is for the robot {own}, and this is {robot}; choose --robot {own}, or train one for "
+            f"{robot}: hugwbc train --env.robot {robot}"
         )
 
 
