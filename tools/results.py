@@ -184,7 +184,7 @@ TABLES = {
         },
         HANDS,
     ),
-    "g1-tasks": Table(G1, {"G1, QP": "tasks --robot g1 --controller qp --episodes 20"}, OUTCOMES),
+    "g1-tasks": Table(G1, {"G1, QP": "tasks --robot g1 --controller qp --episodes 10"}, OUTCOMES),
     "stops": Table(("docs/reliability.md",), _both("stops --controller {}"), tall=True),
     "arrive": Table(("docs/reliability.md",), _both("arrive --controller {} --episodes 20"), tall=True),
 }
