@@ -24,7 +24,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody, check_controller, override_arms
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.files import digest
-from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts
+from hugwbc.learned.policy import DEFAULT_POLICY, policy_file, shipped_contracts, shipped_policies
 from hugwbc.robot import Robot
 from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.settings import check_each_once
@@ -69,7 +69,7 @@ def learned_controller(
 
     Args:
         policy: name of a shipped policy or contract, a policy file or its folder, an ONNX file that `hugwbc export`
-            wrote, or a contract; None for the default policy.
+            wrote, or a contract; None for the default policy, an H1's.
         network: for a contract, the file of its network; None for the one that it names.
 
     Raises:
@@ -203,17 +203,23 @@ class ControllerSpec:
         return _takes(self._factory, "robot")
 
     def told(self, arena: Arena) -> "ControllerSpec":
-        """Return the controller told the robot and the drives of an arena; unchanged if it takes no robot.
+        """Return the controller told the robot and the drives of an arena, or the policy `of_robot`.
 
         Raises:
             ConfigError: if it is a policy for a robot with other joints.
         """
         if not self.takes_robot:
-            self._check_robot(arena.robot)
-            return self
+            spec = self.of_robot(arena.robot)
+            spec._check_robot(arena.robot)
+            return spec
         robot = None if arena.robot == DEFAULT_ROBOT else arena.robot
         drives = None if arena.drives == DEFAULT_DRIVES else arena.drives
         return dataclasses.replace(self, robot=robot, drives=drives)
+
+    def of_robot(self, robot: str) -> "ControllerSpec":
+        """Return the learned controller with the shipped policy of a robot, if none is given; any other as it is."""
+        own = self.name == "learned" and self.policy is None and robot != DEFAULT_POLICY and robot in shipped_policies()
+        return dataclasses.replace(self, policy=robot) if own else self
 
     @property
     def _known_robot(self) -> Robot:

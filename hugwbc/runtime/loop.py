@@ -63,9 +63,8 @@ class ControlLoop:
                 where the sensors tell the state.
         """
         if isinstance(controller, str):
-            spec = ControllerSpec(controller)
-            told = simulation.robot.name if spec.takes_robot else None
-            controller = dataclasses.replace(spec, robot=told).build()
+            spec, name = ControllerSpec(controller), simulation.robot.name
+            controller = (dataclasses.replace(spec, robot=name) if spec.takes_robot else spec.of_robot(name)).build()
         source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
         told = getattr(controller, "robot", robot)

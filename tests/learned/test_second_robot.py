@@ -2,6 +2,7 @@
 
 import ast
 import pathlib
+import shutil
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.env.arm_intervention import NoiseTargets
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.rl.trainer import Trainer
+from hugwbc.runtime import rollout
 from hugwbc.runtime.controllers import ControllerSpec, load_controller
 from hugwbc.scripts.motion import arm_noise_range, generate_motions, load_motion
 from hugwbc.sim import Simulation
@@ -59,7 +61,7 @@ def test_joints_in_no_chain_are_held_by_their_drives_at_action_0() -> None:
     assert len(G1.held) == 2 and float(env.readings.q[:, env.body.held].abs().max()) < 0.06
 
 
-def test_a_policy_of_a_g1_is_learnt_saved_and_refused_for_an_h1(tmp_path) -> None:
+def test_a_policy_of_a_g1_is_learnt_saved_and_refused_for_an_h1(tmp_path, monkeypatch) -> None:
     config = TrainConfig(
         env=EnvConfig(count=4, robot="g1"),
         ppo=PPOConfig(horizon=4, minibatches=1),
@@ -84,6 +86,10 @@ def test_a_policy_of_a_g1_is_learnt_saved_and_refused_for_an_h1(tmp_path) -> Non
     with pytest.raises(ConfigError, match=name):
         load_controller("learned", str(tmp_path), robot="h1")
     ControllerSpec("learned", str(tmp_path)).told(Arena(robot="g1"))
+    shutil.copytree(tmp_path, tmp_path / "models/g1/policies/g1")
+    monkeypatch.setattr("hugwbc.learned.policy.network_files.models_dir", lambda: tmp_path / "models")
+    assert ControllerSpec("learned").told(Arena(robot="g1")).label == "learned g1", "the shipped one, once there is one"
+    assert rollout("learned", Command(), Simulation(robot=G1), duration=0.1).robot == "g1"
     with pytest.raises(ConfigError, match=r"snapshot.safetensors is for the robot g1, and this is h1"):
         Trainer(TrainConfig(env=EnvConfig(count=4), start_from=tmp_path / "snapshot.safetensors", out=tmp_path / "b"))
 
