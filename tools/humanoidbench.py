@@ -54,20 +54,20 @@ def walk(v_x: float, **others: float) -> Command:
     return Command(v_x=v_x, gait=Gait.WALKING, **others)
 
 
-def along(view: View, path: list[tuple[float, float]], speed: float, near: float = 0.35) -> Course:
-    """Walk quickly past some points, x and y in the world [m], and stand at the last."""
+def along(view: View, path: list[tuple[float, float]], speed: float, near: float = 0.35, slow: int = 2) -> Course:
+    """Walk past points, x and y in the world [m], the more slowly the further they are aside; stand at the last."""
     for x, y in path:
         while (way := np.array([x, y]) - view.position[:2]) @ way > near**2:
             turn = float(rotations.wrap_angle(math.atan2(way[1], way[0]) - view.state.yaw))
-            ahead = speed * max(math.cos(turn), 0.0) ** 2 * min(1.0, float(np.hypot(*way)))
+            ahead = speed * max(math.cos(turn), 0.0) ** slow * min(1.0, float(np.hypot(*way)))
             command = walk(max(ahead, 0.15), omega=float(np.clip(1.5 * turn, -0.8, 0.8)))
             view = yield Action(command, view.last.hands)
     return (yield from wait(view, 1.0))
 
 
 def maze(view: View, env: Environment) -> Course:
-    """Walk from corner to corner."""
-    view = yield from along(view, [tuple(corner[:2]) for corner in env.task.checkpoints[1:4]], 1.1)
+    """Walk from corner to corner, without a swing outwards to the walls."""
+    view = yield from along(view, [tuple(corner[:2]) for corner in env.task.checkpoints[1:4]], 1.1, near=0.5, slow=6)
     return (yield from wait(view, math.inf))
 
 
