@@ -108,16 +108,23 @@ def _g1(*gaits: str) -> dict[str, str]:
 
 RESULTS = ("docs/results.md",)
 G1 = ("models/g1/README.md",)
-COMPARED = (
-    "single-command --controller {0} --gait walking --episodes 128",
-    "random-commands --controller {0} --episodes 64",
-    "contacts --controller {0} --gait walking --episodes 20",
-    "hands --controller {0} --gait walking --episodes 3",
-    "arrive --controller {0} --episodes 20",
-    "stops --controller {0}",
-    "push --controller {0}",
-    "tasks --controller {0} --episodes 50",
-)
+
+
+def _compared(controller: str, *, walks: int = 128, layouts: int = 50) -> str:
+    """Return the runs of the comparison for a controller, whose name may have further options behind it."""
+    words = (
+        f"single-command --controller {controller} --gait walking --episodes {walks}",
+        f"random-commands --controller {controller} --episodes 64",
+        f"contacts --controller {controller} --gait walking --episodes 20",
+        f"hands --controller {controller} --gait walking --episodes 3",
+        f"arrive --controller {controller} --episodes 20",
+        f"stops --controller {controller}",
+        f"push --controller {controller}",
+        f"tasks --controller {controller} --episodes {layouts}",
+    )
+    return "; ".join(words)
+
+
 TABLES = {
     "walking": Table(("README.md",), _tracking("walking") | _g1("walking"), (*ERRORS, FALLS)),
     "single-commands": Table(RESULTS, _tracking(*GAITS), (*ERRORS, FALLS)),
@@ -166,11 +173,8 @@ TABLES = {
     "comparison": Table(
         ("docs/comparison.md",),
         {
-            **_both("; ".join(COMPARED)),
-            # As few episodes as the G1's own tables have, which are then the same.
-            "G1 QP": "; ".join(
-                words.format("qp --robot g1").replace(" 128", " 64").replace(" 50", " 10") for words in COMPARED
-            ),
+            **{label: _compared(name) for label, name in BOTH.items()},
+            "G1 QP": _compared("qp --robot g1", walks=64, layouts=10),  # the episodes of the G1's own tables
         },
         HEADLINES,
         tall=True,
@@ -333,10 +337,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=REPORT_SEED)
     parser.add_argument("--quick", action="store_true", help="few, short episodes; print the tables instead of writing")
     parser.add_argument("--check", action="store_true", help="run nothing; fail if a table is of another commit")
-    parser.add_argument(
-        "--public",
-        help="folder with other people's networks, each named as its contract: unitree-h1.pt",
-    )
+    parser.add_argument("--public", help="folder with other people's networks, named as their contracts: unitree-h1.pt")
     options = parser.parse_args()
     if options.check:
         return check({name: TABLES[name] for name in options.only})

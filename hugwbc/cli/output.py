@@ -38,7 +38,7 @@ def parse(
     """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
     given: dict[str, Any] = {} if default is None else {"default": default}
     with _options_named():
-        return tyro.cli(options, prog=f"hugwbc {verb}", description=_clean(description), args=_expand(words), **given)
+        return tyro.cli(options, **_arguments(words, verb, description), **given)
 
 
 def parse_known(
@@ -46,22 +46,18 @@ def parse_known(
 ) -> tuple[Options, list[str]]:
     """Parse as `parse` does, and return the words of unknown options, too."""
     with _options_named():
-        return tyro.cli(
-            options,
-            prog=f"hugwbc {verb}",
-            description=_clean(description),
-            args=_expand(words),
-            return_unknown_args=True,
-        )
+        return tyro.cli(options, **_arguments(words, verb, description), return_unknown_args=True)
 
 
-def _clean(description: str | None) -> str | None:
-    return inspect.cleandoc(description) if description else description
-
-
-def _expand(words: Sequence[str]) -> list[str]:
-    """Return words with the user's folder for `~`, which a shell expands only at the start of a word."""
-    return [re.sub("^(--[^=]+=)(~.*)", lambda it: it[1] + os.path.expanduser(it[2]), word) for word in words]
+def _arguments(words: Sequence[str], verb: str, description: str | None) -> dict[str, Any]:
+    """Return what tyro is told of a verb's words."""
+    # A shell expands only a `~` at the start of a word.
+    args = [re.sub("^(--[^=]+=)(~.*)", lambda it: it[1] + os.path.expanduser(it[2]), word) for word in words]
+    return {
+        "prog": f"hugwbc {verb}",
+        "description": inspect.cleandoc(description) if description else None,
+        "args": args,
+    }
 
 
 @contextlib.contextmanager
