@@ -17,6 +17,7 @@ from hugwbc.cli.output import output_folder, parse, parse_known, parse_settings,
 from hugwbc.errors import ConfigError
 from hugwbc.files import digest
 from hugwbc.learned.config import TrainConfig
+from hugwbc.learned.config.schedules import value_of
 
 if TYPE_CHECKING:
     from hugwbc.learned.recipe.recipe import Recipe
@@ -109,7 +110,16 @@ def _parse(words: Sequence[str]) -> TrainConfig:
         raise ConfigError(f"{name} is a {type(found).__name__}; make it a hugwbc.learned.config.TrainConfig")
     path, _ = extensions.split_object(name)
     default = dataclasses.replace(found, source=f"{path.name} {digest(path.read_bytes())}")
-    return parse_settings(TrainConfig, words, "train", _DESCRIPTION, default)
+    config = parse_settings(TrainConfig, words, "train", _DESCRIPTION, default)
+    _check_options(config, default)
+    return config
+
+
+def _check_options(config: TrainConfig, default: TrainConfig) -> None:
+    """Refuse options for settings that follow a schedule, which replaces them."""
+    for name in default.schedules:
+        if value_of(config, name) != value_of(default, name):
+            raise ConfigError(f"{name} follows a schedule, which an option does not change; change it in the file")
 
 
 def _run_recipe(words: Sequence[str]) -> int:
@@ -145,6 +155,7 @@ def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
             "Change a copy of its file, and give --recipe its path"
         )
     config = parse(TrainConfig, words, "train", None, stage.train)
+    _check_options(config, stage.train)
     if config.resume or config.hours != stage.train.hours:
         raise ConfigError("--resume and --hours are not for recipes: the same command continues, and Ctrl-C stops it")
     return dataclasses.replace(

@@ -16,7 +16,8 @@ from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.env.start_recorder import Teacher
-from hugwbc.robot import Robot
+from hugwbc.learned.policy.records import robot_of
+from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.controllers import ControllerSpec
 
 
@@ -40,14 +41,15 @@ class RecipeServices:
         self, policy: pathlib.Path, commands: list[dict[str, Any]], config: CalibrationConfig
     ) -> list[dict[str, float]]:
         """Return what a policy executes under some commands, given as gait and values; the rest is at its default."""
-        plans = [Plan(draw, _command(values)) for draw, values in enumerate(commands)]
-        episodes = Settings(seed=config.seed, duration=config.duration, conditions=Conditions())
+        name = robot_of(policy)
+        plans = [Plan(draw, _command(values, load_robot(name))) for draw, values in enumerate(commands)]
+        episodes = Settings(seed=config.seed, duration=config.duration, conditions=Conditions(robot=name))
         with Execution(self.workers) as execution:
             spec = ControllerSpec("learned", str(policy))
             rows = dict(run_plans(_episode, episodes, spec, list(enumerate(plans)), execution))
         return [rows[index] for index in range(len(plans))]
 
 
-def _command(values: Mapping[str, Any]) -> Command:
-    command = default_command(Gait.parse(values["gait"]))
+def _command(values: Mapping[str, Any], robot: Robot) -> Command:
+    command = default_command(Gait.parse(values["gait"]), robot)
     return dataclasses.replace(command, **{name: float(values[name]) for name in COMMAND_NAMES if name in values})

@@ -29,10 +29,11 @@ def test_two_trainings_do_not_share_a_folder(tmp_path, capsys):
 
 
 def test_a_refused_training_leaves_no_folder(tmp_path, capsys):
-    refused = (["--resume"], ["--start-from", str(tmp_path / "none.safetensors")])
-    for words in refused:
+    none = str(tmp_path / "none.safetensors")
+    refused = {"no run to resume": ["--resume"], "none.safetensors": ["--start-from", none]}
+    for message, words in refused.items():
         assert main(["train", "--env.count", "2", "--threads", "1", "--out", str(tmp_path / "a" / "b"), *words]) == 2
-        assert "safetensors" in capsys.readouterr().err
+        assert message in capsys.readouterr().err
         assert not any(tmp_path.iterdir())
 
 

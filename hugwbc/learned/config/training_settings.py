@@ -25,6 +25,16 @@ from hugwbc.settings import (
 )
 
 Device = Literal["auto", "cpu", "cuda", "warp"]
+_BUILT_ONCE = (
+    "env.count",
+    "env.robot",
+    "env.timestep",
+    "env.substeps",
+    "env.observations",
+    "env.curriculum.steps",
+    "ppo.learning_rate",
+    "ppo.critic_learning_rate",
+)  # settings of networks, optimiser and clock
 CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all commands whose execution is measured
 
 
@@ -55,7 +65,8 @@ class PPOConfig:
     entropy_weight: NotNegative = 0.002
     """Weight of the entropy bonus."""
     learning_rate: Positive = 3e-4
-    """Learning rate of the actor at the start; the KL divergence then moves it within `learning_rate_range`."""
+    """Learning rate of the actor at the start, which the KL divergence then moves within `learning_rate_range`; a run
+    that starts from another goes on with that one's."""
     critic_learning_rate: Positive = 3e-4
     """Learning rate of the critic, constant."""
     learning_rate_range: Range = (1e-5, 1e-3)
@@ -114,12 +125,12 @@ class TrainConfig:
     evaluation_seconds: Positive = 5.0
     """Length of the episodes of an evaluation [s]."""
     evaluation_timestep: Annotated[float, Field(gt=0, le=0.01)] = 0.002
-    """Physics time step of the evaluations [s]: that of the arena, in which policies are judged."""
+    """Largest physics time step of the evaluations [s]: that of the arena, in which policies are judged."""
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
     schedules: Annotated[dict[str, Schedule], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
     """Settings by dotted name, such as ppo.horizon, that change with the steps of this run and replace the values
-    above. They have no options: recipes have them."""
+    above. They have no options: recipes have them. What is built once cannot change (`_BUILT_ONCE`)."""
 
     source: Annotated[str, tyro.conf.Suppress] = ""
     """Name and digest of the Python file that these settings come from, for the record."""
@@ -130,11 +141,26 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         """Refuse unknown names and values of schedules now, not in the middle of the night."""
+        for name in self.schedules:
+            if not name.startswith(("env.", "ppo.")) or name in _BUILT_ONCE:
+                raise ConfigError(
+                    f"'{name}' cannot change during a training; give settings of env and ppo, other than "
+                    f"{', '.join(_BUILT_ONCE)}",
+                    at=("schedules", name),
+                )
         for steps in sorted({place for schedule in self.schedules.values() for place in schedule.points}):
             try:
                 self.at(steps)
             except ConfigError as error:
                 raise ConfigError(f"the schedules give at {steps:g} steps: {error}", at=("schedules",)) from error
+
+
+@settings
+class RecordEnvConfig(EnvConfig):
+    """The environment of a recording: few robots, since each has a controller to ask."""
+
+    count: Count = 24
+    episode_steps: Count = 600
 
 
 @settings
@@ -153,8 +179,7 @@ class RecordConfig:
     """Noise level alpha of the arms' intervention."""
     max_speed: Annotated[float, Field(gt=0, le=2)] = 1.4
     """Largest v_x of the agile group [m/s]."""
-    # Few robots, since each has a controller to ask.
-    env: EnvConfig = dataclasses.field(default_factory=lambda: EnvConfig(count=24, episode_steps=600))
+    env: RecordEnvConfig = dataclasses.field(default_factory=RecordEnvConfig)
 
 
 @settings

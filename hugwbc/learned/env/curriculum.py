@@ -143,7 +143,9 @@ class Curriculum:
     def state_dict(self) -> dict[str, Any]:
         """Return the levels in a form that JSON can hold."""
         state: dict[str, Any] = {
-            name: getattr(self, name) for name in ("iteration", "penalty_scale", "alpha", "max_speed")
+            name: getattr(self, name)
+            for name in ("iteration", "penalty_scale", "alpha", "max_speed", "agile", "intervened")
+            if getattr(self, name) is not None
         }
         return state | {f"{_RULE}{name}": value for name, value in self.values.items()}
 
@@ -153,8 +155,17 @@ class Curriculum:
         self.penalty_scale, self.alpha, self.max_speed = (
             float(state[name]) for name in ("penalty_scale", "alpha", "max_speed")
         )
+        self.agile, self.intervened = (_pair(state.get(name)) for name in ("agile", "intervened"))
         stored = {name: state.get(f"{_RULE}{name}") for name in self.config.rules}
         self.values = {name: float(value) for name, value in stored.items() if value is not None}
+
+
+def _pair(value: Any) -> tuple[float, float] | None:  # noqa: ANN401  what a file holds
+    """Return the two numbers of a file, if there are any: runs of earlier versions have none."""
+    if value is None:
+        return None
+    linear, angular = value
+    return float(linear), float(angular)
 
 
 def draw_commands(

@@ -165,7 +165,7 @@ class HumanoidEnv:
         return self.simulation.device
 
     def adopt(self, config: EnvConfig) -> None:
-        """Continue with other command mixes, weights, loads, pushes or thresholds; the rest must be as before."""
+        """Continue with other settings of those in `config.environment.ADOPTED`; the rest must be as before."""
         self._given = config  # before the rules of the curriculum
         self.config = config = self.curriculum.applied(config)
         self._terms = reward_terms(config)
@@ -195,8 +195,8 @@ class HumanoidEnv:
         self._filter_errors()
         transition = self._transition(previous, fallen)
         rewards = evaluate_terms(self._terms, transition, self.body, self.curriculum.penalty_scale)
-        # A diverged state may hold NaN; its episode ends as a failure and must not reach the sums of the others.
-        reward = torch.nan_to_num(torch.stack(tuple(rewards.values())).sum(0), nan=0.0, posinf=0.0, neginf=0.0)
+        # A diverged state may hold NaN, and so may a term of a user's: neither must reach the sums of the others.
+        reward = torch.nan_to_num(torch.stack(tuple(rewards.values())), nan=0.0, posinf=0.0, neginf=0.0).sum(0)
         done = fallen | (self.age >= self.config.episode_steps)
         timed_out = (done & ~fallen).nonzero().squeeze(1)
         tracking = relative_tracking(rewards, self._terms, self.dt)
@@ -302,6 +302,7 @@ class HumanoidEnv:
     def restore_levels(self, state: Mapping[str, Any]) -> None:
         """Restore the levels of the curricula alone: what `Curriculum.state_dict` returned."""
         self.curriculum.load_state_dict(state)
+        self.statistics.set_gates(speed=self.curriculum.agile, alpha=self.curriculum.intervened)
         self.adopt(self._given)
 
     # Episodes -------------------------------------------------------------------------------------------------------

@@ -106,6 +106,12 @@ class Statistics:
         linear, angular = distributed.mean(self._gates[name]).tolist()
         return linear, angular
 
+    def set_gates(self, **known: tuple[float, float] | None) -> None:
+        """Let the running means of gates go on from known values, as `gate` returned them; None leaves one."""
+        for name, value in known.items():
+            if value is not None:
+                self._gates[name] = self._gates[name].new_tensor(value)
+
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return the running averages."""
         return {"tracking": self.tracking} | {f"gate_{name}": value for name, value in self._gates.items()}

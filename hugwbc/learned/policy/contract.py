@@ -306,5 +306,8 @@ def contract_of(metadata: Mapping[str, Any], origin: object) -> Contract:
     try:
         return Contract(**fields)
     except (HugwbcError, TypeError) as error:
-        hint = "use a policy that this version wrote; a term of your own needs the Python file that adds it to TERMS"
+        hint = (
+            "use a policy that this version wrote; a robot or a term of your own needs its table at the same place, or "
+            "the Python file that adds it to TERMS"
+        )
         raise PolicyFileError(f"the contract of {origin} is not valid: {error}; {hint}") from error

@@ -338,6 +338,9 @@ def further_terms(names: Sequence[str], robot: Robot) -> tuple[ObservationTerm, 
         if list(names).count(name) > 1:
             raise ConfigError(f"observation terms are {', '.join(names)}; give each once")
         check_term(name, robot)
+        unknown = dataclasses.replace(_made_up(robot), velocity=np.full((_ROWS, 3), math.nan))
+        if not np.isfinite(TERMS[name].read(unknown)).all():
+            raise ConfigError(f"observation term '{name}' reads the velocity, which no sensor gives; leave it out")
     return tuple(TERMS[name] for name in names)
 
 

@@ -16,6 +16,7 @@ from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import load_policy, save_policy
 from hugwbc.learned.policy.contract import LARGEST_CHANGE, Curves
+from hugwbc.robot import Robot
 
 ROUNDS = "rounds.json"
 _TRIAL = "trial.safetensors"
@@ -27,20 +28,20 @@ Executed = Callable[[pathlib.Path, list[dict[str, Any]], CalibrationConfig], lis
 """Returns what a policy executes under some commands, one episode each: means by name, NaN after a fall."""
 
 
-def knots_of(config: CalibrationConfig) -> Curves:
+def knots_of(config: CalibrationConfig, robot: Robot) -> Curves:
     """Return curves that change nothing: each gait and command that has a range, at knots spread evenly over it."""
     curves: Curves = {}
     for label in config.gaits:
         gait = Gait.parse(label)
         for name in config.commands:
-            low, high = command_ranges(gait)[name].finishing
+            low, high = command_ranges(gait, robot)[name].finishing
             if low < high and not (gait is Gait.STANDING and name == "l"):
                 knots = np.linspace(low, high, config.knots).round(_DECIMALS).tolist()
                 curves.setdefault(label, {})[name] = [[knot, knot] for knot in knots]
     return curves
 
 
-def corrected(curves: Curves, errors: Errors, rate: float) -> Curves:
+def corrected(curves: Curves, errors: Errors, rate: float, robot: Robot) -> Curves:
     """Return curves in which a fraction of the measured errors is taken out.
 
     No value outside a command's range is asked for: the policy was never trained there.
@@ -49,10 +50,11 @@ def corrected(curves: Curves, errors: Errors, rate: float) -> Curves:
         curves: pairs of command and what to ask for.
         errors: what was measured with these curves.
         rate: the fraction.
+        robot: whose ranges count.
     """
     result: Curves = {}
     for label, of_gait in curves.items():
-        ranges = command_ranges(Gait.parse(label))
+        ranges = command_ranges(Gait.parse(label), robot)
         for name, pairs in of_gait.items():
             (low, high), limit = ranges[name].finishing, LARGEST_CHANGE[name]
             new = []
@@ -81,6 +83,7 @@ def calibrate(
         Mean errors by gait, command, and "uncalibrated" or "calibrated".
     """
     controller = load_policy(config.policy, threads=None)
+    robot = controller.contract.described
 
     def write(name: str, curves: Curves) -> None:
         contract = dataclasses.replace(controller.contract, feed_forward=curves)
@@ -89,7 +92,7 @@ def calibrate(
     place = folder / ROUNDS
     rounds: list[tuple[Curves, Errors]] = json.loads(place.read_text()) if place.exists() else []
     for number in range(len(rounds), config.rounds + 1):
-        curves = corrected(*rounds[-1], config.rate) if rounds else knots_of(config)
+        curves = corrected(*rounds[-1], config.rate, robot) if rounds else knots_of(config, robot)
         write(_TRIAL, curves)
         errors = _errors(config, folder / _TRIAL, curves, executed)
         rounds.append((curves, errors))

@@ -15,6 +15,8 @@ from hugwbc.settings_file import LARGEST_FILE, named_path, parse
 
 POLICY, SNAPSHOT, STARTS = "policy.safetensors", "snapshot.safetensors", "starts.safetensors"
 KINDS = ("record", "train", "calibrate")
+TAKEN = {"env.starts": STARTS, "start_from": SNAPSHOT, "policy": POLICY}  # of another stage, by the setting's name
+_WRITTEN = {"record": (STARTS,), "train": (SNAPSHOT, POLICY), "calibrate": (POLICY,)}  # by the kind of the stage
 _SMOKE_STEPS = 1536
 Config = RecordConfig | TrainConfig | CalibrationConfig
 
@@ -103,16 +105,18 @@ class Recipe:
 
     def __post_init__(self) -> None:
         """Check that what a stage takes is there: an earlier stage, or a file."""
-        earlier: list[str] = []
+        earlier: dict[str, Stage] = {}
         for name, stage in self.stages.items():
             if not name.replace("-", "_").isidentifier():
                 raise ConfigError(f"a stage is called '{name}'; use letters, digits, _ and -", at=("stages", name))
             for setting, path in stage.inputs().items():
-                if str(path) not in earlier and not path.exists():
-                    valid = [*earlier, "the path of a file"]
+                writing = [label for label, one in earlier.items() if TAKEN[setting] in _WRITTEN[one.kind]]
+                if str(path) not in writing and (str(path) in earlier or not path.exists()):
+                    valid = [*writing, "the path of a file"]
                     at = ("stages", name, stage.kind, *setting.split("."))
-                    raise UnknownNameError(f"earlier stage in {setting}", path, valid, at=at)
-            earlier.append(name)
+                    what = f"earlier stage that writes {TAKEN[setting]}, in {setting}"
+                    raise UnknownNameError(what, path, valid, at=at)
+            earlier[name] = stage
 
 
 def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Recipe:

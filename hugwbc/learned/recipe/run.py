@@ -36,15 +36,14 @@ from hugwbc.learned.recipe.ancestry import (
     seal,
 )
 from hugwbc.learned.recipe.calibration import ROUNDS, calibrate
-from hugwbc.learned.recipe.recipe import POLICY, SNAPSHOT, STARTS, Recipe, Stage
-from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, Trainer
+from hugwbc.learned.recipe.recipe import POLICY, SNAPSHOT, STARTS, TAKEN, Recipe, Stage
+from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, RECIPE_NAME, Trainer
 from hugwbc.robot import Robot, load_robot
 from hugwbc.source import source_commit
 
 RECORD, SPENT = "record.json", "spent.json"
 _NO_LIMIT = 1e6  # [h]
 _WRITE_INTERVAL = 5.0  # [s]; what a killed process has spent since is not in the record
-_TAKEN = {"env.starts": STARTS, "start_from": SNAPSHOT, "policy": POLICY}  # of another stage, by the setting's name
 
 Report = Callable[[str, Mapping[str, float]], None]
 
@@ -89,7 +88,9 @@ def run_recipe(
         leads = distributed.rank() == 0
         with sole_writer(out) if leads else contextlib.nullcontext():
             if leads:
-                write_whole(out / "recipe.yaml", recipe.source)
+                if (out / CHECKPOINT_NAME).exists():
+                    raise RecipeError(f"{out} holds a run without a recipe; give another --out")
+                write_whole(out / RECIPE_NAME, recipe.source)
             try:
                 for name in recipe.stages:
                     _Work(recipe, name, out, services, stop, report, say if leads else lambda line: None).run()
@@ -125,7 +126,7 @@ class _Work:
         self.folder = self.out / self.name
         self.digest = digest(json.dumps(TypeAdapter(Stage).dump_python(self.stage, mode="json"), sort_keys=True))
         self.inputs = {
-            setting: self.out / str(path) / _TAKEN[setting] if str(path) in self.recipe.stages else path
+            setting: self.out / str(path) / TAKEN[setting] if str(path) in self.recipe.stages else path
             for setting, path in self.stage.inputs().items()
         }
 
@@ -225,7 +226,7 @@ class _Work:
         given = {setting: str(source) for setting, source in self.stage.inputs().items()}
         parents = {}
         for setting, path in self.inputs.items():
-            kind = KINDS[_TAKEN[setting]]
+            kind = KINDS[TAKEN[setting]]
             if given[setting] in self.recipe.stages:
                 parents[setting] = Parent(stage=given[setting], digest=content_digest(path, kind))
             else:
@@ -262,7 +263,7 @@ class _Work:
                     own.add(str(source))
                     waiting.append(str(source))
                 else:
-                    _, led = origin(source, KINDS[_TAKEN[setting]])
+                    _, led = origin(source, KINDS[TAKEN[setting]])
                     outside += [record for record in led if record not in outside]
         records = [read_record(self.out / name / RECORD) for name in self.recipe.stages if name in own]
         return [*outside, *(record for record in records if record is not None)]

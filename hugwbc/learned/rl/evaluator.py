@@ -25,6 +25,7 @@ SCORE = "evaluation/score"
 _FALLS = "evaluation/falls"
 _SHORTEST_FLIGHT = 2  # control steps off the ground before a contact counts as a touch-down
 _NEVER = 2**30  # control steps
+_ROUNDING = 1e-6  # of a number of time steps
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
 _COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
 
@@ -84,9 +85,9 @@ class Evaluator:
     """Robots that repeat the same episodes at every evaluation.
 
     Commands, gaits and model parameters are drawn once, as training draws them, over the initial ranges. There are no
-    pushes, loads or intervention; sensors err as in training; rough ground has all levels; a command
-    lasts the whole episode. All random numbers are the evaluator's own, so that the training continues as if there had
-    been no evaluation.
+    pushes, loads or intervention; sensors err as in training; rough ground has all levels; a command lasts the whole
+    episode. A held foot on the ground does not end it: its share of the time is a figure. All random numbers are the
+    evaluator's own, so that the training continues as if there had been no evaluation.
     """
 
     def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int, timestep: float = 0.0) -> None:
@@ -97,18 +98,20 @@ class Evaluator:
             count: number of robots.
             seconds: length of the episodes [s].
             threads: threads of the simulation.
-            timestep: physics time step, by which the control period is divided [s]; 0 for that of the training.
+            timestep: largest physics time step [s]: the control period is a multiple of the one taken; 0 for that of
+                the training.
         """
-        timestep = timestep or config.timestep
+        substeps = math.ceil(config.period / (timestep or config.timestep) - _ROUNDING)
         calm = dataclasses.replace(config.randomization, push_velocity=0.0)
         every_level = dataclasses.replace(config.terrain, start_level=config.terrain.levels - 1)
         settings = dataclasses.replace(
             config,
             count=count,
-            timestep=timestep,
-            substeps=round(config.period / timestep),
+            timestep=config.period / substeps,
+            substeps=substeps,
             episode_steps=_NEVER,
             flip_probability=0.0,
+            held_foot_grace=0.0,
             randomization=calm,
             loads=LoadConfig(),
             terrain=every_level,
@@ -131,8 +134,9 @@ class Evaluator:
         return names
 
     def adopt(self, config: EnvConfig) -> None:
-        """Take over from the training what a policy runs with and schedules may change: the feed-forward of squats."""
-        self._env.adopt(dataclasses.replace(self._env.config, squat_gain=config.squat_gain))
+        """Take over from the training what a policy runs with and schedules may change: the legs' feed-forward."""
+        gains = {"squat_gain": config.squat_gain, "swing_gain": config.swing_gain}
+        self._env.adopt(dataclasses.replace(self._env.config, **gains))
 
     @torch.no_grad()
     def run(self, actor: Callable[..., tuple[torch.Tensor, torch.Tensor]]) -> dict[str, float]:

@@ -27,7 +27,10 @@ from hugwbc.learned.rl.ppo import PPO
 CHECKPOINT_NAME = "checkpoint.safetensors"
 SNAPSHOT_NAME = "snapshot.safetensors"
 BEST_FOLDER = "best"
+RECIPE_NAME = "recipe.yaml"  # in the folder of a recipe's run, which has a folder for each stage
 _SEED_STEP = 1_000_003  # between the seeds of two processes
+_OF_A_SESSION = ("resume", "start_from", "steps", "hours", "threads", "device", "save_interval")  # settings
+_MOST_NAMED = 5  # settings in an error
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
 
@@ -64,6 +67,8 @@ class Trainer:
         self.begin = {"iteration": 0, "steps": 0}
         if path is not None:
             self._read_counters(metadata, path)
+            if config.resume:
+                _check_unchanged(metadata, config, path)
             with _readable(path):
                 before = metadata["config"]["env"].get("robot", config.env.robot)
             check_robot(str(path), before, config.env.robot)
@@ -213,7 +218,7 @@ class Trainer:
         if not over and steps // every == self._evaluated // every:
             return dict.fromkeys(self.evaluator.names, math.nan)
         begin, self._evaluated = time.monotonic(), steps
-        self.evaluator.adopt(self.config.at(steps).env)
+        self.evaluator.adopt(self.env.config)
         figures = self.evaluator.run(self._actor())
         finite = {name: value for name, value in figures.items() if math.isfinite(value)}
         self.evaluation = finite | {"iteration": self.iteration, "steps": self.steps}
@@ -239,7 +244,7 @@ class Trainer:
     def _save_product(self, folder: pathlib.Path) -> None:
         """Write policy and snapshot: what to ship, and what to continue from."""
         with writing(folder):
-            save_product(folder, self.product, self.config.at(self.run_steps).env, self._metadata())
+            save_product(folder, self.product, self.env.config, self._metadata())
 
     def _learner_tensors(self) -> dict[str, torch.Tensor]:
         """Return the part of a checkpoint that all processes have in common: networks and optimiser."""
@@ -299,7 +304,7 @@ class Trainer:
                 self.env.restore_levels(metadata["curriculum"])
             self.ppo.set_learning_rate(float(metadata["learning_rate"]))
             self.ppo.skipped = int(metadata["skipped"])
-            self.remark = _differences(metadata, self.config, self._env_config, path)
+            self.remark = _differences(metadata, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
                 self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
         if not self.config.resume:
@@ -365,12 +370,34 @@ def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str,
     return groups
 
 
-def _differences(metadata: dict[str, Any], config: TrainConfig, env: EnvConfig, path: pathlib.Path) -> str:
-    """Return what a user should know: another file of settings, or another feed-forward of the legs."""
-    record = dict(metadata.get("config", {}))
-    before, source = dict(record.get("env", {})), record.get("source", "")
-    if config.resume and source != config.source:
-        return f"{path} was trained with {source or 'no --config'}, this training has {config.source or 'none'}"
+def _check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib.Path) -> None:
+    """Refuse to go on with other settings than a checkpoint's, but for those of a session."""
+    with _readable(path):
+        before, now = (_flat(settings) for settings in (metadata["config"], settings_record(config)))
+    changed = [
+        f"{name} {before[name]} (here {now[name]})"
+        for name in now
+        if name in before and name not in _OF_A_SESSION and before[name] != now[name]
+    ]
+    if changed:
+        more = f", and {len(changed) - _MOST_NAMED} others" if len(changed) > _MOST_NAMED else ""
+        raise ConfigError(
+            f"{path} was trained with {', '.join(changed[:_MOST_NAMED])}{more}. Give the same options again, or begin "
+            f"another run with its policy: --start-from {path.with_name(SNAPSHOT_NAME)} and another --out"
+        )
+
+
+def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested settings by dotted name, such as env.count."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def _differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> str:
+    """Return what a user should know: another feed-forward of the legs."""
+    before = dict(metadata.get("config", {}).get("env", {}))
     words = [
         f"--env.{name.replace('_', '-')} {before[name]:g}"
         for name in ("squat_gain", "swing_gain")
@@ -408,8 +435,13 @@ def train(config: TrainConfig, report: Report, notice: Callable[[str], object] =
         report: called after every iteration with the figures and the gates' words, in the first process only.
         notice: called with the trainer's remark, if it has one, in the first process only.
     """
-    if not config.resume and (config.out / CHECKPOINT_NAME).exists():
+    begun = (config.out / CHECKPOINT_NAME).exists()
+    if begun and not config.resume:
         raise ConfigError(f"{config.out} already holds a run; --resume continues it, another --out starts a new one")
+    if config.resume and not begun:
+        raise ConfigError(f"{config.out} holds no run to resume; give the --out of one, or leave out --resume")
+    if (config.out / RECIPE_NAME).exists():
+        raise ConfigError(f"{config.out} holds the run of a recipe; give another --out")
     with distributed.process_group():
         trainer = Trainer(config)
         if trainer.remark and trainer.leads:

@@ -62,6 +62,15 @@ def test_events_are_counted_and_tracking_is_remembered(small_env: HumanoidEnv) -
     assert statistics.pop()["episodes"] == 0.0
 
 
+def test_gates_of_another_run_go_on_with_its_levels(small_env: HumanoidEnv) -> None:
+    small_env.curriculum.update((0.8, 0.7), (0.75, 0.6))
+    levels = small_env.curriculum.state_dict()
+    small_env.curriculum.update(None, (0.1, 0.1))
+    small_env.restore_levels(levels)
+    assert small_env.statistics.gate("speed") == pytest.approx((0.8, 0.7))
+    assert small_env.statistics.gate("alpha") == pytest.approx((0.75, 0.6))
+
+
 def test_a_gate_hears_of_its_robots_alone() -> None:
     statistics = Statistics(4, waist=10)
     tracking = torch.tensor([[1.0, 0.5], [0.2, 0.2], [0.0, 0.0], [math.nan, 0.0]])

@@ -177,8 +177,9 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypa
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        ("start_from: walk", "start_from: wlak", r":\d+:7: unknown earlier stage in start_from 'wlak'.*'walk'"),
-        ("{policy: more,", "{policy: calibrated,", "unknown earlier stage in policy 'calibrated'"),
+        ("start_from: walk", "start_from: wlak", r":\d+:7: unknown earlier stage .* in start_from 'wlak'.*'walk'"),
+        ("start_from: walk", "start_from: starts", "stage that writes snapshot.safetensors, in start_from 'starts'"),
+        ("{policy: more,", "{policy: calibrated,", "unknown earlier stage .* in policy 'calibrated'"),
         ("steps: 256", "steps: 0", "greater than 0"),
         ("horizon: 8", "horizom: 8", r":\d+:\d+: .*PPOConfig field 'horizom'. Did you mean 'horizon'"),
         ("ppo.std_limit", "ppo.std_limits", "std_limit"),
@@ -222,6 +223,10 @@ def test_options_change_a_recipe_of_one_stage(tmp_path, monkeypatch, capsys) -> 
     assert main(words) == 0 and runs[1] == load_recipe(tmp_path / "walk.yaml")
     assert main(["train", "--recipe", "h1", "--env.count", "16"]) == 2
     assert "--env.count changes recipes of one stage" in capsys.readouterr().err
+    scheduled = text.replace("steps: 64,", "steps: 64, schedules: {ppo.std_limit: {points: {0: 0.5, 64: 0.2}}},")
+    (tmp_path / "scheduled.yaml").write_text(scheduled)
+    assert main(["train", "--recipe", str(tmp_path / "scheduled.yaml"), "--ppo.std-limit", "0.3"]) == 2
+    assert "ppo.std_limit follows a schedule" in capsys.readouterr().err
     for words_of_a_run in (["--resume"], ["--hours", "2"]):
         assert main([*words, *words_of_a_run]) == 2
         assert "the same command continues" in capsys.readouterr().err

@@ -258,10 +258,20 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     return folder
 
 
-def test_another_number_of_robots_is_refused(finished: pathlib.Path) -> None:
-    other = dataclasses.replace(config(finished, 2, resume=True), env=dataclasses.replace(ENV, count=8))
+def test_another_number_of_robots_is_refused(finished: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    start = config(tmp_path, 2, start_from=finished / CHECKPOINT_NAME)
+    other = dataclasses.replace(start, env=dataclasses.replace(ENV, count=8))
     with pytest.raises(PolicyFileError, match=r"--env\.count 16"):
         Trainer(other)
+
+
+def test_a_run_is_resumed_with_its_own_settings(finished: pathlib.Path) -> None:
+    same = config(finished, 2, resume=True)
+    assert Trainer(dataclasses.replace(same, threads=2, save_interval=7)).iteration == 1
+    rewards = dataclasses.replace(ENV.rewards, feet_slip=-0.5)
+    for change in ({"seed": 2009}, {"env": dataclasses.replace(ENV, rewards=rewards, squat_gain=0.5)}):
+        with pytest.raises(ConfigError, match=r"seed|env\.squat_gain .*env\.rewards\.feet_slip"):
+            Trainer(dataclasses.replace(same, **change))
 
 
 @pytest.mark.parametrize(
