@@ -183,3 +183,13 @@ _SEED_CLASSES = {"selection": SELECTION_SEEDS, "report": REPORT_SEEDS, "training
 def seed_class(seed: int) -> str:
     """Return the class of a seed: "selection", "report", "training", or "own" for the free ones."""
     return next((name for name, seeds in _SEED_CLASSES.items() if seed in seeds), "own")
+
+
+def check_seeds(first: int, count: int) -> None:
+    """Refuse a run of seeds that begins in one class and ends in another."""
+    last = first + count - 1
+    if seed_class(first) != seed_class(last):
+        raise ConfigError(
+            f"seeds {first} to {last} go from class {seed_class(first)} into class {seed_class(last)}; give fewer "
+            f"episodes, or a seed from {TRAINING_SEEDS.stop} on"
+        )

@@ -102,8 +102,11 @@ def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:
     experiment, lines = entries[0].experiment, []
     lines += [experiment.note] if experiment.note else []
     for result in results:
-        if failures := sum(row.get("failures") or 0 for row in result.rows):
-            lines.append(f"{result.controller} raised {failures} exceptions, which were caught.")
+        if mistakes := sum(row.get("mistakes") or 0 for row in result.rows):
+            lines.append(
+                f"{result.controller}: {mistakes} exceptions or unusable answers of the controller or of the source of "
+                "targets were caught; `hugwbc play` shows the first one."
+            )
     numbers = dict.fromkeys(f"{len(result.rows)} episodes" for result in results)
     return [*lines, *remarks(results), f"{' or '.join(numbers)}, seed {results[0].settings.seed}"]
 

@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import tyro
 
+from hugwbc import extensions
 from hugwbc.cli.output import output_folder, parse_settings, progress, say, say_arena
 from hugwbc.errors import ConfigError, needing
+from hugwbc.files import digest
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.settings import Count, check_each_once, settings
+from hugwbc.settings import Count, check_each_once, check_seeds, settings
 from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, load_task
 
@@ -96,6 +98,12 @@ def _said(words: Callable[[], str]) -> Iterator[None]:
     say(words())
 
 
+def _code(task: str) -> list[pathlib.Path]:
+    """Return the files of a task in a Python file."""
+    path = pathlib.Path(task)
+    return extensions.code_of(path) if path.suffix == extensions.SUFFIX else []
+
+
 def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     from hugwbc.viz.cameras import SIZE, check_cameras, render_films
 
@@ -103,12 +111,20 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
     with needing("record", "--record"):
         from hugwbc.tasks.demonstration import FPS, demonstrate
         from hugwbc.tasks.lerobot_dataset import DatasetWriter
+    check_seeds(options.seed, options.episodes)
     arena = options.arena
     tasks = [load_task(name).sized(arena.known_robot) for name in options.task]
     total, done = options.episodes * len(tasks), 0
     spec = ControllerSpec(options.controller, options.policy).told(arena)
     told = [options.controller, options.policy]
-    settings = {"controller": spec.identity(), "told": told, "arena": dataclasses.asdict(arena)}
+    settings = {
+        "controller": spec.identity(),
+        "told": told,
+        "arena": dataclasses.asdict(arena),
+        "arena_version": arena.version,
+        "seed": options.seed,
+        "tasks": [digest(path.read_bytes()) for name in options.task for path in _code(name)],
+    }
     with (
         _said(lambda: f"wrote {done} of {total} episodes to {folder}" if folder.is_dir() else "nothing was written"),
         output_folder(folder.absolute().parent),

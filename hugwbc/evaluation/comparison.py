@@ -96,7 +96,8 @@ def compare(
         if isinstance(played, Task):
             simulation = arena.simulation(seed=seed, scene=played.scene)
             run = run_task(played, controller, simulation, on_progress=advance, strict=False)
-            trace, further = run.trace, {"verdict": dataclasses.asdict(run.verdict), "gripped": run.record.gripped}
+            verdict = {**dataclasses.asdict(run.verdict), "seconds": run.record.ending.time}
+            trace, further = run.trace, {"verdict": verdict, "gripped": run.record.gripped}
         else:
             source = played if isinstance(played, Script) else BehaviourSource(played)
             behaviour = source if isinstance(source, BehaviourSource) else None
@@ -243,7 +244,7 @@ def _fate(figures: Mapping[str, Any]) -> str:
         ending = f" ({figures['ending']})" if "ending" in figures else ""
         return f"stayed up for {figures['survived_s']:.1f} s{ending}"
     verdict = figures["verdict"]
-    return f"did the task in {figures['survived_s']:.1f} s" if verdict["success"] else f"did not ({verdict['reason']})"
+    return f"did the task in {verdict['seconds']:.1f} s" if verdict["success"] else f"did not ({verdict['reason']})"
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -23,6 +23,7 @@ Row = dict[str, Any]
 BOTH_LEGS = "hopping"
 GAITS = (*(gait.label for gait in Gait), BOTH_LEGS)
 MOVING = GAITS[1:]  # all but standing
+BY_BEHAVIOUR = frozenset({"gait", "settle", "intervention", "motions"})  # what a behaviour decides itself
 
 
 @settings(kw_only=True)
@@ -37,21 +38,22 @@ class Settings:
     gait: Annotated[str, one_of("gait", lambda: GAITS)] = Gait.WALKING.label
     conditions: Conditions = dataclasses.field(default_factory=Conditions)  # physics, robot, sensors, arms
     varied: ClassVar[frozenset[str]] = frozenset()
-    """Conditions that the experiment sets itself."""
+    """Conditions and settings that the experiment sets itself."""
     possible: ClassVar[tuple[str, ...]] = GAITS
     """Gaits with which the experiment makes sense."""
 
     def __post_init__(self) -> None:
         if self.gait not in self.possible:
             raise ConfigError(f"gait is {self.gait}; this experiment takes {', '.join(self.possible)}")
-        if not self.settle < self.duration:
+        if "settle" not in self.varied and not self.settle < self.duration:
             raise ConfigError(f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration")
         self.conditions.check_duration(self.duration)
-        for field in dataclasses.fields(Conditions):
-            if field.name in self.varied and getattr(self.conditions, field.name) != field.default:
-                raise ConfigError(
-                    f"the experiment sets {field.name} itself; leave --{field.name.replace('_', '-')} out"
-                )
+        for owner in (self, self.conditions):
+            for field in dataclasses.fields(owner):
+                if field.name in self.varied and getattr(owner, field.name) != field.default:
+                    raise ConfigError(
+                        f"the experiment sets {field.name} itself; leave --{field.name.replace('_', '-')} out"
+                    )
 
     @property
     def gaits(self) -> tuple[Gait, Gait]:
@@ -109,5 +111,5 @@ def simulate(
 
 
 def ending(trace: Trace) -> Row:
-    """Return whether the robot fell, how long it was up [s], and how many exceptions of the controller were caught."""
-    return {"fell": trace.fell, "survived_s": trace.survived_s, "failures": trace.safety.failures}
+    """Return whether the robot fell, how long it was up [s], and how often controller and sources made mistakes."""
+    return {"fell": trace.fell, "survived_s": trace.survived_s, "mistakes": trace.safety.mistakes}

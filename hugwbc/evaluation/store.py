@@ -10,6 +10,7 @@ import inspect
 import json
 import os
 import pathlib
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -72,14 +73,14 @@ class Store:
         if self.folder is None:
             return StoredTable(None, key)
         name = f"{experiment}-{spec.label}-{digest(json.dumps(key))[:16]}.jsonl"
-        return StoredTable(self.folder / name.replace(" ", "_").replace(":", "-"), key, fresh=self.fresh)
+        return StoredTable(self.folder / re.sub(r"[/\\:]+", "-", name.replace(" ", "_")), key, fresh=self.fresh)
 
 
 def table_key(experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
     """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files.
 
     A shipped policy counts by its digest for the controller that it drives. A user's own code may load any of them. The
-    number of episodes does not count: more of them continue a table.
+    robots count by their tables and descriptions. The number of episodes does not count: more of them continue a table.
     """
     files, given = _files(episode, settings), dataclasses.asdict(settings)
     given.pop("episodes", None)
@@ -92,6 +93,7 @@ def table_key(experiment: str, episode: Episode, settings: Settings, spec: Contr
                 "digest": controller_digest(spec),
                 "commit": source_commit(policies=own),
                 "settings": given,
+                "arenas": [arena.version for arena in (settings.conditions.chosen, settings.conditions.told_arena)],
                 "files": files,
             },
             default=str,

@@ -60,7 +60,7 @@ def each_result(
 
     def advance(number: int, part: float) -> None:
         parts[number] = part
-        on_progress(sum(map(operator.mul, parts, works)) / sum(works))
+        on_progress(sum(map(operator.mul, parts, works)) / (sum(works) or 1.0))
 
     if parts:
         advance(0, parts[0])

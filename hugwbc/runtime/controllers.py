@@ -234,7 +234,8 @@ class ControllerSpec:
             name = _own_name(self, tuple(digest(path.read_bytes()) for path in self.files()))
         policy = None if self.policy is None else pathlib.Path(self.policy).stem
         drives = None if self.drives is None else f"{self.drives} drives"
-        return " ".join(word for word in (name, policy, self.robot, drives) if word is not None)
+        robot = None if self.robot is None else pathlib.Path(self.robot).stem
+        return " ".join(word for word in (name, policy, robot, drives) if word is not None)
 
     def build(self) -> Controller:
         """Build the controller, ready to `reset`.

@@ -15,6 +15,7 @@ from hugwbc.runtime.sight import Sight, SimulatedWorld
 from hugwbc.runtime.trace import CONTACT_FORCE, Snapshot
 from hugwbc.scripts.view import CommandSource, Constant, View
 from hugwbc.sim import Engine
+from hugwbc.sim.arena import DRIVES
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik import UpperBodySource
@@ -64,7 +65,10 @@ class ControlLoop:
         """
         if isinstance(controller, str):
             spec, name = ControllerSpec(controller), simulation.robot.name
-            controller = (dataclasses.replace(spec, robot=name) if spec.takes_robot else spec.of_robot(name)).build()
+            if spec.takes_robot:
+                drives = next((drives for drives, kind in DRIVES.items() if kind == simulation.actuators), None)
+                spec = dataclasses.replace(spec, robot=name, drives=drives)
+            controller = spec.of_robot(name).build()
         source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
         told = getattr(controller, "robot", robot)

@@ -65,7 +65,7 @@ def rollout(
     loop = ControlLoop(controller, source, simulation, upper_body, estimator)
     loop.control.log.strict = strict
     disturber = Disturber(simulation.link_names, simulation.robot.trunk, forces) if forces else None
-    recorder = Recorder(loop, disturber, on_step)
+    recorder = Recorder(loop, disturber, on_step, on_snapshot)
     loop.reset()
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
@@ -75,12 +75,8 @@ def rollout(
             recorder.tick_ms.append(tick_s * 1e3)
         if upper_body is not None:
             recorder.ik_ms.append(loop.control.ik_s * 1e3)
-        if recorder.due(t):
-            snapshot = recorder.sample(t, joint_command)
-            if on_snapshot is not None:
-                on_snapshot(snapshot)
-            if on_progress is not None:
-                on_progress(tick / ticks)
+        if on_progress is not None and recorder.due(t):
+            on_progress(tick / ticks)
         if not recorder.advance(joint_command, t) and not past_falls:
             return recorder.trace(fell=True, survived_s=t, steps=tick + 1)
         if until is not None and until():
@@ -92,10 +88,15 @@ class Recorder:
     """A collector of the samples of one run, which watches the feet at every physics step."""
 
     def __init__(
-        self, loop: ControlLoop, disturber: Disturber | None, on_step: Callable[[RobotState, RobotState], None] | None
+        self,
+        loop: ControlLoop,
+        disturber: Disturber | None,
+        on_step: Callable[[RobotState, RobotState], None] | None,
+        on_snapshot: Callable[[Snapshot], object] | None,
     ) -> None:
         self.loop = loop
         self.on_step = on_step
+        self.on_snapshot = on_snapshot
         self.disturber = disturber
         self.simulation = loop.simulation
         self.kinematics = Kinematics(self.simulation.robot)
@@ -112,9 +113,16 @@ class Recorder:
         return t >= self._samples * RECORD_PERIOD - 1e-9
 
     def advance(self, command: JointCommand, t: float) -> bool:
-        """Step the physics through one control period, note touch-downs, and return whether the robot is still up."""
+        """Step the physics through one control period, note touch-downs, and return whether the robot is still up.
+
+        Samples are taken at the physics steps at which they are due, whatever the control period is.
+        """
         dt, simulation = self.simulation.timestep, self.simulation
         for substep in range(self.loop.substeps):
+            if self.due(t + substep * dt):
+                snapshot = self.sample(t + substep * dt, command)
+                if self.on_snapshot is not None:
+                    self.on_snapshot(snapshot)
             if self.disturber is not None:
                 self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
             self.loop.step_physics(command)

@@ -63,6 +63,11 @@ class SafetyReport:
     lowered: int = 0
     messages: tuple[str, ...] = ()
 
+    @property
+    def mistakes(self) -> int:
+        """How often the code of a controller or a source raised, or gave what is unusable."""
+        return sum(getattr(self, counter) for counter in _MISTAKES)
+
 
 class SafetyLog:
     """Where the stages of a control period count what they change.

@@ -1,6 +1,8 @@
 """Stored episodes are of the contents of everything that was read for them, however deep a file names another."""
 
 import pathlib
+import re
+import shutil
 
 import numpy as np
 import onnx
@@ -9,11 +11,13 @@ from onnx import TensorProto, helper, numpy_helper
 
 from hugwbc.cli import main
 from hugwbc.evaluation import episode
+from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.evaluation.experiment import run_experiment
 from hugwbc.evaluation.experiments import experiment_of
 from hugwbc.evaluation.experiments.behaviours import BEHAVIOURS as EXPERIMENT, BehavioursSettings
-from hugwbc.evaluation.store import Store
+from hugwbc.evaluation.store import Store, table_key
+from hugwbc.robot_tables import models_dir
 from hugwbc.runtime.controllers import ControllerSpec
 
 HOLD = ControllerSpec("hold")
@@ -62,7 +66,7 @@ def test_a_changed_file_that_a_scenes_file_names_runs_again(tmp_path: pathlib.Pa
         (tmp_path / name).write_text(text.format(3))
     (tmp_path / "mine.py").write_text(STAND)
     command = ["evaluate", "behaviours", "--controller", "hold", "--behaviour", f"{tmp_path / 'mine.py'}:still"]
-    command += ["--scene", str(tmp_path / "scene.yaml"), "--episodes", "1", "--duration", "0.2", "--settle", "0.1"]
+    command += ["--scene", str(tmp_path / "scene.yaml"), "--episodes", "1", "--duration", "0.2"]
     command += ["--results", str(tmp_path / "rows")]
     for _ in range(2):
         assert main(command) == 0 and len(played) == 1
@@ -99,6 +103,22 @@ def test_what_only_an_episode_reads_counts_too(tmp_path: pathlib.Path, monkeypat
         assert row() == row() == expected, name
 
 
+def test_a_robots_table_counts_and_its_path_is_no_folder_of_rows(tmp_path: pathlib.Path) -> None:
+    keys = []
+    for height in (0.79, 0.8):
+        folder = tmp_path / str(height) / "mine"
+        shutil.copytree(models_dir() / "g1", folder)
+        table = re.sub("nominal_height: [0-9.]+", f"nominal_height: {height}", (folder / "g1.yaml").read_text())
+        (folder / "mine.yaml").write_text(table)
+        (folder / "g1.yaml").unlink()
+        settings = CountedSettings(conditions=Conditions(robot=str(folder)))
+        spec = ControllerSpec("qp", robot=str(folder))
+        keys.append(table_key("x", EXPERIMENT.episode, settings, spec))
+        path = Store(tmp_path / "rows").table("x", EXPERIMENT.episode, settings, spec).path
+        assert path is not None and path.parent == tmp_path / "rows" and path.name.startswith("x-qp_mine-")
+    assert keys[0]["arenas"] != keys[1]["arenas"]
+
+
 def test_a_policys_weights_in_another_file_count(tmp_path: pathlib.Path) -> None:
     weights = numpy_helper.from_array(np.zeros((3, 10), np.float32), "w")
     values = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1, k]) for n, k in (("obs", 3), ("action", 10))]
@@ -127,8 +147,6 @@ def test_a_scene_in_a_file_of_code_counts_what_it_reads(tmp_path: pathlib.Path, 
     for count in (1, 2):
         (tmp_path / "thing.xml").write_text(MORE.format(count))
         for _ in range(2):
-            settings = BehavioursSettings(
-                behaviour=f"{mine}:still", scene=f"{mine}:THE", episodes=1, duration=0.2, settle=0.1
-            )
+            settings = BehavioursSettings(behaviour=f"{mine}:still", scene=f"{mine}:THE", episodes=1, duration=0.2)
             run_experiment(EXPERIMENT, settings, HOLD, store=Store(tmp_path))
             assert len(played) == count

@@ -9,7 +9,8 @@ from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
-from hugwbc.sim import Ground, Simulation
+from hugwbc.runtime.loop import ControlLoop
+from hugwbc.sim import Arena, Ground, Simulation
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.scenes import Box, Scene, Uniform
 from hugwbc.targets import HandTargets
@@ -120,6 +121,16 @@ def test_a_fast_controller_is_called_at_its_own_period_and_recorded_at_50_hz(sim
     assert trace.steps == trace.tick_ms.size == 100 and trace.time.size == 10
 
 
+@pytest.mark.parametrize("period", [0.008, 0.02, 0.04, 0.07])
+def test_samples_come_every_20_ms_whatever_the_control_period_is(period):
+    class Slow(HoldController):
+        pass
+
+    Slow.period = period
+    trace = rollout(Slow(load_robot()), Constant(Command()), Simulation(timestep=0.002, seed=1), duration=0.56)
+    assert trace.time == pytest.approx(0.02 * np.arange(28))
+
+
 def test_only_calls_of_the_controller_are_timed():
     simulation = Simulation(faults=(Fault.parse("imu-gone@0.1"),))
     trace = rollout(HoldController(load_robot()), Command(), simulation, duration=0.8, past_falls=True)
@@ -196,6 +207,8 @@ def test_names_stand_for_controller_robot_ground_and_scene():
     trace = rollout("hold", Command(), simulation, duration=0.1)
     assert (trace.name, trace.robot, simulation.ground) == ("hold", "h1-2023", Ground.named("soft"))
     assert trace.scene is not None and "parcel" in simulation.objects.names
+    ideal = ControlLoop("qp", Command(), Arena(drives="ideal").simulation())
+    assert ideal.control.guard.controller.robot is load_robot().with_ideal_drives
     with pytest.raises(UnknownNameError, match=r"unknown scene 'parcl'\. Did you mean 'parcel'"):
         Simulation(scene="parcl")
     with pytest.raises(UnknownNameError, match=r"unknown controller 'qpp'\. Did you mean 'qp'"):

@@ -27,7 +27,7 @@ from hugwbc.behaviours.boxes import DISTANCE as NEAR
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending, simulate, simulation_of
+from hugwbc.evaluation.episode import BY_BEHAVIOUR, CountedSettings, Row, Settings, ending, simulate, simulation_of
 from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
@@ -50,6 +50,7 @@ class BehavioursSettings(CountedSettings):
     behaviour: str = "fetch_cup"  # name of a shipped behaviour, or FILE.py:NAME
     scene: str = "cupboard"  # name of a shipped scene, a YAML file, or FILE.py:NAME of a scene
     duration: Positive = 120.0  # longest time of an episode [s]
+    varied = BY_BEHAVIOUR
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -132,6 +133,7 @@ class ArriveSettings(CountedSettings):
 
     episodes: Count = 20  # number of goals
     duration: Positive = 60.0  # longest time of an episode [s]
+    varied = BY_BEHAVIOUR
 
 
 def arrive_plan(settings: ArriveSettings) -> list[Plan]:
@@ -204,7 +206,7 @@ class BoxesSettings(CountedSettings):
     masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # of the boxes [kg]
     heights: tuple[Positive, ...] = (0.3, 0.6, 0.9)  # of what they stand on [m]
     duration: Positive = 70.0  # longest time of an episode [s]
-    varied = frozenset({"engine", "terrain_roughness", "slope", "intervention", "motions"})
+    varied = BY_BEHAVIOUR | {"engine", "terrain_roughness", "slope"}
 
 
 def boxes_plan(settings: BoxesSettings) -> list[Plan]:

@@ -26,13 +26,13 @@ from hugwbc.sim import Force
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.physx import PhysxSimulation
 
-COMMANDS = {
-    "walk back": Command(v_x=-0.3, gait=Gait.WALKING),
-    "walk": Command(v_x=0.5, gait=Gait.WALKING),
-    "walk fast": Command(v_x=1.0, gait=Gait.WALKING),
-    "turn": Command(omega=0.5, gait=Gait.WALKING),
-    "squat": Command(h=-0.2, gait=Gait.STANDING),
-    "stand": Command(gait=Gait.STANDING),
+COMMANDS: dict[str, tuple[Gait, dict[str, float]]] = {
+    "walk back": (Gait.WALKING, {"v_x": -0.3}),
+    "walk": (Gait.WALKING, {"v_x": 0.5}),
+    "walk fast": (Gait.WALKING, {"v_x": 1.0}),
+    "turn": (Gait.WALKING, {"omega": 0.5}),
+    "squat": (Gait.STANDING, {"h": -0.2}),
+    "stand": (Gait.STANDING, {}),
 }
 ERRORS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s"}
 PUSH, PUSH_TIME = 50.0, 0.1  # [N], [s]: 5 N*s, or 0.08 m/s
@@ -48,7 +48,18 @@ class EnginesSettings(CountedSettings):
     # names of the commands: walk back, walk, walk fast, turn, squat, stand
     commands: tuple[Annotated[str, one_of("command", lambda: COMMANDS)], ...] = tuple(COMMANDS)
     duration: Positive = 20.0  # duration of an episode [s]
-    varied = frozenset({"engine", "terrain_roughness", "slope"})
+    varied = frozenset({"gait", "engine", "terrain_roughness", "slope"})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.commands:
+            command_of(self, name)
+
+
+def command_of(settings: EnginesSettings, name: str) -> Command:
+    """Return a command by name; refuse one beyond the robot's ranges."""
+    gait, values = COMMANDS[name]
+    return Command.from_mapping(values, gait, settings.robot).validate(settings.robot)
 
 
 def plan(settings: EnginesSettings) -> list[Plan]:
@@ -56,7 +67,7 @@ def plan(settings: EnginesSettings) -> list[Plan]:
     return [
         Plan(
             number,
-            COMMANDS[command],
+            command_of(settings, command),
             {"command": command, "engine": engine},
             (push_of(settings, number),),
             dataclasses.replace(settings.conditions, engine=engine),

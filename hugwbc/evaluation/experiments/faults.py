@@ -54,7 +54,7 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     FOR_GOOD[2]: {"faults": ("frozen@START",)},
     FOR_GOOD[3]: {"faults": ("motor-dead=JOINT@START",)},
 }
-_LOW = 0.75  # [m], height of the pelvis below which something but the feet may touch the ground
+_LOW = 0.765  # height of the pelvis over its nominal one, below which something but the feet may touch the ground
 _SPREAD = 1.0  # [s], in which faults start, so that they meet all phases of a stride
 _JOINTS = ("hip_pitch", "knee", "hip_roll", "ankle_pitch", "hip_yaw")
 _ARM_JOINTS = ("shoulder_pitch", "elbow", "shoulder_roll", "shoulder_yaw")
@@ -107,7 +107,7 @@ def plan(settings: FaultsSettings) -> list[Plan]:
             for word, value in said.items():
                 faults = tuple(text.replace(word, value) for text in faults)
             conditions = dataclasses.replace(settings.conditions, **{**change, "faults": faults})
-            command = dataclasses.replace(settings.default_command(), v_x=V_X)
+            command = dataclasses.replace(settings.default_command(draw), v_x=V_X)
             plans.append(Plan(draw, command, {"fault": name, "start": start}, conditions=conditions))
     return plans
 
@@ -115,7 +115,7 @@ def plan(settings: FaultsSettings) -> list[Plan]:
 def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row:
     """Run one walk with a fault; it continues after a fall.
 
-    - `faults`: as they were injected.
+    - `faults`: as they were injected. `before`: whether the robot was down, or the physics diverged, without a fault.
     - `fell`: whether the robot fell, or knelt down since a fault was noticed; `lowered`: whether it knelt down.
     - `noticed_s`: time from the fault until it began to kneel [s]; None if it did not.
     - `refused`: number of control periods in which readings were replaced.
@@ -133,7 +133,8 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     return {
         **ending(trace),
         "faults": list(plan.conditions.faults),
-        "fell": watch.touch_speed is not None or lowered,
+        "before": watch.before or simulation.diverged,
+        "fell": watch.before or simulation.diverged or watch.touch_speed is not None or lowered,
         "refused": sum(trace.safety.readings_refused.values()),
         "lowered": lowered,
         "noticed_s": settings.duration - trace.safety.lowered * controller.period - start if lowered else None,
@@ -148,30 +149,33 @@ class GroundSpeeds:
 
     Attributes:
         touch_speed, first_touch_speed, highest_speed: see `episode`.
+        before: whether another link than the feet touched the ground before that time.
     """
 
     def __init__(self, simulation: Simulation, start: float) -> None:
         """Watch a robot from a time [s] on."""
         self._simulation, self._start = simulation, start
         robot = simulation.robot
-        self._feet = set(robot.foot_links)
+        self._feet, self._low = set(robot.foot_links), _LOW * robot.nominal_height
         legs = [part for part, pair in robot.pairs.items() if pair[0] in robot.legs]
         self._legs = {robot.base, *(link for part in legs for link in robot.moved[part])}
         self._touched: set[str] = set()
         self.touch_speed: float | None = None
         self.first_touch_speed: float | None = None
         self.highest_speed = 0.0
+        self.before = False
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
         """Take the true state after a physics step."""
-        if truth.time < self._start or truth.velocity is None:
+        if truth.velocity is None or truth.position is None:
             return
-        speed = math.sqrt(truth.velocity.dot(truth.velocity))
-        self.highest_speed = max(self.highest_speed, speed)
-        if truth.position is None or truth.position[2] >= _LOW:
+        early, speed = truth.time < self._start, math.sqrt(truth.velocity.dot(truth.velocity))
+        self.highest_speed = self.highest_speed if early else max(self.highest_speed, speed)
+        if truth.position[2] - self._simulation.ground_height(truth.position[:2]) >= self._low:
             return
         new = set(self._simulation.links_on_ground) - self._feet - self._touched
-        if new:
+        self.before |= early and new != set()
+        if new and not early:
             self._touched |= new
             if self.first_touch_speed is None:
                 self.first_touch_speed = speed
@@ -183,12 +187,14 @@ class GroundSpeeds:
 def figures(settings: FaultsSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return, for every fault, how often it went well, and how fast the robot reached the ground.
 
-    It went well without a fall; after a fault for good, with less than 1 m/s where the robot reached the ground.
+    It went well without a fall; after a fault for good, with less than 1 m/s where the robot reached the ground, and
+    never if it was down before.
     """
     found = []
     for name in settings.faults:
         part = rows.filter(pl.col("fault") == name)
-        touched, first = part["touch_speed"].drop_nulls().to_list(), part["first_touch_speed"].drop_nulls().to_list()
+        up = part.filter(~pl.col("before"))
+        touched, first = up["touch_speed"].drop_nulls().to_list(), up["first_touch_speed"].drop_nulls().to_list()
         good = sum(speed < SOFT for speed in touched) if name in FOR_GOOD else len(part) - int(part["fell"].sum())
         found.append(Figure(name, "went well", "% of episodes", wilson_of(good, len(part)), higher_is_better=True))
         if name in FOR_GOOD:

@@ -19,6 +19,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate, simulation_of
 from hugwbc.evaluation.experiment import Experiment, numbered
+from hugwbc.evaluation.experiments.hands import arms_size
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import (
     Estimate,
@@ -31,9 +32,9 @@ from hugwbc.evaluation.intervals import (
 )
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.trace import Trace
-from hugwbc.settings import Count, NotNegative, settings
+from hugwbc.settings import Count, settings
 from hugwbc.sim import Engine, Force
 from hugwbc.sim.forces import HandPull
 from hugwbc.sim.scenes.furniture import Wall
@@ -48,42 +49,55 @@ STARTED = 1.0  # [s], when a walk starts
 V_X = 0.4  # [m/s], velocity of a walk
 BEGIN = 3.0  # [s], when a force begins
 RISE = 1.0  # [s], in which a steady force rises
-HANDS = ((0.35, 0.2, 0.15), (0.35, -0.2, 0.15))  # targets in the pelvis frame [m]
+HANDS = ((0.35, 0.2, 0.15), (0.35, -0.2, 0.15))  # targets in the pelvis frame of an H1 [m]
 
 Newtons = Annotated[float, Field(gt=0, le=500)]
 
 
 @settings(kw_only=True)
 class ForcesSettings(CountedSettings):
-    """Settings of the experiments with forces.
-
-    The duration is not used; every experiment has its own.
-    """
+    """Settings of the experiments with forces, which have times of their own."""
 
     gait: str = "standing"  # standing or walking
     episodes: Count = 2  # number of episodes; of pull and push for each direction
-    settle: NotNegative = BEGIN  # start of an episode that is left out of the errors [s]
-    varied = frozenset({"intervention", "motions", "hand_payload"})
+    varied = frozenset({"settle", "duration", "intervention", "motions", "hand_payload"})
     possible = ("standing", "walking")
+
+
+@settings(kw_only=True)
+class WalkSettings(ForcesSettings):
+    """Settings of an experiment in which the robot walks."""
+
+    gait: str = "walking"  # walking
+    possible = ("walking",)
+
+
+def hand_places(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return `HANDS` in proportion to the arms of a robot [m]."""
+    left, right = arms_size(robot) * np.array(HANDS)
+    return left, right
 
 
 @dataclasses.dataclass(frozen=True)
 class Source:
     """Stands, and walks from `STARTED` on; the hands are taken at `TAKEN`."""
 
+    robot: Robot
     v_x: float | None  # velocity of the walk [m/s]; None stands
-    hands: HandTargets = dataclasses.field(default_factory=lambda: HandTargets.of(*HANDS))  # targets of the hands
+    hands: HandTargets  # targets of the hands
 
     @classmethod
-    def of(cls, settings: ForcesSettings) -> "Source":
-        """Return the source of an experiment that stands or walks by its gait."""
-        return cls(V_X if settings.gait == "walking" else None)
+    def of(cls, settings: ForcesSettings, hands: HandTargets | None = None) -> "Source":
+        """Return the source of an experiment that stands or walks by its gait; by default the hands are at `HANDS`."""
+        robot = settings.robot
+        return cls(robot, V_X if settings.gait == "walking" else None, hands or HandTargets.of(*hand_places(robot)))
 
     def command_at(self, t: float) -> Command:
         """Return the command: a stand, or a walk that gets faster within a second."""
         if self.v_x is None or t < STARTED:
-            return default_command(Gait.STANDING)
-        return dataclasses.replace(default_command(Gait.WALKING), v_x=min(t - STARTED, 1.0) * self.v_x)
+            return default_command(Gait.STANDING, self.robot)
+        walk = default_command(Gait.WALKING, self.robot)
+        return dataclasses.replace(walk, v_x=min(t - STARTED, 1.0) * self.v_x)
 
     def hands_at(self, t: float) -> HandTargets | None:
         """Return the targets of the hands."""
@@ -190,8 +204,9 @@ PULL = Experiment(
 
 # The left hand of a standing robot presses a wall with a requested force.
 
-WALL = 0.42  # [m], distance of the wall's surface ahead of the start
-HEIGHT, PRESSURE = 1.1, 40.0  # [m], at which the hand presses, and the requested force [N]
+WALL = 0.42  # [m], distance of the wall's surface ahead of the start, for the arms of an H1
+HEIGHT = 1.12  # at which the hand presses, relative to the pelvis's nominal height
+PRESSURE = 40.0  # [N], requested
 PRESSED, STEADY = 4.0, 1.0  # [s]: press, and how long the hand has to become steady
 
 
@@ -215,8 +230,9 @@ class PressSource(Source):
         """Return the target of the left hand, with the force while it presses."""
         if t < TAKEN:
             return None
-        pressing = t >= BEGIN
-        target = (WALL - (0.02 if pressing else 0.05), HANDS[0][1], HEIGHT)
+        pressing, size = t >= BEGIN, arms_size(self.robot)
+        height = HEIGHT * self.robot.nominal_height
+        target = (size * WALL - (0.02 if pressing else 0.05), size * HANDS[0][1], height)
         return HandTargets.of(target, None, "world", left_force=(-PRESSURE, 0.0, 0.0) if pressing else None)
 
 
@@ -224,7 +240,7 @@ def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -
     """Return the mean distance of the force along the requested one to it from `STEADY` on [N]; None in a fall."""
     rising = PRESSURE / 100.0
     duration = BEGIN + rising + PRESSED
-    wall = Wall(name="wall", position=(WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
+    wall = Wall(name="wall", position=(arms_size(settings.robot) * WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
     misses: list[float] = []
     errors = HandForceErrors(lambda truth: truth.hand_force)
 
@@ -234,7 +250,7 @@ def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -
             misses.append(abs(-float(truth.hand_force[0, 0]) - PRESSURE))
 
     simulation = simulation_of(settings, plan, duration, Scene((wall,)))
-    trace = play(controller, settings, plan, PressSource(None), simulation, duration, on_step)
+    trace = play(controller, settings, plan, PressSource.of(settings), simulation, duration, on_step)
     error = float(np.mean(misses)) if misses and not trace.fell else None
     return {"error": error, **errors.row(), **ending(trace)}
 
@@ -315,7 +331,7 @@ PUSH_STEP, PUSH_MOST = 0.2, 1.6  # [m/s], between two pushes and the largest one
 RECOVERY = 3.0  # [s] after a push in which the robot must not fall
 
 
-def next_pushes(settings: ForcesSettings, rows: Sequence[Row]) -> list[Plan]:
+def next_pushes(settings: WalkSettings, rows: Sequence[Row]) -> list[Plan]:
     """Return the next larger push of every direction and episode that survived all pushes so far."""
     plans = []
     for direction in DIRECTIONS:
@@ -326,7 +342,7 @@ def next_pushes(settings: ForcesSettings, rows: Sequence[Row]) -> list[Plan]:
     return plans
 
 
-def _push(settings: ForcesSettings, direction: int, draw: int, change: float) -> Plan:
+def _push(settings: WalkSettings, direction: int, draw: int, change: float) -> Plan:
     mass = settings.robot.mass
     vector = tuple((mass * change / PUSH_TIME * heading(direction)).tolist())
     # Pushes of one direction meet the gait at different times.
@@ -334,14 +350,14 @@ def _push(settings: ForcesSettings, direction: int, draw: int, change: float) ->
     return Plan(draw, tags={"direction": direction, "number": draw, "change": change}, forces=(push,))
 
 
-def push_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -> Row:
+def push_episode(controller: Controller, settings: WalkSettings, plan: Plan) -> Row:
     """Return whether the robot fell."""
     duration = BEGIN + RECOVERY
     simulation = simulation_of(settings, plan, duration)
-    return ending(play(controller, settings, plan, Source(V_X), simulation, duration))
+    return ending(play(controller, settings, plan, Source.of(settings), simulation, duration))
 
 
-def survived(settings: ForcesSettings, rows: pl.DataFrame) -> dict[int, list[float]]:
+def survived(settings: WalkSettings, rows: pl.DataFrame) -> dict[int, list[float]]:
     """Return the largest change of velocity that each episode survived by direction [m/s]."""
     upright = rows.filter(~pl.col("fell"))
     largest = {
@@ -351,7 +367,7 @@ def survived(settings: ForcesSettings, rows: pl.DataFrame) -> dict[int, list[flo
     return {d: [largest.get((d, number), 0.0) for number in range(settings.episodes)] for d in DIRECTIONS}
 
 
-def push_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
+def push_figures(settings: WalkSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return the median of the episodes' largest survived changes of velocity, by direction and of all."""
     table, changes = f"Survived push in a walk at {V_X:g} m/s", survived(settings, rows)
     medians = {f"{direction}°": found for direction, found in changes.items()}
@@ -368,7 +384,7 @@ def push_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
 PUSH = Experiment(
     "push",
     "sudden pushes on the trunk of a walk from eight directions: the largest that is survived",
-    ForcesSettings,
+    WalkSettings,
     lambda settings: next_pushes(settings, ()),
     push_episode,
     push_figures,
@@ -383,22 +399,23 @@ SWAYED_FROM = 9.0  # [s], when the acceleration of the hands counts: they have l
 SWAYED = 6.0  # [s], for which it counts
 
 
-def sway_plan(settings: ForcesSettings) -> list[Plan]:
+def sway_plan(settings: WalkSettings) -> list[Plan]:
     """Return a walk with steady hands and one with stiff arms for each draw."""
     return [Plan(draw, tags={"arms": arms}) for draw in range(settings.episodes) for arms in ("steady", "stiff")]
 
 
-def sway_episode(controller: Controller, settings: ForcesSettings, plan: Plan) -> Row:
+def sway_episode(controller: Controller, settings: WalkSettings, plan: Plan) -> Row:
     """Return the root mean square of the hands' acceleration [m/s^2]; None in a fall."""
     duration, robot = SWAYED_FROM + SWAYED, settings.robot
     stiff = HandTargets(None, None, joints=robot.nominal[robot.arms])
-    source = Source(V_X, HandTargets.of(*HANDS, "steady") if plan.tags["arms"] == "steady" else stiff)
+    hands = HandTargets.of(*hand_places(robot), "steady") if plan.tags["arms"] == "steady" else stiff
+    source = Source.of(settings, hands)
     trace = play(controller, settings, plan, source, simulation_of(settings, plan, duration), duration)
     hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], trace.time >= SWAYED_FROM)
     return {"acceleration": None if trace.fell else known(metrics.hand_acceleration(hands)), **ending(trace)}
 
 
-def sway_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
+def sway_figures(settings: WalkSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return the accelerations of the hands with both arms, their ratio, and the falls."""
     table = f"Sway of the hands at {V_X:g} m/s"
     steady, stiff = (bootstrap_rms(rows.filter(pl.col("arms") == arms)["acceleration"]) for arms in ("steady", "stiff"))
@@ -414,7 +431,7 @@ def sway_figures(settings: ForcesSettings, rows: pl.DataFrame) -> list[Figure]:
 SWAY = Experiment(
     "sway",
     "how much the hands accelerate in a walk, held steady and with stiff arms",
-    ForcesSettings,
+    WalkSettings,
     sway_plan,
     sway_episode,
     sway_figures,

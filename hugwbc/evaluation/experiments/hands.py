@@ -17,7 +17,6 @@ from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, scaled,
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
-from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.hand_paths import Line
 from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
 from hugwbc.settings import Count, NotNegative, settings
@@ -72,10 +71,15 @@ class _Recording(UpperBodySource):
         return updated
 
 
+def arms_size(robot: Robot) -> float:
+    """Return the length of a robot's arms relative to an H1's, to three digits."""
+    return round((robot.upper_arm + robot.forearm) / ARM, 3)
+
+
 def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.ndarray:
     """Draw pairs of hand targets in the pelvis frame that the arms reach on a nominal body [m], shape (count, 2, 3)."""
     state = RobotState(robot.nominal, np.zeros_like(robot.nominal), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    ik, pairs, size = ArmIK(robot), [], round((robot.upper_arm + robot.forearm) / ARM, 3)
+    ik, pairs, size = ArmIK(robot), [], arms_size(robot)
     while len(pairs) < count:
         pair = size * rng.uniform(LOW, HIGH, (2, 3)) * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
         ik.reset(robot.nominal[robot.arms])
@@ -115,7 +119,8 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     script = hands_script(settings, np.random.default_rng(seed), plan.draw)
     trace = simulate(controller, settings, plan, source=script, upper_body=source)
     kept, arms = trace.time >= settings.settle, robot.arms
-    wanted = np.array(source.wanted[:: max(1, round(RECORD_PERIOD / controller.period))])[: kept.size]
+    periods = np.floor(trace.time / controller.period + 1e-6).astype(int)  # in which the samples were taken
+    wanted = np.array(source.wanted)[periods]
     joint_error = np.abs(trace.qpos[:, 7:][:, arms] - wanted)[kept]
     joint_error = joint_error[np.isfinite(joint_error)]
     hands = metrics.hand_errors(trace.hand_error[kept], trace.reachable[kept])

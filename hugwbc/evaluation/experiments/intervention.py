@@ -44,7 +44,7 @@ class InterventionSettings(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        commands = len(sampled_commands(self.gaits[0]))
+        commands = len(sampled_commands(self.gaits[0], self.robot))
         if self.episodes < (least := len(INTERVENTIONS) * commands):
             raise ConfigError(
                 f"episodes is {self.episodes}; give {least} or more: {len(INTERVENTIONS)} interventions and {commands} "
@@ -81,7 +81,7 @@ def figures(settings: InterventionSettings, rows: pl.DataFrame) -> list[Figure]:
     for arms in INTERVENTIONS:
         table, part = f"Intervention, {settings.gait}, {ARMS[arms]}", rows.filter(pl.col("intervention") == arms)
         paper, trained = intervention_errors(gait, arms, str(settings.training)), TRAINED[str(settings.training)]
-        for name in sampled_commands(gait):
+        for name in sampled_commands(gait, settings.robot):
             estimate = bootstrap_mean(part.filter(pl.col("command") == name)["error"])
             error = ERROR_OF[name]
             found.append(Figure(table, error, COMMAND_UNITS[name], estimate, paper.get(error), reference=trained))
@@ -158,7 +158,8 @@ class FootDisplacementSettings(InterventionSettings):
 
 def displacement_figures(settings: FootDisplacementSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return displacement, creep and falls, a table for each intervention; and the paper's of other trainings."""
-    found, names, trained = [], sampled_commands(Gait.STANDING), TRAINED[str(settings.training)]
+    found, trained = [], TRAINED[str(settings.training)]
+    names = sampled_commands(Gait.STANDING, settings.robot)
     for arms in INTERVENTIONS:
         table, part = f"Foot displacement, {ARMS[arms]}", rows.filter(pl.col("intervention") == arms)
         paper = foot_displacement(arms, str(settings.training))

@@ -70,7 +70,7 @@ def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan
     if settings.changing:
         return {"gait": Gait(int(trace.gait[-1])).label, **ending(trace)}
     errors = metrics.tracking_errors(trace, settings.settle)
-    feet = [name for name in ("f", "l") if name in sampled_commands(command.gait)]
+    feet = [name for name in ("f", "l") if name in sampled_commands(command.gait, settings.robot)]
     errors |= {name: episode_error(trace, name, settings.settle) for name in feet}
     return {
         "gait": command.gait.label,
@@ -87,7 +87,7 @@ def figures(settings: RandomCommandsSettings, rows: pl.DataFrame) -> list[Figure
     table, found = f"All commands at once, {settings.gait}", []
     errors: dict[str, list[float | None]] = {name: [] for name in ERROR_UNITS}
     for row in rows.filter(~pl.col("fell")).iter_rows(named=True):
-        for name in sampled_commands(Gait.parse(row["gait"])):
+        for name in sampled_commands(Gait.parse(row["gait"]), settings.robot):
             errors[error_name(name, row[name])].append(row[f"error_{name}"])
     for name, values in errors.items():
         if values:

@@ -47,7 +47,11 @@ def values(settings: ResponseSettings, name: str) -> list[float]:
 
 def plan(settings: ResponseSettings) -> list[Plan]:
     """Return an episode for each value of each command."""
-    places = [(name, value) for name in sampled_commands(settings.gaits[0]) for value in values(settings, name)]
+    places = [
+        (name, value)
+        for name in sampled_commands(settings.gaits[0], settings.robot)
+        for value in values(settings, name)
+    ]
     return [
         Plan(
             draw,

@@ -22,6 +22,7 @@ from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.paper import ERROR_UNITS, error_name, other_controllers, single_command_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, settings
 
@@ -42,16 +43,16 @@ class SingleCommandSettings(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        least = len(sampled_commands(self.gaits[0]))
+        least = len(sampled_commands(self.gaits[0], self.robot))
         if self.episodes < least:
             raise ConfigError(
                 f"episodes is {self.episodes}; give {least} or more: one per command of the {self.gait} gait"
             )
 
 
-def sampled_commands(gait: Gait) -> tuple[str, ...]:
-    """Return the commands whose range under a gait is more than one value; foot commands are left out for standing."""
-    names = [name for name, limits in command_ranges(gait).items() if limits.finishing[0] < limits.finishing[1]]
+def sampled_commands(gait: Gait, robot: Robot) -> tuple[str, ...]:
+    """Return a robot's commands whose range under a gait is more than one value; without foot commands for standing."""
+    names = [name for name, limits in command_ranges(gait, robot).items() if limits.finishing[0] < limits.finishing[1]]
     return tuple(name for name in names if gait is not Gait.STANDING or name not in ("f", "l"))
 
 
@@ -62,7 +63,8 @@ def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False)
     the times, take the place of samples of its inside.
     """
     rng = np.random.default_rng(settings.seed)
-    names, robot = sampled_commands(settings.gaits[0]), settings.robot
+    robot = settings.robot
+    names = sampled_commands(settings.gaits[0], robot)
     share, rest = divmod(episodes, len(names))
     samples: list[tuple[str, Command]] = []
     for position, name in enumerate(names):

@@ -9,20 +9,22 @@ import dataclasses
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import Command
+from hugwbc.commands import default_command
 from hugwbc.controller import Controller
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
+from hugwbc.gait import Gait
 from hugwbc.settings import Count, Positive, settings
 
 SPEEDS = (0.6, 1.0, 1.5)  # [m/s]
 WAYS = {
-    "forwards": lambda speed: Command(v_x=speed),
-    "sideways": lambda speed: Command(v_y=speed),
-    "turning": lambda speed: Command(v_x=speed, omega=0.6),
+    "forwards": lambda speed: {"v_x": speed},
+    "sideways": lambda speed: {"v_y": speed},
+    "turning": lambda speed: {"v_x": speed, "omega": 0.6},
 }
 STRIDE = 0.5  # [s] at the default frequency
 STILL = 0.1  # [m/s], below which a robot has stopped
@@ -39,21 +41,28 @@ class StopsSettings(CountedSettings):
     duration: Positive = 9.0  # duration of an episode [s]
     possible = MOVING
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.ways:
+            raise ConfigError(f"speeds are {', '.join(map(str, self.speeds))}; none is within the {self.gait} gait's")
+
+    @property
+    def ways(self) -> dict[str, dict[str, float]]:
+        """Velocities of each way and speed that the gait admits for the robot, by name."""
+        found = {f"{way} at {speed:g} m/s": values(speed) for way, values in WAYS.items() for speed in self.speeds}
+        start, robot = self.default_command(), self.robot
+        return {n: values for n, values in found.items() if not dataclasses.replace(start, **values).clamp(robot)[1]}
+
 
 def plan(settings: StopsSettings) -> list[Plan]:
-    """Return the episodes of each way and speed that the gait admits; each stops at another time of a stride."""
-    gait, ways = settings.gaits[0], {}
-    for way, command in WAYS.items():
-        for speed in settings.speeds:
-            moving = dataclasses.replace(command(speed), gait=gait)
-            if not moving.clamp()[1]:
-                ways[f"{way} at {speed:g} m/s"] = moving
-    plans = []
-    for cell, (name, moving) in enumerate(ways.items()):
+    """Return the episodes of each way and speed; each stops at another time of a stride."""
+    plans, stand = [], default_command(Gait.STANDING, settings.robot)
+    for cell, (name, values) in enumerate(settings.ways.items()):
         for number in range(settings.episodes):
             draw = cell * settings.episodes + number
+            moving = dataclasses.replace(settings.default_command(draw), **values)
             at = settings.settle + STRIDE * float(np.random.default_rng((settings.seed, draw)).uniform())
-            commands = Schedule((Knot(0.0, moving), Knot(at, Command())))
+            commands = Schedule((Knot(0.0, moving), Knot(at, stand)))
             plans.append(Plan(draw, commands, {"way": name, "at": at}))
     return plans
 

@@ -4,14 +4,14 @@ import polars as pl
 
 from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.episode import CountedSettings, Row, ending
+from hugwbc.evaluation.episode import BY_BEHAVIOUR, CountedSettings, Row, ending
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, single, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import RECORD_PERIOD
-from hugwbc.settings import Count, Positive, check_each_once, settings
+from hugwbc.settings import Count, Positive, check_each_once, check_seeds, settings
 from hugwbc.sim import Simulation
 from hugwbc.tasks.run_task import run_task
 from hugwbc.tasks.task import LONGEST, TASK_NAMES, load_task
@@ -25,11 +25,12 @@ class TasksSettings(CountedSettings):
     episodes: Count = 50  # number of episodes of each task; the scene of each is drawn with the seed plus its number
     # names of the tasks, or Python files with tasks of your own; all of the suite by default
     task: tuple[str, ...] = TASK_NAMES
-    duration: Positive = LONGEST  # not used; every task has its own time limit
-    varied = frozenset({"engine", "terrain_roughness", "slope", "intervention", "motions"})
+    duration: Positive = LONGEST  # every task has its own time limit
+    varied = BY_BEHAVIOUR | {"engine", "terrain_roughness", "slope", "duration"}
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_seeds(self.seed, self.episodes)
         tasks = [load_task(name) for name in self.task]
         check_each_once("tasks", [task.name for task in tasks])
 

@@ -25,9 +25,10 @@ from hugwbc.evaluation.experiments import (
 )
 from hugwbc.evaluation.intervals import bootstrap_rms
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
 
-END = {"fell": False, "survived_s": 10.0, "failures": 0}
+END = {"fell": False, "survived_s": 10.0, "mistakes": 0}
 SINGLE = {
     **{"value": 0.5, "error": None, "arm_error": None, "foot_travel": None, "held_foot_contact": None},
     **{"hop_frequency_error": None, **{f"impact_{name}": None for name in single_command.IMPACTS}, **END},
@@ -64,13 +65,13 @@ def test_samples_cover_each_range_evenly_and_follow_the_seed():
     samples = single_command.stratified_samples(settings, 35)
     assert samples == single_command.stratified_samples(settings, 35)
     assert samples != single_command.stratified_samples(dataclasses.replace(settings, seed=4), 35)
-    for name in single_command.sampled_commands(Gait.WALKING):
+    for name in single_command.sampled_commands(Gait.WALKING, load_robot()):
         low, high = command_ranges(Gait.WALKING)[name].finishing
         found = np.array([getattr(command, name) for n, command in samples if n == name])
         part = np.floor((found - low) / (high - low) * len(found)).astype(int)
         assert part.tolist() == list(range(len(found))), "one sample in each equal part"
     ends = single_command.SingleCommandSettings(gait="hopping", episodes=16, ends=True)
-    for name in single_command.sampled_commands(Gait.HOPPING_LEFT):
+    for name in single_command.sampled_commands(Gait.HOPPING_LEFT, load_robot()):
         for gait in ends.gaits:
             found = [getattr(p.command, name) for p in single_command.plan(ends) if p.tags["command"] == name]
             assert sorted(set(found)) == list(command_ranges(gait)[name].finishing)
@@ -165,10 +166,13 @@ def test_the_acceleration_of_a_hand_that_is_shaken():
 def test_a_fault_for_good_goes_well_if_the_ground_is_reached_softly():
     settings = faults.FaultsSettings(episodes=2, only=("IMU gone",))
     speeds = {"touch_speed": 0.5, "first_touch_speed": 0.4, "highest_speed": 1.0, "noticed_s": 0.3}
-    rows = [END | speeds | {"fault": name, "fell": True} for name in settings.faults for _ in range(2)]
+    rows = [END | speeds | {"fault": name, "fell": True, "before": False} for name in settings.faults for _ in range(2)]
     found = values(faults.figures(settings, frame_of(rows)))
     assert found["IMU gone for good", "went well"] == 100.0 and found["IMU gone for 200 ms", "went well"] == 0.0
     assert found["IMU gone for good", "noticed after, at most"] == 0.3
+    rows[-1] |= {"before": True, "touch_speed": None, "first_touch_speed": None}  # it lay on the ground already
+    found = values(faults.figures(settings, frame_of(rows)))
+    assert found["IMU gone for good", "went well"] == found["IMU gone for good", "pelvis soft at first"] == 50.0
     plans = faults.plan(settings)
     assert plans[0].tags["start"] == plans[2].tags["start"] and "imu-gone@" in plans[0].conditions.faults[0]
 
