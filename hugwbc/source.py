@@ -13,6 +13,7 @@ import hugwbc
 from hugwbc.files import digest
 
 _SHOWING = (":(exclude)*.md", ":(exclude)hugwbc/viz")  # changes no number
+_FILES = (".py", ".yaml", ".urdf", ".xml", ".safetensors")
 _POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  # as patterns of git
 
 
@@ -20,20 +21,31 @@ _POLICIES = (":(exclude)models/*/policies/*", ":(exclude)models/*/recipes/*")  #
 def source_commit(*, policies: bool = True) -> str:
     """Return the last commit that changed code or models, then "+" and a digest of what differs from it, if anything.
 
-    Outside of a checkout, return the version. What was made stays valid when only documents, comments, docstrings,
-    tests or `viz` change. Without policies, changes of shipped policies and recipes do not count: for what depends on
-    no policy or knows its digest.
+    Outside of a checkout, return the version, "+" and a digest of the files. What was made stays valid when only
+    documents, comments, docstrings, tests or `viz` change. Without policies, changes of shipped policies and recipes do
+    not count: for what depends on no policy or knows its digest.
     """
     paths = ("hugwbc", "models", *_SHOWING, *(() if policies else _POLICIES))
     try:
         if not _git("ls-files", "hugwbc/__init__.py"):
-            return hugwbc.__version__
+            return _version(policies=policies)
         changed = _changed(["HEAD"], paths)
         added = _names(_git("ls-files", "--others", "--exclude-standard", "-z", "--", "hugwbc/*.py", *_SHOWING))
         changes = b"".join(name.encode() + (_content("", name) or b"") for name in sorted([*changed, *added]))
         return _last_change(paths) + (f"+{digest(changes)[:16]}" if changes else "")
     except (OSError, subprocess.CalledProcessError):
-        return hugwbc.__version__
+        return _version(policies=policies)
+
+
+def _version(*, policies: bool) -> str:
+    """Return the version and a digest of the code and the models, where no git knows them."""
+    package = pathlib.Path(hugwbc.__file__).parent
+    models = package.parent / "models"
+    folders = [package] if (package / "models").is_dir() or not models.is_dir() else [package, models]
+    left_out = {"viz"} if policies else {"viz", "policies", "recipes"}
+    files = [file for folder in folders for file in sorted(folder.rglob("*")) if file.suffix in _FILES]
+    kept = [file for file in files if not left_out.intersection(file.relative_to(package.parent).parts)]
+    return f"{hugwbc.__version__}+{digest(b''.join(file.read_bytes() for file in kept))[:16]}"
 
 
 def _last_change(paths: tuple[str, ...]) -> str:

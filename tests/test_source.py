@@ -37,6 +37,21 @@ def test_a_change_of_what_runs_changes_the_commit_and_of_what_shows_does_not(tmp
     assert source_commit.__wrapped__() == before
 
 
+def test_without_git_a_change_of_what_runs_counts_too(tmp_path, monkeypatch):
+    for name in ("hugwbc/__init__.py", "hugwbc/viz/drawn.py", "models/h1/h1.yaml", "models/h1/policies/a/policy.yaml"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("one: 1")
+    monkeypatch.setattr(hugwbc, "__file__", str(tmp_path / "hugwbc" / "__init__.py"))
+    kinds = ({}, {"policies": False})
+    before = [source_commit.__wrapped__(**kind) for kind in kinds]
+    (tmp_path / "hugwbc" / "viz" / "drawn.py").write_text("two")
+    assert [source_commit.__wrapped__(**kind) for kind in kinds] == before
+    (tmp_path / "models" / "h1" / "policies" / "a" / "policy.yaml").write_text("one: 2")
+    assert [source_commit.__wrapped__(**kind) == was for kind, was in zip(kinds, before, strict=True)] == [False, True]
+    (tmp_path / "models" / "h1" / "h1.yaml").write_text("one: 2")
+    assert source_commit.__wrapped__(policies=False) != before[1]
+
+
 def test_results_of_one_controller_outlive_the_policy_of_another(tmp_path, monkeypatch):
     for folder in ("hugwbc", "models/h1/policies/one", "models/h1/recipes"):
         (tmp_path / folder).mkdir(parents=True)
