@@ -32,11 +32,12 @@ def run(words: Sequence[str]) -> int:
     scripts = {each: FOLDER / f"{each}.yaml" for each in SCRIPT_NAMES}
     behaviours = {each: inspect.getmodule(load_behaviour(each)) for each in BEHAVIOUR_NAMES}
     scripts |= {each: pathlib.Path(str(module.__file__)) for each, module in behaviours.items() if module is not None}
-    sources = scripts | {each: SCENES.parent / f"{each}.py" for each in TASK_NAMES}
+    tasks = {each: SCENES.parent / f"{each}.py" for each in TASK_NAMES}
+    sources = {each: [of[each] for of in (scripts, tasks) if each in of] for each in (*scripts, *tasks)}
     entry = None if name is None or name in document_names() else reference(name)
     if name in sources or entry is not None:  # a step may have the name of a script
-        source = sources[name].read_text(encoding="utf-8").rstrip() if name in sources else None
-        say("\n\n\n".join(filter(None, (source, entry))))
+        texts = [path.read_text(encoding="utf-8").rstrip() for path in sources.get(name, ())]
+        say("\n\n\n".join(filter(None, (*texts, entry))))
     elif name is not None:
         names = {each for package in PACKAGES for each in exported(package)} - set(sources)
         _print(document(name, besides=(*sources, *PACKAGES, *difflib.get_close_matches(name, names))))
@@ -46,10 +47,10 @@ def run(words: Sequence[str]) -> int:
             each: f"script, {load_script(each).duration:.1f} s: {load_script(each).about}" for each in SCRIPT_NAMES
         }
         listed |= {each: f"behaviour: {module.__doc__}" for each, module in behaviours.items() if module is not None}
-        listed |= {each: f"task: {load_task(each).about}" for each in TASK_NAMES}
-        listed |= {each: f"reference: {about(each)}" for each in PACKAGES}
+        further = [(each, f"task: {load_task(each).about}") for each in TASK_NAMES]  # some have the name of a script
+        further += [(each, f"reference: {about(each)}") for each in PACKAGES]
         width = max(map(len, listed))
-        for each, words in listed.items():
+        for each, words in (*listed.items(), *further):
             say(f"{each:<{width}}  {words}")
         say("\n`hugwbc docs NAME` prints one, `hugwbc docs walk_to` a name that a package exports;")
         say("`hugwbc play --script NAME` plays a script.")
