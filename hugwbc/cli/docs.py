@@ -36,7 +36,7 @@ def run(words: Sequence[str]) -> int:
     sources = {each: [of[each] for of in (scripts, tasks) if each in of] for each in (*scripts, *tasks)}
     entry = None if name is None or name in document_names() else reference(name)
     if name in sources or entry is not None:  # a step may have the name of a script
-        texts = [path.read_text(encoding="utf-8").rstrip() for path in sources.get(name, ())]
+        texts = [path.read_text(encoding="utf-8").rstrip() for path in sources.get(str(name), ())]
         say("\n\n\n".join(filter(None, (*texts, entry))))
     elif name is not None:
         names = {each for package in PACKAGES for each in exported(package)} - set(sources)
