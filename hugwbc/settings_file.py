@@ -29,15 +29,15 @@ def shipped_names(folder: pathlib.Path) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in folder.glob("*.yaml")))
 
 
-def named_path(kind: str, name: str | pathlib.Path, folder: pathlib.Path) -> pathlib.Path:
-    """Return the path of the file in a folder that a name means, or a path that ends in .yaml or .yml as it is."""
+def named_path(kind: str, name: str | pathlib.Path, *folders: pathlib.Path) -> pathlib.Path:
+    """Return the path of the file in some folders that a name means, or a path that ends in .yaml or .yml as it is."""
     path = pathlib.Path(name)
     if path.suffix in (".yaml", ".yml"):
         return path
-    names = shipped_names(folder)
-    if str(name) not in names:
-        raise UnknownNameError(kind, name, (*names, "or a file that ends in .yaml"))
-    return folder / f"{name}.yaml"
+    paths = {each: folder / f"{each}.yaml" for folder in folders for each in shipped_names(folder)}
+    if str(name) not in paths:
+        raise UnknownNameError(kind, name, (*paths, "or a file that ends in .yaml"))
+    return paths[str(name)]
 
 
 def load(model: type[_T], path: pathlib.Path, robot: Robot | None = None, **more: object) -> _T:

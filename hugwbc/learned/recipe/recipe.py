@@ -9,7 +9,7 @@ from pydantic import Field
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import read_file
 from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
-from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir
+from hugwbc.robot_tables import models_dir
 from hugwbc.settings import TRAINING_SEED, settings
 from hugwbc.settings_file import LARGEST_FILE, named_path, parse
 
@@ -120,13 +120,13 @@ class Recipe:
 
 
 def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Recipe:
-    """Read a recipe, given the name of a shipped one or the path of a file.
+    """Read a recipe, given the name of a shipped one of any robot, or the path of a file.
 
     Args:
-        name_or_path: "h1", or a path that ends in .yaml.
+        name_or_path: such as "h1", or a path that ends in .yaml.
         smoke: whether to divide every size, to see in a minute that all of it runs.
     """
-    path = named_path("recipe", name_or_path, models_dir() / DEFAULT_ROBOT / "recipes")
+    path = named_path("recipe", name_or_path, *sorted(models_dir().glob("*/recipes")))
     try:
         text = read_file(path, LARGEST_FILE).decode()
     except (OSError, ValueError) as error:
