@@ -23,16 +23,21 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
 
     Fixed links count as parts of those that carry them. Meshes are not read.
     """
-    spec = _spec(file)
+    spec, root = _spec(file), ET.parse(file).getroot()  # noqa: S314  the user's
+    if root.tag == "mujoco" and (lacking := [body.name for body in spec.bodies[1:] if _weighed_by_shapes(body)]):
+        raise ModelError(f"{file} gives {', '.join(lacking)} no <inertial>, only shapes; give each body its inertia")
     _keep(spec, [])
+    taken = {site.name for site in spec.sites}
     for body in spec.bodies[1:]:
-        if not body.joints:
+        if len(body.joints) > 1:
+            raise ModelError(f"{file} has {len(body.joints)} joints on {body.name}; give each a link of its own")
+        if not body.joints and body.name not in taken:
             body.add_site(name=body.name)
     spec.compiler.fusestatic = True
     model = _compile(spec, file)
     if any(model.jnt_type[1:] != mujoco.mjtJoint.mjJNT_HINGE) or np.abs(model.jnt_pos).max() > 0.0:
         raise ModelError(f"{file} has a joint that slides, or is not at its link's origin; only hinges there are valid")
-    rows = ET.parse(file).getroot().findall("joint")  # noqa: S314  the user's; transmissions have joints of their own
+    rows = root.findall("joint")  # transmissions have joints of their own
     speed = {joint.get("name"): joint.find("limit") for joint in rows}
     joints, links = [], []
     for body in range(1, model.nbody):
@@ -59,10 +64,19 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
         drive = {"armature": model.dof_armature, "friction": model.dof_frictionloss, "viscous": model.dof_damping}
         joints.append(joint | {name: float(of_dofs[dof]) for name, of_dofs in drive.items() if of_dofs[dof]})
     frames = {
-        model.site(i).name: {"parent": model.body(model.site_bodyid[i]).name, "xyz": model.site_pos[i].tolist()}
+        model.site(i).name: {
+            "parent": model.body(model.site_bodyid[i]).name,
+            "xyz": model.site_pos[i].tolist(),
+            "turned": math.degrees(2.0 * math.acos(min(1.0, abs(model.site_quat[i, 0])))),
+        }
         for i in range(model.nsite)
     }
     return {"joints": joints, "links": links, "frames": frames}
+
+
+def _weighed_by_shapes(body: mujoco.MjsBody) -> bool:
+    """Return whether an MJCF leaves the mass of a body to its shapes, which are not read here."""
+    return not body.explicitinertial and any(geom.mass != 0.0 and geom.density != 0.0 for geom in body.geoms)
 
 
 def _spec(file: pathlib.Path) -> mujoco.MjSpec:

@@ -259,8 +259,8 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
     names = [joint["name"] for joint in joints]
     feet, hands = ((roles[part], other_side(roles[part])) for part in ("foot", "hand"))
     parts = {**roles["leg"], **roles["arm"]}
-    links = {joint["name"]: joint["child"] for joint in joints}
-    links = {part: links[name] for part, name in parts.items()}
+    children = {joint["name"]: joint["child"] for joint in joints}
+    links = {part: children[name] for part, name in parts.items()}
 
     def indices(of: Sequence[str]) -> np.ndarray:
         return np.array([names.index(name) for name in of])
@@ -303,7 +303,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         arms=indices([side(name) for side in (str, other_side) for name in roles["arm"].values()]),
         waist=names.index(roles["waist"]["yaw"]),
         pairs={part: indices([name, other_side(name)]) for part, name in parts.items()},
-        moved={part: (link, other_side(link)) for part, link in links.items()},
+        moved={part: (children[name], children[other_side(name)]) for part, name in parts.items()},
         sole_x=tuple(table["sole"]["x"]),
         sole_y=tuple(table["sole"]["y"]),
         sole_z=float(table["sole"]["z"]),
@@ -338,13 +338,13 @@ def on_both_sides(place: Sequence[float]) -> np.ndarray:
 
 def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
     """Return a table's own ranges of a command."""
-    checked, least = {}, 0.0 if command == "f" else -math.inf
+    checked, least = {}, 0.0 if command in ("f", "l") else -math.inf
     for kind, (low, high) in ranges.items():
         if kind not in (valid := ("initial", "finishing")):
             raise UnknownNameError(f"range of the command {command}", kind, valid)
         if not least < low <= high < math.inf:
             raise ModelError(
-                f"commands has {command} from {low:g} to {high:g}; give finite ends, the lower one first, f above 0"
+                f"commands has {command} from {low:g} to {high:g}; give finite ends, low first, f and l above 0"
             )
         checked[kind] = float(low), float(high)
     return checked

@@ -11,7 +11,7 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import HugwbcError, UnknownNameError
 from hugwbc.robot import load_robot
 from hugwbc.robot_tables import robot_table
-from hugwbc.table_defaults import is_left, mirrored, other_side, placement
+from hugwbc.table_defaults import SIDES, is_left, mirrored, other_side, placement
 
 _SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
 _JOINT = ("xyz", "rpy", "axis", "range", "effort", "velocity", "armature", "corner_speed", "kp", "kd", "nominal")
@@ -136,8 +136,8 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
             yield f"the range of {name} is {low:g} to {high:g} rad; give the lower limit first"
         elif not low <= joint["nominal"] <= high:
             yield f"the nominal position of {name} is {joint['nominal']:g} rad; give one from {low:g} to {high:g} rad"
-        if joint["corner_speed"] > joint["velocity"]:
-            yield f"corner_speed of {name} is above its highest speed `velocity`, {joint['velocity']:g} rad/s"
+        if 0.0 < joint["velocity"] <= joint["corner_speed"]:
+            yield f"corner_speed of {name} is not below its highest speed `velocity`, {joint['velocity']:g} rad/s"
         if not math.isclose(float(np.linalg.norm(joint["axis"])), 1.0, rel_tol=1e-3):
             yield f"the axis of {name} has the length {np.linalg.norm(joint['axis']):g}; give a vector of length 1"
 
@@ -225,9 +225,13 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
 def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that gains and postures of a limb have a number for each joint."""
     for section, limb in (("arm_servo", "arm"), ("arm_postures", "arm"), ("leg_postures", "leg")):
-        parts = table["roles"][limb]
+        parts, known = table["roles"][limb], robot_table()[section]
+        if lacking := [name for name in known if name not in table[section]]:
+            yield f"{section} lacks {', '.join(lacking)}; give each, with a number for each of {', '.join(parts)}"
         for name, values in table[section].items():
-            if len(values) != len(parts):
+            if not isinstance(values, list):
+                yield f"{section} has {name}: {values}; give a list with a number for each of {', '.join(parts)}"
+            elif len(values) != len(parts):
                 yield f"{section} has {len(values)} numbers for {name}; give one for each of {', '.join(parts)}"
             elif section == "arm_servo" and not min(values) > 0.0:
                 yield f"{section} has {name} from {min(values):g} on; give figures above 0"
@@ -275,6 +279,7 @@ def _names(table: Mapping[str, Any]) -> Iterator[str]:
     known = robot_table()
     rows = [("commands", table.get("commands", {}), COMMAND_NAMES)]
     rows += [("the table", table, (*known, "description", "nominal", "commands", "qp"))]
+    rows += [(section, table[section], (*known[section], "parent")) for section in ("roles", "sole", "hand", "imu")]
     for kind in ("joints", "links"):
         fields = tuple({field: None for row in known[kind] for field in row})
         rows += [(row["name"], row, fields) for row in table[kind]]
@@ -282,6 +287,11 @@ def _names(table: Mapping[str, Any]) -> Iterator[str]:
         for field in row:
             if field not in fields:
                 yield str(UnknownNameError(f"field of {name},", field, fields))
+    frames = {f"{side}_{part}" for side in SIDES for part in ("sole", "toe", "heel", "hand")} | {"imu"}
+    for kind in ("joints", "links"):
+        for row in table[kind]:
+            if row["name"] in frames:
+                yield f"{row['name']} is the name of a frame that hugwbc adds; give that one of the {kind} another name"
 
 
 _CHECKS = (_tree, _bodies, _drives, _sides, _stance, _limbs, _shapes, _motors, _names)

@@ -112,6 +112,13 @@ def malformed(file: pathlib.Path, error: Exception) -> ModelError:
 
 def _assign_drives(table: dict[str, Any]) -> None:
     """Copy the figures of the drives to their joints."""
+    named = [part for drive in table["drives"] for part in drive["joints"]]
+    names = [joint["name"] for joint in table["joints"]]
+    for part in named:
+        if part not in names:
+            raise UnknownNameError("joint under drives", part, names)
+        if named.count(part) > 1:
+            raise ModelError(f"drives has {part} {named.count(part)} times; give each joint once")
     drives = {part: drive for drive in table["drives"] for part in drive["joints"]}
     for joint in table["joints"]:
         drive = drives.get(joint["name"]) or drives.get(other_side(joint["name"]), {})

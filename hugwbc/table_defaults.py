@@ -28,6 +28,7 @@ LEAST_SPEED = 0.1  # likewise, as a part of a joint's highest speed
 _SERVO, _SERVO_KP, _SERVO_TIME = 3.5, (40.0, 140.0), 0.0375
 _SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
 _SQUATTER = 0.98
+_TURNED = 2.0  # [degrees], of the IMU's frame in its link, which nothing corrects
 _ANKLE_ROOM, _LEVEL_ROOM = 0.02, 0.07  # [rad], that the ankle keeps of its range in a squat, and of a level sole
 # Postures by part [rad], cut to the joints' ranges; the rest of the limb is at its nominal one.
 _TUCKED = {"hip_pitch": -1.0, "knee": 1.9, "ankle_pitch": -0.82}
@@ -111,6 +112,8 @@ def _image(change: Mapping[str, Any], sign: float) -> dict[str, Any]:
         if key in change:
             image[key] = [one * value for one, value in zip(signs, change[key], strict=True)]
     image.update({key: -change[key] for key in ("ixy", "iyz") if key in change})
+    if "nominal" in change:
+        image["nominal"] = sign * change["nominal"]
     if "range" in change:
         image["range"] = sorted(sign * limit for limit in change["range"])
     if box := change.get("collision_box"):
@@ -138,6 +141,8 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
             if is_left(left := other_side(name)) and left in changes:
                 row.update(_image(changes[left], mirrored(rows[left], row) if kind == "joints" else 1.0))
         table[kind] = [{**row, **changes.get(row["name"], {})} for row in read[kind]]
+    base, trunk = table["roles"].get("base"), table["roles"].get("trunk")
+    held = [name for name in joints_between(table["joints"], trunk, base) if name not in _waist(table).values()]
     for part, carriers in (("imu", ("base", "trunk")), ("camera", ("trunk",)), ("hand", ("hand",))):
         links = [table["roles"][carrier] for carrier in carriers]
         if isinstance(name := table.setdefault(part, links[0]), str):
@@ -147,7 +152,13 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
         if (parent := table[part].get("parent", links[0])) not in links:
             fixed = f", which is fixed to {frames[parent]['parent']}" * (parent in read["frames"])
             raise ModelError(f"{part} is on {parent}{fixed}; give a frame of {' or '.join(links)}")
-    by_name, pose = {joint["name"]: joint for joint in table["joints"]}, table.get("nominal", {})
+        if part == "imu" and (turned := table[part].pop("turned", 0.0)) > _TURNED:
+            raise ModelError(f"the frame of the IMU is turned by {turned:.0f} degrees; give one that is as its link is")
+        if part == "imu" and parent == trunk and held:
+            raise ModelError(f"imu is on {trunk}, behind {', '.join(held)}, which are held; give a frame of {base}")
+        table[part].pop("turned", None)
+    by_name = {joint["name"]: joint for joint in table["joints"]}
+    pose = {name: joint["nominal"] for name, joint in by_name.items() if "nominal" in joint} | table.get("nominal", {})
     for name in pose:
         if name not in by_name:
             raise UnknownNameError("joint under nominal", name, by_name)
@@ -170,11 +181,30 @@ def check_roles(table: Mapping[str, Any]) -> None:
         names = sorted(row["name"] for row in table[f"{kind}s"])
         if name is None:
             found.append(f"roles lacks `{role}`; give the name of the {kind} on the left side")
+        elif paired and not is_left(name):
+            found.append(
+                f"`{role}` is {name}, which is not of the left side; give the {kind} with left, or l, in its name"
+            )
         else:
             absent = {name, other_side(name) if paired else name} - {*names}
             found += [str(UnknownNameError(f"{kind} in the role `{role}`,", one, names)) for one in sorted(absent)]
+    if held := [name for part, name in _waist(table).items() if part not in _PARTS["waist"]]:
+        found.append(f"the waist moves by yaw alone; leave {', '.join(held)} out of the roles, and its drive holds it")
     if found:
         raise ModelError("; ".join(found))
+
+
+def _waist(table: Mapping[str, Any]) -> Mapping[str, str]:
+    return table["roles"].get("waist") or {}
+
+
+def joints_between(joints: Joints, link: str | None, top: str | None) -> list[str]:
+    """Return the names of the joints from a link down to another one that hangs below it, the upper ones first."""
+    above, names = {joint["child"]: joint for joint in joints}, list[str]()
+    while link != top and link in above:
+        names.append(above[link]["name"])
+        link = above[link]["parent"]
+    return names[::-1]
 
 
 def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
@@ -195,6 +225,9 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
         table["nominal_height"] = math.ceil(-1e3 * sole[2]) / 1e3
     if "squat" not in table:
         table["squat"] = _squat(table)
+    heights, reach = table["squat"]["heights"], table["squat"]["reach"]
+    if len(heights) != len(reach) or len(heights) < 2 or sorted(set(heights)) != list(heights):
+        raise ModelError(f"squat has heights {heights} and reach {reach}; give ascending heights, and a reach for each")
     by_name = {joint["name"]: joint for joint in joints}
 
     def posture(limb: str, given: Mapping[str, float]) -> list[float]:
@@ -252,9 +285,14 @@ def _carried(table: Mapping[str, Any], joint: Mapping[str, Any], q: Mapping[str,
 def _shape(table: dict[str, Any], boxes: Mapping[str, Mapping[str, list[float]]]) -> None:
     """Give the links these boxes, or those of their inertia, to draw and to collide, where the table has no shapes."""
     roles, joints = table["roles"], {joint["name"]: joint for joint in table["joints"]}
-    knee, elbow = joints[roles["leg"]["knee"]], joints[roles["arm"]["elbow"]]
-    thigh, shank, foot, forearm, hand = knee["parent"], knee["child"], roles["foot"], elbow["child"], roles["hand"]
-    solid = {roles["trunk"], *(side(name) for name in (thigh, shank, forearm, hand) for side in (str, other_side))}
+    # The names of links need no side, but for feet and hands.
+    knees, elbows = (
+        [joints[side(name)] for side in (str, other_side)] for name in (roles["leg"]["knee"], roles["arm"]["elbow"])
+    )
+    thighs, shanks = ([knee[end] for knee in knees] for end in ("parent", "child"))
+    forearms = [elbow["child"] for elbow in elbows]
+    hands, feet = ([roles[part], other_side(roles[part])] for part in ("hand", "foot"))
+    solid = {roles["trunk"], *thighs, *shanks, *forearms, *hands}
     visuals = table.setdefault("visuals", {})
     for link in table["links"]:
         moments = np.array([link["ixx"], link["iyy"], link["izz"]])
@@ -267,10 +305,11 @@ def _shape(table: dict[str, Any], boxes: Mapping[str, Mapping[str, list[float]]]
             shape = {"type": "box", "size": half, "pos": box["center"], "colour": "light"}
             visuals.setdefault(link["name"], [shape])
     table.setdefault("colours", _COLOURS)
-    own = [(hand, roles["trunk"]), (hand, thigh), (hand, other_side(thigh)), (forearm, roles["trunk"])]
-    own += [(foot, other_side(shank))]
-    both = [(link, other_side(link)) for link in (hand, thigh, shank, foot)]
-    pairs = both + [(side(first), side(second)) for side in (str, other_side) for first, second in own]
+    pairs = [(one, other) for one, other in (hands, thighs, shanks, feet)]
+    for side in (0, 1):
+        hand, forearm, trunk = hands[side], forearms[side], roles["trunk"]
+        pairs += [(hand, trunk), (hand, thighs[side]), (hand, thighs[1 - side]), (forearm, trunk)]
+        pairs += [(feet[side], shanks[1 - side])]
     table.setdefault("collision_pairs", [list(pair) for pair in dict.fromkeys(pairs)])
     table.setdefault("contact_links", [link["name"] for link in table["links"] if link["name"] in solid])
     table.setdefault("capsules", {})
@@ -290,8 +329,8 @@ def _squat(table: dict[str, Any]) -> dict[str, Any]:
     def posture(bend: float, p: float) -> dict[str, float]:
         q = {name: joint["nominal"] for name, joint in by_name.items()}
         for name in roles["leg"].values():
-            bent = {hip: lean - bend - p, knee: bend, ankle: -lean}.get(name, 0.0)
-            q[name], q[other_side(name)] = bent, bent
+            bent, other = {hip: lean - bend - p, knee: bend, ankle: -lean}.get(name, 0.0), other_side(name)
+            q[name], q[other] = bent, mirrored(by_name[name], by_name[other]) * bent + 0.0
         return q
 
     def reach(h: float, p: float) -> float:

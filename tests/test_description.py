@@ -162,6 +162,49 @@ def test_a_tilted_sole_is_refused(tmp_path) -> None:
         _robot(tmp_path, {**short, "description": "maker.xml"})
 
 
+def test_what_an_mjcf_leaves_to_its_shapes_and_turns_is_refused(tmp_path) -> None:
+    text = G1.xml_path.read_text()
+    head = '<body name="head"><geom size="0.1" mass="3"/></body>'
+    imu = '<site name="turned" euler="0 1 0"/>'
+    hinges = '<joint name="one" axis="0 1 0"/><joint name="two"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    changes = {
+        head: "gives head no <inertial>, only shapes",
+        imu: "frame of the IMU is turned by 57 degrees",
+        f'<body name="more">{hinges}</body>': "has 2 joints on more; give each a link",
+    }
+    for number, (change, message) in enumerate(changes.items()):
+        place = text.index(">", text.index('<body name="torso_link"' if change != imu else '<body name="pelvis"')) + 1
+        (tmp_path / "maker.xml").write_text(text[:place] + change + text[place:])
+        table = {**SHORT, "description": str(tmp_path / "maker.xml"), "imu": "turned" if change == imu else "imu"}
+        with pytest.raises(ModelError, match=message):
+            _robot(tmp_path / str(number), table)
+
+
+def test_links_need_no_side_and_a_right_leg_may_turn_the_other_way(tmp_path) -> None:
+    """Knees called 1 and 2, and right pitch joints about -y, whose positions are then the negative ones."""
+    text = G1.urdf_path.read_text()
+    for number, side in enumerate(("left", "right"), start=1):
+        text = text.replace(f'"{side}_knee_link"', f'"knee_{number}"').replace(
+            f'"{side}_elbow_link"', f'"elbow_{number}"'
+        )
+    root = ET.fromstring(text)
+    for joint in root.findall("joint"):
+        if joint.get("name") in ("right_hip_pitch_joint", "right_knee_joint", "right_ankle_pitch_joint"):
+            joint.find("axis").set("xyz", "0 -1 0")
+            limit = joint.find("limit")
+            low, high = limit.get("lower"), limit.get("upper")
+            limit.set("lower", str(-float(high))), limit.set("upper", str(-float(low)))
+    (tmp_path / "maker.urdf").write_text(ET.tostring(root, encoding="unicode"))
+    mine = _robot(tmp_path, {**SHORT, "description": "maker.urdf"})
+    assert mine.moved["knee"] == ("knee_1", "knee_2") and mine.moved["elbow"] == ("elbow_1", "elbow_2")
+    assert frozenset(("knee_1", "knee_2")) in mine.collision_pairs and all(
+        len(pair) == 2 for pair in mine.collision_pairs
+    )
+    np.testing.assert_allclose(mine.squat_reach, _robot(tmp_path / "as_before", SHORT).squat_reach, atol=1e-9)
+    left, right = (mine.nominal[mine.index(f"{side}_knee_joint")] for side in ("left", "right"))
+    assert right == -left != 0.0
+
+
 def test_drives_without_friction_stay_so(tmp_path) -> None:
     drives = [{**drive, "friction": 0.0, "viscous": 0.0} for drive in TABLE["drives"]]
     mine = _robot(tmp_path, {**SHORT, "drives": drives})
@@ -186,8 +229,24 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
         ({"nominal": {"left_kne_joint": 0.3}}, "unknown joint under nominal 'left_kne_joint'. Did you mean"),
         ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
         ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown range of the command v_x 'final'"),
-        ({"commands": {"v_x": {"finishing": [1, 0]}}}, "commands has v_x from 1 to 0; give .* the lower one first"),
-        ({"commands": {"f": {"finishing": [0, 3]}}}, "commands has f from 0 to 3; give .* f above 0"),
+        ({"commands": {"v_x": {"finishing": [1, 0]}}}, "commands has v_x from 1 to 0; give finite ends, low first"),
+        ({"commands": {"f": {"finishing": [0, 3]}}}, "commands has f from 0 to 3; give .* f and l above 0"),
+        ({"commands": {"l": {"finishing": [0, 0.1]}}}, "commands has l from 0 to 0.1; give .* f and l above 0"),
+        (
+            {"roles": {**TABLE["roles"], "hand": "right_wrist_yaw_link"}},
+            "`hand` is right_wrist_yaw_link, which is not of",
+        ),
+        (
+            {"roles": {**TABLE["roles"], "waist": {"yaw": "waist_yaw_joint", "pitch": "waist_pitch_joint"}}},
+            "the waist moves by yaw alone; leave waist_pitch_joint out of the roles",
+        ),
+        (
+            {"imu": {"parent": "torso_link", "xyz": [0, 0, 0]}},
+            "behind waist_roll_joint, waist_pitch_joint, which are held",
+        ),
+        ({"drives": [{"joints": ["left_hip_pich_joint"]}]}, "unknown joint under drives 'left_hip_pich_joint'"),
+        ({"drives": [{"joints": ["left_knee_joint"]}] * 2}, "drives has left_knee_joint 2 times"),
+        ({"squat": {**TABLE["squat"], "heights": [0.0, -0.1]}}, "give ascending heights, and a reach for each"),
         ({"commands": {"v_x": 1.0}}, "mine.yaml has a field of another form"),
         ({"description": "none.urdf"}, "none.urdf is no URDF or MJCF that MuJoCo reads"),
         ({"description": "mine.urdf"}, "mine.urdf is no URDF"),

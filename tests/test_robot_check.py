@@ -86,6 +86,19 @@ BROKEN = {
         lambda table: table["arm_servo"].update(kp=[80, 80, 80, 80], kd=[3, 3, 3, 3, 0, 1.5, 1.5]),
         ["arm_servo has 4 numbers for kp; give one for each of shoulder_pitch,", "arm_servo has kd from 0 on"],
     ),
+    "gains of a forearm are one number": (
+        lambda table: table["arm_servo"].update(kp=80),
+        ["arm_servo has kp: 80; give a list with a number for each of shoulder_pitch,"],
+    ),
+    "a posture is missing": (lambda table: table["leg_postures"].clear(), ["leg_postures lacks tucked; give each"]),
+    "a drive has all its torque at its highest speed": (
+        lambda table: [_row(table, name).update(corner_speed=20.0, velocity=20.0) for name in (LEFT_KNEE, RIGHT_KNEE)],
+        ["corner_speed of left_knee_joint is not below", "corner_speed of right_knee_joint is not below"],
+    ),
+    "a frame is turned": (
+        lambda table: table["hand"].update(rpy=[0, 0, 1]),
+        ["unknown field of hand, 'rpy'. Valid: "],
+    ),
     "the interface has nothing": (
         lambda table: table.update(interface={}),
         [f"interface.motors has {row['name']} 0 times; give each joint one slot" for row in G1["joints"]],

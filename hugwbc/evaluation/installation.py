@@ -22,6 +22,7 @@ PACKAGES = ("mujoco", "pin", "placo", "proxsuite", "numpy", "meshcat", "tyro")
 LEARNED = ("torch", "safetensors")  # of the extra [learned]
 WITHOUT_TORCH = "left out: torch is not installed; `pip install 'hugwbc[learned]'` brings it"
 _HAND_ERROR = 0.1  # [m], of a hand a second after its target has come
+_SQUATTED = 0.03  # [m], of h two seconds after a squat was commanded
 _REMEDY = (
     "bend the knees to 0.6 to 1.0 rad under `nominal`, lower the swing, such as with commands: "
     "{l: {finishing: [0.03, 0.08]}}, or correct `effort` and `velocity` of `drives`"
@@ -137,6 +138,8 @@ def check_standing(robot: str = DEFAULT_ROBOT) -> str:
     from hugwbc.commands import Command
 
     trace = _played(robot, Command(h=-0.1), 2.0, "standing and squatting")
+    if abs(trace.measured[-1, 3] + 0.1) > _SQUATTED:
+        raise ConfigError(f"it squats to h = {trace.measured[-1, 3]:.3f} of -0.1 m; {_strain(trace)}; {_REMEDY}")
     return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
 
 

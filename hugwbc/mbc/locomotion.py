@@ -15,7 +15,7 @@ from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.standing import Standing
 from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, StanceContactTask, SwingFootTask, Task, swing_weights
 from hugwbc.mbc.walking import Walking
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import SIDES, Robot, load_mirror
 
 _SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher than the other and still carry load
@@ -60,8 +60,10 @@ class Locomotion:
 
     def _make_free_leg(self, foot: int) -> PostureTask:
         params, robot = self._params, self._robot
-        task = PostureTask(robot.legs.reshape(len(SIDES), -1)[foot], 10.0)
-        task.target[:] = robot.leg_postures["tucked"]
+        joints = robot.legs.reshape(len(SIDES), -1)[foot]
+        task = PostureTask(joints, 10.0)
+        sign = 1.0 if foot == 0 else load_mirror(robot).joint_sign[joints]
+        task.target[:] = sign * robot.leg_postures["tucked"] + 0.0
         task.stiffness[:], task.damping[:] = params.free_leg_gains
         task.weight[:] = params.free_leg_weight
         return task

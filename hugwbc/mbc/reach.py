@@ -22,6 +22,7 @@ from hugwbc.state import GRAVITY
 
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
 _STRETCHED = 0.9975  # largest part of the leg's length between hip and ankle: the knee of a straighter leg races
+_LEAST_APEX = 1e-3  # [m]
 _SECANTS = 4  # steps to the highest apex
 
 
@@ -225,7 +226,7 @@ def leap_lean(params: ControllerParams, h: float, f: float, apex: float, speed: 
     forwards = 0.5 * (math.sqrt(length**2 - min(pulled, length) ** 2) - math.sqrt(length**2 - stands**2))
     fastest = params.jump_speed * fastest_walk(params, f, robot)
     spare = 1.0 - min(max(speed / fastest, 0.0), 1.0)
-    return spare * forwards / apex
+    return spare * forwards / max(apex, _LEAST_APEX)
 
 
 def toe_down(shank_pitch: float, shank_rate: float, slope: float, robot: Robot) -> float:

@@ -60,8 +60,8 @@ def _axis_frame(axis: np.ndarray) -> np.ndarray:
     """Return the rotation that turns the x-axis, about which PhysX's hinges turn, to a joint's axis."""
     x = np.array([1.0, 0.0, 0.0])
     normal = np.cross(x, axis)
-    if not normal.any():
-        return np.array([1.0, 0.0, 0.0, 0.0])
+    if not normal.any():  # along x, or against it: half a turn about z
+        return np.array([1.0, 0.0, 0.0, 0.0] if axis[0] > 0.0 else [0.0, 0.0, 0.0, 1.0])
     return rotations.from_axis_angle(normal / np.linalg.norm(normal), float(np.arccos(x @ axis)))
 
 

@@ -1,6 +1,7 @@
 """The robot model of the inverse kinematics: moving arms, waist and hips, and shapes that must not touch."""
 
 import itertools
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 
@@ -113,4 +114,4 @@ class Clearance:
     def __call__(self) -> list[float]:
         """Return the least distance of the left and the right arm, negative in a collision [m]."""
         distances = [pair.min_distance for pair in self._wrapper.distances()]
-        return [min([distances[i] for i in pairs]) for pairs in self._of_arm]
+        return [min([distances[i] for i in pairs], default=math.inf) for pairs in self._of_arm]
