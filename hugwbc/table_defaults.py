@@ -153,7 +153,10 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
             fixed = f", which is fixed to {frames[parent]['parent']}" * (parent in read["frames"])
             raise ModelError(f"{part} is on {parent}{fixed}; give a frame of {' or '.join(links)}")
         if part == "imu" and (turned := table[part].pop("turned", 0.0)) > _TURNED:
-            raise ModelError(f"the frame of the IMU is turned by {turned:.0f} degrees; give one that is as its link is")
+            raise ModelError(
+                f"the frame of the IMU is turned by {turned:.0f} degrees in {parent}; give one with its link's axes, "
+                f"such as imu: {{parent: {parent}, xyz: [0, 0, 0.1]}}"
+            )
         if part == "imu" and parent == trunk and held:
             raise ModelError(f"imu is on {trunk}, behind {', '.join(held)}, which are held; give a frame of {base}")
         table[part].pop("turned", None)
