@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from hugwbc.cli.output import parse, progress, say
+from hugwbc.errors import ConfigError
 
 CHECK_FAILED = 1
 
@@ -26,6 +27,8 @@ def run(words: Sequence[str]) -> int:
     """Run all checks and print a line for each."""
     options = parse(CheckOptions, words, "check", CheckOptions.__doc__)
     if options.policy is not None:
+        if options.robot is not None:
+            raise ConfigError("--policy and --robot are two checks; give one of them")
         return _policy(options.policy)
     from hugwbc.evaluation.installation import run_checks
 

@@ -10,12 +10,14 @@ import tyro
 from hugwbc.behaviours import Behaviour, load_plan
 from hugwbc.cli import evaluate, output
 from hugwbc.cli.output import progress, say
+from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import comparison, study
 from hugwbc.evaluation.comparison import segment_spans
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.tables import format_table
+from hugwbc.gait import Gait
 from hugwbc.report.comparison_page import link_video, write_comparison
 from hugwbc.report.paper_table import PAIRED_NOTE, write_paper
 from hugwbc.runtime.controllers import ControllerSpec, labels
@@ -142,6 +144,8 @@ def _script(options: CompareOptions) -> Script | Behaviour:
         return script
     if not isinstance(script, Script):
         raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")
+    robot = options.arena.known_robot
+    dataclasses.replace(default_command(Gait.WALKING, robot), v_x=options.walk).validate(robot)
     return while_walking(script, options.walk)
 
 

@@ -20,15 +20,18 @@ from hugwbc.deploy.remote import OF_KEY, Request, Sticks, listen
 from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.transport import Endpoint, release_modes
 from hugwbc.deploy.watchdogs import Limits
-from hugwbc.errors import ConfigError, DeploymentError
+from hugwbc.errors import ConfigError, DeploymentError, ResultFileError
+from hugwbc.extensions import check_recorded
+from hugwbc.learned.policy.network_files import shipped_policies
 from hugwbc.robot import Robot
 from hugwbc.robot_tables import DEFAULT_ROBOT
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.controllers import ControllerSpec, controller_names
 from hugwbc.scripts.script import load_script
 from hugwbc.scripts.view import CommandSource
 from hugwbc.sim.arena import Arena
 from hugwbc.sim.sensors import ROBOT
-from hugwbc.tasks import load_task
+from hugwbc.tasks import TASK_NAMES, load_task
+from hugwbc.tasks.task import registered_tasks
 from hugwbc.upper_ik import UpperBodySource
 
 FAULT = 1
@@ -59,7 +62,8 @@ class DeployOptions:
     release: bool = True  # Release the robot's motion modes first
     tilt: float = Limits.tilt  # Tilt above which the joints are damped [rad]
     record: pathlib.Path | None = None  # Record every message to this file
-    # Replay this recording through the controller instead, without a network, and compare the commands bit by bit
+    # Replay this recording through its controller instead, without a network, and compare the commands bit by bit; a
+    # controller, policy or task that it names by a path is given again, since it may be a program
     replay: pathlib.Path | None = None
     # How fast it runs, for how long, and whether it publishes
     settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(
@@ -71,10 +75,12 @@ def run(words: Sequence[str]) -> int:
     """Parse the options, and deploy or replay; return the exit code: 1 after a fault, or for a replay that differs."""
     options = parse(DeployOptions, words, "deploy", DeployOptions.__doc__)
     if options.replay is not None:
-        return _replay(options.replay)
+        return _replay(options, options.replay)
     settings = options.settings
     if options.net != LOOPBACK and (settings.lockstep or settings.slower != 1.0):
         raise ConfigError(f"--lockstep and --slower are for a simulated robot on {LOOPBACK}; a real one does not wait")
+    if options.task is None and options.seed != DeployOptions.seed:
+        raise ConfigError("--seed is of the objects of a task; give --task, or leave it out")
     if options.task is not None and options.script is not None:
         raise ConfigError("--task gives the commands itself; leave --script out")
     header = {name: getattr(options, name) for name in _RECORDED} | {"age": settings.age}
@@ -172,6 +178,23 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot, float]:
     return robot, pilot, age
 
 
+def _check_replay(options: DeployOptions, header: dict[str, Any]) -> None:
+    """Refuse options that a replay does not use, and Python files that only the recording names."""
+    default = DeployOptions()
+    for field in dataclasses.fields(options):
+        value, name = getattr(options, field.name), field.name
+        if name != "replay" and value != getattr(default, name) and value != header.get(name):
+            raise ConfigError(f"a replay runs what was recorded; leave --{name} out")
+    policies = shipped_policies()
+    known = {
+        "controller": (*controller_names(), *policies),
+        "policy": policies,
+        "task": (*TASK_NAMES, *registered_tasks()),
+    }
+    for name, names in known.items():
+        check_recorded(name, header.get(name), names, (getattr(options, name),))
+
+
 def _source(script: str | None, task: str | None, seed: int, robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
     if task is not None:
@@ -180,11 +203,14 @@ def _source(script: str | None, task: str | None, seed: int, robot: Robot) -> Co
     return Sticks(robot) if script is None else load_script(script, robot)
 
 
-def _replay(path: pathlib.Path) -> int:
+def _replay(options: DeployOptions, path: pathlib.Path) -> int:
     """Replay a recording and compare its commands; return the exit code."""
     recording = Recording(path)
+    _check_replay(options, recording.header)
     robot, pilot, age = _build(recording.header)
     result = replay(recording, pilot, Messages(robot), age)
+    if not result.decisions:
+        raise ResultFileError(f"{path} has no commands to compare: it was cut off; record it again with --record")
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
     say(f"{result.states} states, {result.decisions} commands: {same}")
     return FAULT if result.different else 0

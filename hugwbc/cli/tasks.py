@@ -14,11 +14,13 @@ from hugwbc import extensions
 from hugwbc.cli.output import output_folder, parse_settings, progress, say, say_arena
 from hugwbc.errors import ConfigError, needing
 from hugwbc.files import digest
+from hugwbc.learned.policy.network_files import shipped_policies
 from hugwbc.robot import load_robot
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.controllers import ControllerSpec, controller_names
 from hugwbc.settings import Count, check_each_once, check_seeds, settings
 from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, load_task
+from hugwbc.tasks.task import registered_tasks
 
 
 @settings
@@ -80,7 +82,7 @@ def _refuse_idle_options(options: TasksOptions) -> None:
     given = [name for name in values if name != "task" and values[name] != defaults[name]]
     of_mode, hint = [], "add --record FOLDER, or for --episode --replay FOLDER"
     if options.replay is not None:
-        of_mode, hint = ["replay", "episode"], "a replay has it from its data set"
+        of_mode, hint = ["replay", "episode", "controller", "policy"], "a replay has it from its data set"
     elif options.record is not None:
         of_mode = [name for name in given if name != "episode"]
     if idle := [f"--{name}" for name in given if name not in of_mode]:
@@ -169,6 +171,13 @@ def _replay(options: TasksOptions, folder: pathlib.Path) -> int:
     tasks, same = {task.name: task for task in map(load_task, options.task)}, 0
     for row in rows:
         name, seed, settings = row["suite_task"], row["seed"], json.loads(row["settings"])
+        controller, policy = settings["told"]
+        if options.controller not in (TasksOptions.controller, controller):
+            raise ConfigError(f"the data set is of {controller}; leave --controller out")
+        policies = shipped_policies()
+        extensions.check_recorded("controller", controller, (*controller_names(), *policies), (options.controller,))
+        extensions.check_recorded("policy", policy, policies, (options.policy,))
+        extensions.check_recorded("task", name, (*TASK_NAMES, *registered_tasks()), tuple(tasks))
         arena = Arena(**settings["arena"])
         task = (tasks.get(name) or load_task(name)).sized(arena.known_robot)
         spec = ControllerSpec(*settings["told"]).told(arena)

@@ -10,6 +10,7 @@ from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState
 
 LONGEST_AGE = 0.2  # [s], of a picture that corrects the estimate
+_AHEAD = 0.05  # [s], by which a picture may be newer than the state
 _WINDOW = 2.0  # [s], over which motions are compared
 _LONGEST, _LEAST = 0.3, 5  # [s] and pictures, of nothing but contradictions, after which a capture is refused
 _REPEATS = 20  # pictures with equal numbers, which are one
@@ -88,11 +89,13 @@ class CaptureCheck:
             self._pairs.popleft()
         seen, own = (np.array((self._pairs[0][i], self._pairs[-1][i])) for i in (1, 2))
         late, frozen = state.time - picture.time > LONGEST_AGE, self._repeated >= _REPEATS
-        if not (late or frozen) and _misfit(seen[:, :3], rotations.to_matrix(seen[:, 3:]), own)[1] <= 1.0:
+        ahead = picture.time - state.time > _AHEAD
+        if not (late or ahead or frozen) and _misfit(seen[:, :3], rotations.to_matrix(seen[:, 3:]), own)[1] <= 1.0:
             self._good, self._right, self._wrong = picture, picture.time, -1
         self._wrong += 1
         if self._wrong >= _LEAST and picture.time - self._right > _LONGEST:
-            why = "its pictures come too late" if late else self._cause(frozen)
+            clock = {"its pictures come too late": late, "its clock is ahead of the robot's": ahead}
+            why = next((words for words, wrong in clock.items() if wrong), None) or self._cause(frozen)
             self.refusal = (
                 f"motion capture refused at {state.time:.1f} s: it contradicts the robot's IMU and odometry, {why}; "
                 "send the pelvis' position in metres and quaternion (w, x, y, z) in a world with z up"

@@ -19,6 +19,7 @@ from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState
 
 CORRECTION_TIME = 0.25  # [s], over which the robot's seen poses are averaged; odometry holds it steady in between
+SILENT_TIME = 0.5  # [s] without a picture, after which no object is seen
 SMOOTHING_TIME = 0.1  # [s], over which an object's seen poses are averaged
 
 
@@ -178,9 +179,11 @@ class Sight:
         self._average = Average(SMOOTHING_TIME)
         self._names: tuple[str, ...] = ()  # of the objects whose poses follow
         self._poses: np.ndarray | None = None
+        self._silent = False
 
     def reset(self) -> None:
         """Forget the past before a new run."""
+        self._silent = False
         self._robot.reset()
         self._check.reset()
         self._average.reset()
@@ -189,9 +192,15 @@ class Sight:
     def look(self, time: float, state: RobotState) -> View:
         """Return the view at a time [s]."""
         picture, refused = self._world.picture(), self._check.refusal
+        age = 0.0 if picture is None else picture.age
         if self._drifting:
             picture = self._check.admitted(picture, state)
+            age = 0.0 if picture is None else max(state.time - picture.time, 0.0)
             state = self._robot.corrected(state, picture)
+        silent = age > SILENT_TIME
+        if silent and not self._silent:
+            self._world.note(f"motion capture silent for {SILENT_TIME:g} s at {time:.1f} s: no object is seen")
+        self._silent = silent
         if self._check.refusal and not refused:
             self._world.note(self._check.refusal)
         self._kinematics.update(state)
@@ -199,7 +208,7 @@ class Sight:
             time=time,
             state=state,
             hands=np.array([self._kinematics.position(f"{side}_hand") for side in SIDES]),
-            objects=self._objects(None if self._check.refusal else picture),
+            objects=self._objects(None if self._check.refusal or silent else picture, age),
             hand_force=state.hand_force,
             held=(self._world.held(SIDES[0]), self._world.held(SIDES[1])),
         )
@@ -208,12 +217,12 @@ class Sight:
         """Pass on the gripper requests of this tick."""
         self._world.grip(grips)
 
-    def _objects(self, picture: Picture | None) -> SeenObjects:
+    def _objects(self, picture: Picture | None, age: float) -> SeenObjects:
         if picture is None:
             return SeenObjects()
         names = self._world.names
         if not self._noisy:
-            return SeenObjects(names, picture.poses, picture.age)
+            return SeenObjects(names, picture.poses, age)
         share = self._average.share(picture.time)
         if self._poses is None or names != self._names:  # a motion capture may lose objects and find others
             self._names, self._poses = names, picture.poses
@@ -224,7 +233,7 @@ class Sight:
             mean = self._poses + share * (seen - self._poses)
             mean[:, 3:] /= np.linalg.norm(mean[:, 3:], axis=1, keepdims=True)
             self._poses = mean
-        return SeenObjects(names, self._poses, picture.age)
+        return SeenObjects(names, self._poses, age)
 
 
 def carry_out(grips: Iterable[Grip], simulation: Engine) -> None:

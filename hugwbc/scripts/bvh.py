@@ -7,6 +7,7 @@ scales it by the lengths of legs and arms.
 import dataclasses
 import itertools
 import logging
+import math
 import pathlib
 import re
 import warnings
@@ -80,7 +81,7 @@ def load_bvh(path: str | pathlib.Path) -> BodyClip:
             read = pybvh.read_bvh_file(path, world_up="+y")
             positions, fps = read.joint_positions(), float(read.fps)
         names = list(read.joint_names)
-    except (OSError, ValueError, IndexError, KeyError, TypeError, ZeroDivisionError) as error:
+    except (OSError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:
         words = str(error).replace("\n", " ")
         raise MotionFileError(
             f"cannot read {path}: {words}; give a BVH file with positions of the root and rotations of every joint"
@@ -90,7 +91,7 @@ def load_bvh(path: str | pathlib.Path) -> BodyClip:
     if not _RATES[0] <= fps <= _RATES[1]:
         raise MotionFileError(
             f"{path} has {fps:.3g} frames per second; valid: {_RATES[0]:g} to {_RATES[1]:g}. The frame time is in "
-            f"seconds: divide {1.0 / fps:g} by 1000 if it is in milliseconds"
+            f"seconds: divide {1.0 / fps if fps else math.inf:g} by 1000 if it is in milliseconds"
         )
     if 0.0 < np.rad2deg(np.abs(read.joint_angles).max()) <= np.pi:
         _log.warning("%s: no angle is above 3.14; if these are radians, convert them to degrees", path)

@@ -235,7 +235,7 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
 
 def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
     """Return joint names as text."""
-    found = [str(name) for name in np.ravel(names)]
+    found = [name.decode(errors="replace") if isinstance(name, bytes) else str(name) for name in np.ravel(names)]
     twice = [name for name, count in collections.Counter(found).items() if count > 1]
     if twice:
         raise MotionFileError(f"{path} names the joints {_listed(twice)} more than once; keep one column of each")

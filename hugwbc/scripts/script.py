@@ -267,9 +267,14 @@ class Script:
     segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
     about: str = ""
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    @refusing
+    def _fits(self, info: ValidationInfo) -> "Script":
+        """Refuse a segment that cannot follow the one before, by the ranges of the robot for which a file is read."""
+        robot = (info.context or {}).get("robot")
         for index, (before, after) in enumerate(itertools.pairwise(self.segments), start=1):
-            _check_transition(before, after, at=("segments", index))
+            _check_transition(before, after, robot, at=("segments", index))
+        return self
 
     @functools.cached_property
     def _ends(self) -> list[float]:
@@ -342,13 +347,14 @@ def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> 
     return end if start is None or end is None else start + blend * (end - start)
 
 
-def _check_transition(before: Segment, after: Segment, at: tuple[str, int]) -> None:
+def _check_transition(before: Segment, after: Segment, robot: Robot | None, at: tuple[str, int]) -> None:
     """Refuse a segment that cannot follow another.
 
     Ranges are boxes and ramps are convex combinations: a ramp with a valid start in the new gait is valid throughout.
     What a gait allows like the one before, the segment before has kept.
     """
-    start, ranges, allowed = before.command(), command_ranges(after.gait), command_ranges(before.gait)
+    start = before.command()
+    ranges, allowed = (command_ranges(segment.gait, robot) for segment in (after, before))
     for name in COMMAND_NAMES:
         low, high = ranges[name].finishing
         value = getattr(start, name)

@@ -54,6 +54,7 @@ class WholeBodyMotion:
         hands: where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3).
         walking: whether the robot walks, shape (frames,), bool.
         reachable: `hands` as the pitch and waist angle within the command ranges have them [m], the same shape.
+        robot: whose ranges the commands have.
         unused: joints of the file that are dropped.
     """
 
@@ -62,6 +63,7 @@ class WholeBodyMotion:
     hands: np.ndarray
     walking: np.ndarray
     reachable: np.ndarray
+    robot: Robot
     unused: tuple[str, ...] = ()
 
     @property
@@ -75,7 +77,7 @@ class WholeBodyMotion:
         return np.stack([self._clamped(frame) for frame in range(len(self.asked))])
 
     def _clamped(self, frame: int) -> np.ndarray:
-        command, _ = Command.from_mapping(_named(self.asked[frame]), self._gait(frame)).clamp()
+        command, _ = Command.from_mapping(_named(self.asked[frame]), self._gait(frame), self.robot).clamp(self.robot)
         return np.array([getattr(command, name) for name in PARTS])
 
     def _gait(self, frame: int) -> Gait:
@@ -88,7 +90,8 @@ class WholeBodyMotion:
     def command_at(self, t: float) -> Command:
         """Return the command at time `t` [s], within the ranges of its gait; it starts from the default within 1 s."""
         frame = self.frame_at(t)
-        return Command.from_mapping(_named(smooth_step(t / _RAMP) * self.allowed[frame]), self._gait(frame))
+        values = _named(smooth_step(t / _RAMP) * self.allowed[frame])
+        return Command.from_mapping(values, self._gait(frame), self.robot)
 
     def hands_at(self, t: float) -> HandTargets:
         """Return the hand targets at time `t` [s], in the heading frame, by linear interpolation."""
@@ -144,7 +147,7 @@ def retarget(clip: BodyClip, robot: Robot) -> WholeBodyMotion:
     moving = (np.hypot(v_x, v_y) > _MOVING[0]) | (np.abs(omega) > _MOVING[1])
     around = np.ones(2 * int(_AROUND * MOTION_FPS) + 1)
     walking = np.convolve(np.pad(moving, len(around) // 2), around, mode="valid") > 0.5
-    ranges = command_ranges(Gait.WALKING)
+    ranges = command_ranges(Gait.WALKING, robot)
     p_allowed, w_allowed = (np.clip(asked[:, PARTS.index(name)], *ranges[name].finishing) for name in ("p", "w"))
     return WholeBodyMotion(
         clip.name,
@@ -152,6 +155,7 @@ def retarget(clip: BodyClip, robot: Robot) -> WholeBodyMotion:
         reach + _shoulders(robot, asked[:, PARTS.index("p")], asked[:, PARTS.index("w")]),
         walking,
         reach + _shoulders(robot, p_allowed, w_allowed),
+        robot,
         clip.unused,
     )
 

@@ -214,7 +214,7 @@ class DriveLink:
         with self._using:
             self._pages[number] = _Page(self.clock(), Touched.parse(said))
             self._pressed += actions(said.get("presses"), self._about.get("tasks", ()))
-            del self._pressed[MOST_ACTIONS:]
+            del self._pressed[:-MOST_ACTIONS]  # the newest may be a stop
         if isinstance(said.get("dark"), bool):
             self.dark = said["dark"]
 

@@ -1,9 +1,13 @@
+import dataclasses
+import json
 import sys
 
 import pytest
 
 from hugwbc.cli import main
 from hugwbc.deploy import wire
+from hugwbc.deploy.recording import FORMAT
+from hugwbc.deploy.watchdogs import Limits
 
 
 @pytest.mark.parametrize(
@@ -47,6 +51,26 @@ def test_a_recording_that_does_not_say_what_was_run_is_refused(header, tmp_path,
     path.write_text(header + "\n")
     assert main(["deploy", "--replay", str(path)]) == 2
     assert "does not say what was run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "message"),
+    [
+        ({"controller": "evil.py:X"}, [], "the recording runs evil.py:X; give --controller evil.py:X to allow it"),
+        ({"policy": "evil.pt"}, [], "give --policy evil.pt to allow it"),
+        ({"task": "evil.py"}, [], "give --task evil.py to allow it"),
+        ({}, ["--controller", "qp"], "leave --controller out"),
+        ({}, ["--tilt", "0.2"], "leave --tilt out"),
+        ({}, [], "has no commands to compare"),
+    ],
+)
+def test_a_replay_runs_nothing_that_only_the_recording_names(changes, words, message, tmp_path, capsys) -> None:
+    header = {"controller": "hold", "policy": None, "robot": "h1", "script": None, "task": None, "seed": 0, "age": 0.01}
+    header |= {"limits": dataclasses.asdict(Limits()), "format": FORMAT}
+    path = tmp_path / "run.bin"
+    path.write_text(json.dumps(header | changes) + "\n")
+    assert main(["deploy", "--replay", str(path), *words]) == 2
+    assert message in capsys.readouterr().err
 
 
 def test_the_extra_is_named_where_it_is_missing(monkeypatch, capsys) -> None:

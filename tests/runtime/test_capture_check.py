@@ -107,6 +107,8 @@ def test_frozen_and_late_pictures_are_refused():
     assert when is not None and when < 0.0 and "frozen" in check.refusal, "it stands, but it sways"
     check, when = watched(lambda p: p, delay=0.5)
     assert when is not None and "too late" in check.refusal
+    check, when = watched(lambda p: p, delay=-0.3)
+    assert when is not None and "clock is ahead" in check.refusal
 
 
 def test_single_wrong_pictures_are_passed_over():

@@ -106,11 +106,29 @@ def test_objects_that_come_and_go_are_told_apart() -> None:
     """A motion capture may lose an object, find another one, or list them in another order."""
     near, far = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     world = CapturedWorld()
-    sight, state = Sight(world, load_robot()), _state(0.0, np.zeros(3), 0.0, np.zeros(3))
+    sight = Sight(world, load_robot())
     for time, seen in enumerate(({"a": near, "b": far}, {"b": far, "a": near}, {"a": near}, {"c": far, "a": near})):
+        state = _state(float(time), np.zeros(3), 0.0, np.zeros(3))
         world.take(Capture(float(time), near, tuple(seen), np.array(list(seen.values())), (None, None)))
         objects = sight.look(float(time), state).objects
         assert {name: thing.position[0] for name, thing in objects.items()} == {n: pose[0] for n, pose in seen.items()}
+
+
+def test_a_capture_that_falls_silent_shows_its_age_and_then_nothing() -> None:
+    told: list[str] = []
+    world = CapturedWorld(told.append)
+    sight, pose = Sight(world, load_robot()), np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    for tick in range(200):
+        now = 0.01 * tick
+        if now <= 1.0:
+            trembling = pose + 1e-4 * np.sin(tick) * np.eye(7)[0]  # equal poses would be frozen ones
+            world.take(Capture(now, trembling, ("box",), pose[None], (None, None)))
+        world.advance(now)
+        objects = sight.look(now, _state(now, np.zeros(3), 0.0, np.zeros(3))).objects
+        assert ("box" in objects) == (now <= 1.505)
+        if "box" in objects:
+            assert objects["box"].age == pytest.approx(max(now - 1.0, 0.0), abs=1e-9)
+    assert len(told) == 1 and "silent" in told[0]
 
 
 def test_with_exact_sensors_a_view_is_the_truth() -> None:

@@ -295,3 +295,15 @@ def test_a_script_has_the_ranges_and_defaults_of_the_robot_that_it_is_loaded_for
     assert [script.command_at(t).l for t in (1.5, 4.0)] == pytest.approx([0.15 * 0.6366 / 0.8, 0.08], abs=0.005)
     with pytest.raises(ConfigError, match=r"segment 'low': command l = 0\.08 m .* valid: 0\.1 to 0\.35"):
         load_script(path, load_robot("h1"))
+
+
+def test_a_robots_own_defaults_follow_one_another(tmp_path) -> None:
+    """A G1's hop has the swing height of its walk, which is not the paper's."""
+    path = tmp_path / "hop.yaml"
+    path.write_text(
+        "segments:\n  - {label: stand, duration: 1}\n  - {label: walk, duration: 2, gait: walking}\n"
+        "  - {label: hop, duration: 2, gait: hopping_left}\n"
+    )
+    robot = load_robot("g1")
+    script = load_script(path, robot)
+    assert all(script.command_at(t).clamp(robot)[1] == () for t in np.linspace(0.0, 5.0, 51))

@@ -282,6 +282,10 @@ def test_units_of_a_clip_are_told(tmp_path, caplog):
         path.write_text(re.sub("Frame Time: .*", f"Frame Time: {time}", path.read_text()))
         with pytest.raises(MotionFileError, match=rf"divide {time} by 1000 if it is in milliseconds"):
             load_bvh(path)
+    for time in ("inf", "1e-320"):
+        path.write_text(re.sub("Frame Time: .*", f"Frame Time: {time}", path.read_text()))
+        with pytest.raises(MotionFileError, match=r"a\.bvh"):
+            load_bvh(path)
 
 
 def test_bad_clips_are_refused(tmp_path):
