@@ -32,7 +32,10 @@
   const dark = matchMedia("(prefers-color-scheme: dark)");
   function report() {
     const said = { held: [...held], axes: pad.some((value) => value !== 0) ? [...pad] : [], dark: dark.matches };
-    const gamepad = [...(navigator.getGamepads?.() ?? [])].find((one) => one?.mapping === "standard");
+    const gamepads = [...(navigator.getGamepads?.() ?? [])].filter(Boolean);
+    const gamepad = gamepads.find((one) => one.mapping === "standard");
+    const unmapped = document.querySelector("#drive .unmapped");
+    if (unmapped) unmapped.hidden = !gamepads.length || gamepad !== undefined;
     if (gamepad) {
       const moved = gamepad.axes.slice(0, 4).some((value) => Math.abs(value) > 0.1);
       if (moved) said.axes = gamepad.axes.slice(0, 4);
@@ -80,6 +83,7 @@
       <div class="row tasks" ${ABOUT.tasks.length ? "" : "hidden"}><label>task <select>${ABOUT.tasks.map((task) =>
         `<option value="${task}">${task.replaceAll("_", " ")}</option>`).join("")}</select></label>${button(`task:${ABOUT.tasks[0]}`, "do it")}</div>
       <div class="line" role="status"></div>
+      <div class="unmapped" role="status" hidden>This browser has no standard mapping for this gamepad: use the keys.</div>
       <ul class="notes" aria-live="polite"></ul>
       <details class="values"><summary>Command and measured</summary>
         <table><thead><tr><th></th><th scope="col">asked</th><th scope="col">commanded</th><th scope="col">measured</th></tr></thead>
