@@ -180,11 +180,10 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot, float]:
 
 def _check_replay(options: DeployOptions, header: dict[str, Any]) -> None:
     """Refuse options that a replay does not use, and Python files that only the recording names."""
-    default = DeployOptions()
-    for field in dataclasses.fields(options):
-        value, name = getattr(options, field.name), field.name
-        if name != "replay" and value != getattr(default, name) and value != header.get(name):
-            raise ConfigError(f"a replay runs what was recorded; leave --{name} out")
+    given, default = ({**vars(one), **vars(one.settings)} for one in (options, DeployOptions()))
+    for name, value in given.items():
+        if name not in ("replay", "settings") and value not in (default[name], header.get(name)):
+            raise ConfigError(f"a replay runs what was recorded; leave --{name.replace('_', '-')} out")
     policies = shipped_policies()
     known = {
         "controller": (*controller_names(), *policies),
