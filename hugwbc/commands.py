@@ -8,11 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hugwbc.errors import CommandError, UnknownNameError
-from hugwbc.gait import Gait
+from hugwbc.gait import COMMAND_NAMES, Gait
 from hugwbc.numeric import changed, number
 from hugwbc.robot import Robot
 
-COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
 VELOCITY_NAMES = ("v_x", "v_y", "omega")
 COMMAND_SIGNS = np.array([-1.0 if name in ("v_y", "omega", "w") else 1.0 for name in COMMAND_NAMES])  # of a reflection

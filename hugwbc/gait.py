@@ -18,6 +18,7 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.numeric import Array, minimum_jerk, namespace, number
 from hugwbc.state import GRAVITY
 
+COMMAND_NAMES = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")
 # Standard deviation of the switching intervals of the expected contact, in units of the phase.
 CONTACT_SIGMA = 0.05
 STANDING_PHASE = 0.25  # middle of stance: expected contact 1, clock +1

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from hugwbc.errors import ModelError, UnknownNameError
-from hugwbc.robot_tables import DEFAULT_ROBOT, malformed, models_dir, robot_names, robot_table, table_file
+from hugwbc.robot_check import table_problems
+from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir, reading, robot_names, robot_table, table_file
 from hugwbc.rotations import AXIAL_SIGNS
 from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES as SIDES, other_side, placement
@@ -236,7 +237,7 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
             path of a table of your own, NAME/NAME.yaml, or of its folder. NAME.xml and NAME.urdf are written beside it.
 
     Raises:
-        ModelError: if the table or one of its fields is missing.
+        ModelError: if the table or one of its fields is missing, or a table of your own is implausible.
         UnknownNameError: if there is no such robot.
     """
     return _load_robot(name if name in robot_names() else str(table_file(name)))
@@ -245,12 +246,13 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
 @functools.cache
 def _load_robot(name: str) -> Robot:
     table, file = robot_table(name), table_file(name)
-    try:
+    own = models_dir() not in file.parents
+    with reading(file):
+        if own and (found := table_problems(table)):
+            raise ModelError(f"{file}: {'; '.join(found)}")
         robot = _robot_of(name, table, file)
-        if models_dir() not in file.parents:
+        if own:
             runpy.run_path(str(models_dir() / "build.py"))["write"](name)
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        raise malformed(file, error) from error
     return robot
 
 

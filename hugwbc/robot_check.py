@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import HugwbcError, UnknownNameError
-from hugwbc.robot import load_robot
-from hugwbc.robot_tables import robot_table
+from hugwbc.gait import COMMAND_NAMES
+from hugwbc.robot_tables import reading, robot_table, table_file
 from hugwbc.table_defaults import SIDES, is_left, mirrored, other_side, placement
 
 _SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
@@ -27,18 +26,17 @@ _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
 _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
 _LIGHTER, _SHIFTED = 0.05, 0.01  # of a link's mass, and of its centre of mass [m], likewise
+_UNORDERED = ("roles", "sole", "hand", "imu", "camera", "lidar", "arm_servo", "squat")  # sections of named fields
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
 
 
 def problems(name: str) -> list[str]:
     """Return what is missing or implausible in the table of a robot, one sentence each; empty if it is fine."""
     try:
-        found = table_problems(robot_table(name))
-        if not found:
-            load_robot(name)
+        with reading(table_file(name)):
+            return table_problems(robot_table(name))
     except HugwbcError as error:
         return [str(error)]
-    return found
 
 
 def table_problems(table: Mapping[str, Any]) -> list[str]:
@@ -56,10 +54,12 @@ def tilted_axes(table: Mapping[str, Any]) -> Iterator[str]:
 def _axes(table: Mapping[str, Any]) -> Iterator[tuple[str, str, np.ndarray, str]]:
     """Yield role, name, axis in the base's frame with all joints at 0, and wanted axis, of legs' and waist's joints."""
     roles = table["roles"]
-    for part, name in {**roles["leg"], **roles["waist"]}.items():
-        joint = next(joint for joint in table["joints"] if joint["name"] == name)
-        axes = placement(table["joints"], joint["child"], roles["base"])[1]
-        yield part, name, axes @ joint["axis"], _AXES.get(part, "y")
+    for part, left in {**roles["leg"], **roles["waist"]}.items():
+        wanted = _AXES.get(part, "y")
+        for name in (left, other_side(left)) if wanted == "y" else (left,):  # the mirror image of a pitch is a pitch
+            joint = next(joint for joint in table["joints"] if joint["name"] == name)
+            axes = placement(table["joints"], joint["child"], roles["base"])[1]
+            yield part, name, axes @ joint["axis"], wanted
 
 
 def _missing(table: Mapping[str, Any]) -> Iterator[str]:
@@ -106,6 +106,12 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         elif parts != [name for name in joints if name in parts]:
             between = f"{', '.join(joints) or 'no joints'} between {roles[top]} and {roles[end]}"
             yield f"roles `{limb}` are {', '.join(parts)}, and there are {between}; give some of these, in their order"
+    imu, yaw = table["imu"]["parent"], roles["waist"]["yaw"]
+    held = [name for name in chain(imu, roles["base"]) or () if name != yaw]
+    if imu not in (roles["base"], roles["trunk"]):
+        yield f"imu is on {imu}; give a frame of {roles['base']} or {roles['trunk']}"
+    elif held:
+        yield f"imu is on {imu}, behind {', '.join(held)}, which are held; give a frame of {roles['base']}"
 
 
 def _bodies(table: Mapping[str, Any]) -> Iterator[str]:
@@ -279,7 +285,8 @@ def _names(table: Mapping[str, Any]) -> Iterator[str]:
     known = robot_table()
     rows = [("commands", table.get("commands", {}), COMMAND_NAMES)]
     rows += [("the table", table, (*known, "description", "nominal", "commands", "qp"))]
-    rows += [(section, table[section], (*known[section], "parent")) for section in ("roles", "sole", "hand", "imu")]
+    known["hand"] = known["imu"]  # a frame of the description has a parent
+    rows += [(section, table.get(section, {}), known[section]) for section in _UNORDERED]
     for kind in ("joints", "links"):
         fields = tuple({field: None for row in known[kind] for field in row})
         rows += [(row["name"], row, fields) for row in table[kind]]

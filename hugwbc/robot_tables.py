@@ -1,9 +1,11 @@
 """Tables of robots: which there are, where their files lie, and what they say, completed and checked for their form."""
 
+import contextlib
 import copy
 import functools
 import pathlib
 import re
+from collections.abc import Iterator
 from typing import Any
 
 import yaml
@@ -68,7 +70,7 @@ def _robot_table(name: str) -> dict[str, Any]:
     label = name if name in robot_names() else file.stem
     table = copy.deepcopy(_read_table(file))
     difference = table.pop("robots", {}).get(label, {})
-    try:
+    with reading(file):
         description = file.parent / table["description"] if "description" in table else None
         if description is not None:
             describe(table, description)
@@ -81,8 +83,6 @@ def _robot_table(name: str) -> dict[str, Any]:
             link.update(difference.get("links", {}).get(link["name"], {}))
         check_roles(table)
         complete(table, description)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise malformed(file, error) from error
     return {"name": label, **table}
 
 
@@ -104,10 +104,14 @@ def _read_table(path: pathlib.Path) -> dict[str, Any]:
     return table
 
 
-def malformed(file: pathlib.Path, error: Exception) -> ModelError:
-    """Return what to say of a table with a field that is missing or of another form."""
-    what = f"lacks the field {error}" if isinstance(error, KeyError) else f"has a field of another form ({error})"
-    return ModelError(f"{file} {what}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields")
+@contextlib.contextmanager
+def reading(file: pathlib.Path) -> Iterator[None]:
+    """Say of a table that is being read that a field is missing or of another form."""
+    try:
+        yield
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        what = f"lacks the field {error}" if isinstance(error, KeyError) else f"has a field of another form ({error})"
+        raise ModelError(f"{file} {what}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields") from error
 
 
 def _assign_drives(table: dict[str, Any]) -> None:

@@ -141,8 +141,6 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
             if is_left(left := other_side(name)) and left in changes:
                 row.update(_image(changes[left], mirrored(rows[left], row) if kind == "joints" else 1.0))
         table[kind] = [{**row, **changes.get(row["name"], {})} for row in read[kind]]
-    base, trunk = table["roles"].get("base"), table["roles"].get("trunk")
-    held = [name for name in joints_between(table["joints"], trunk, base) if name not in _waist(table).values()]
     for part, carriers in (("imu", ("base", "trunk")), ("camera", ("trunk",)), ("hand", ("hand",))):
         links = [table["roles"][carrier] for carrier in carriers]
         if isinstance(name := table.setdefault(part, links[0]), str):
@@ -157,8 +155,6 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
                 f"the frame of the IMU is turned by {turned:.0f} degrees in {parent}; give one with its link's axes, "
                 f"such as imu: {{parent: {parent}, xyz: [0, 0, 0.1]}}"
             )
-        if part == "imu" and parent == trunk and held:
-            raise ModelError(f"imu is on {trunk}, behind {', '.join(held)}, which are held; give a frame of {base}")
         table[part].pop("turned", None)
     by_name = {joint["name"]: joint for joint in table["joints"]}
     pose = {name: joint["nominal"] for name, joint in by_name.items() if "nominal" in joint} | table.get("nominal", {})
@@ -191,23 +187,10 @@ def check_roles(table: Mapping[str, Any]) -> None:
         else:
             absent = {name, other_side(name) if paired else name} - {*names}
             found += [str(UnknownNameError(f"{kind} in the role `{role}`,", one, names)) for one in sorted(absent)]
-    if held := [name for part, name in _waist(table).items() if part not in _PARTS["waist"]]:
+    if held := [name for part, name in (roles.get("waist") or {}).items() if part not in _PARTS["waist"]]:
         found.append(f"the waist moves by yaw alone; leave {', '.join(held)} out of the roles, and its drive holds it")
     if found:
         raise ModelError("; ".join(found))
-
-
-def _waist(table: Mapping[str, Any]) -> Mapping[str, str]:
-    return table["roles"].get("waist") or {}
-
-
-def joints_between(joints: Joints, link: str | None, top: str | None) -> list[str]:
-    """Return the names of the joints from a link down to another one that hangs below it, the upper ones first."""
-    above, names = {joint["child"]: joint for joint in joints}, list[str]()
-    while link != top and link in above:
-        names.append(above[link]["name"])
-        link = above[link]["parent"]
-    return names[::-1]
 
 
 def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
@@ -228,9 +211,10 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
         table["nominal_height"] = math.ceil(-1e3 * sole[2]) / 1e3
     if "squat" not in table:
         table["squat"] = _squat(table)
-    heights, reach = table["squat"]["heights"], table["squat"]["reach"]
-    if len(heights) != len(reach) or len(heights) < 2 or sorted(set(heights)) != list(heights):
-        raise ModelError(f"squat has heights {heights} and reach {reach}; give ascending heights, and a reach for each")
+    elif not 1 < len(heights := table["squat"]["heights"]) == len(reach := table["squat"]["reach"]) or not (
+        sorted(set(heights)) == list(heights) and sorted(reach) == list(reach)
+    ):
+        raise ModelError(f"squat has heights {heights} and reach {reach}; give both ascending, a reach for each height")
     by_name = {joint["name"]: joint for joint in joints}
 
     def posture(limb: str, given: Mapping[str, float]) -> list[float]:
@@ -332,8 +316,8 @@ def _squat(table: dict[str, Any]) -> dict[str, Any]:
     def posture(bend: float, p: float) -> dict[str, float]:
         q = {name: joint["nominal"] for name, joint in by_name.items()}
         for name in roles["leg"].values():
-            bent, other = {hip: lean - bend - p, knee: bend, ankle: -lean}.get(name, 0.0), other_side(name)
-            q[name], q[other] = bent, mirrored(by_name[name], by_name[other]) * bent + 0.0
+            bent = {hip: lean - bend - p, knee: bend, ankle: -lean}.get(name, 0.0)
+            q[name], q[other_side(name)] = bent, bent
         return q
 
     def reach(h: float, p: float) -> float:
