@@ -13,7 +13,7 @@ import pathlib
 import sys
 import traceback
 import types
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -60,19 +60,6 @@ def load_entry(entry: EntryPoint, kind: str) -> Any:  # noqa: ANN401  whatever t
 def names_object(words: str) -> bool:
     """Return whether words have the form `FILE.py:NAME`."""
     return _OBJECT in words
-
-
-def check_recorded(option: str, recorded: object, known: Collection[str], given: Collection[str | None]) -> None:
-    """Refuse what a file of data names by a path, which may be a program, unless the user gives it as well.
-
-    Args:
-        option: of the command line.
-        recorded: what the file names; nothing if it is no text.
-        known: names that are no paths.
-        given: what the user gives.
-    """
-    if isinstance(recorded, str) and recorded not in known and recorded not in given:
-        raise ConfigError(f"the recording runs {recorded}; give --{option} {recorded} to allow it")
 
 
 def load_object(words: str, kind: str) -> Any:  # noqa: ANN401  whatever the file holds

@@ -150,12 +150,12 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
         if (parent := table[part].get("parent", links[0])) not in links:
             fixed = f", which is fixed to {frames[parent]['parent']}" * (parent in read["frames"])
             raise ModelError(f"{part} is on {parent}{fixed}; give a frame of {' or '.join(links)}")
-        if part == "imu" and (turned := table[part].pop("turned", 0.0)) > _TURNED:
+        turned = table[part].pop("turned", 0.0)
+        if part == "imu" and turned > _TURNED:
             raise ModelError(
                 f"the frame of the IMU is turned by {turned:.0f} degrees in {parent}; give one with its link's axes, "
                 f"such as imu: {{parent: {parent}, xyz: [0, 0, 0.1]}}"
             )
-        table[part].pop("turned", None)
     by_name = {joint["name"]: joint for joint in table["joints"]}
     pose = {name: joint["nominal"] for name, joint in by_name.items() if "nominal" in joint} | table.get("nominal", {})
     for name in pose:

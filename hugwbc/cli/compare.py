@@ -10,7 +10,7 @@ import tyro
 from hugwbc.behaviours import Behaviour, load_plan
 from hugwbc.cli import evaluate, output
 from hugwbc.cli.output import progress, say
-from hugwbc.commands import default_command
+from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import comparison, study
 from hugwbc.evaluation.comparison import segment_spans
@@ -145,7 +145,7 @@ def _script(options: CompareOptions) -> Script | Behaviour:
     if not isinstance(script, Script):
         raise ConfigError("--walk is for timed scripts; a behaviour walks by itself")
     robot = options.arena.known_robot
-    dataclasses.replace(default_command(Gait.WALKING, robot), v_x=options.walk).validate(robot)
+    Command.from_mapping({"v_x": options.walk}, Gait.WALKING, robot).validate(robot)
     return while_walking(script, options.walk)
 
 

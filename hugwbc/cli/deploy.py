@@ -11,6 +11,7 @@ from typing import Any
 import tyro
 
 from hugwbc.cli.output import parse, say
+from hugwbc.cli.tasks import check_recorded
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Pilot
@@ -21,17 +22,14 @@ from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.transport import Endpoint, release_modes
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError, ResultFileError
-from hugwbc.extensions import check_recorded
-from hugwbc.learned.policy.network_files import shipped_policies
 from hugwbc.robot import Robot
 from hugwbc.robot_tables import DEFAULT_ROBOT
-from hugwbc.runtime.controllers import ControllerSpec, controller_names
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.script import load_script
 from hugwbc.scripts.view import CommandSource
 from hugwbc.sim.arena import Arena
 from hugwbc.sim.sensors import ROBOT
-from hugwbc.tasks import TASK_NAMES, load_task
-from hugwbc.tasks.task import registered_tasks
+from hugwbc.tasks import load_task
 from hugwbc.upper_ik import UpperBodySource
 
 FAULT = 1
@@ -179,19 +177,12 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot, float]:
 
 
 def _check_replay(options: DeployOptions, header: dict[str, Any]) -> None:
-    """Refuse options that a replay does not use, and Python files that only the recording names."""
+    """Refuse options that a replay does not use, and programs that only the recording names."""
     given, default = ({**vars(one), **vars(one.settings)} for one in (options, DeployOptions()))
     for name, value in given.items():
         if name not in ("replay", "settings") and value not in (default[name], header.get(name)):
             raise ConfigError(f"a replay runs what was recorded; leave --{name.replace('_', '-')} out")
-    policies = shipped_policies()
-    known = {
-        "controller": (*controller_names(), *policies),
-        "policy": policies,
-        "task": (*TASK_NAMES, *registered_tasks()),
-    }
-    for name, names in known.items():
-        check_recorded(name, header.get(name), names, (getattr(options, name),))
+    check_recorded(header, {name: (given[name],) for name in ("controller", "policy", "task")})
 
 
 def _source(script: str | None, task: str | None, seed: int, robot: Robot) -> CommandSource:

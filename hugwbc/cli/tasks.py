@@ -5,7 +5,7 @@ import dataclasses
 import json
 import pathlib
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 import tyro
@@ -157,6 +157,24 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
                 say(f"{task.name}, seed {seed}: {episode.verdict.words}, {len(episode.state) / FPS:.1f} s")
 
 
+def check_recorded(recorded: Mapping[str, object], allowed: Mapping[str, Collection[str | None]]) -> None:
+    """Refuse what a file of data names by a path, which may be a program, unless the user allows it.
+
+    Args:
+        recorded: what the file names as controller, policy and task.
+        allowed: what the user gives of each.
+    """
+    policies = shipped_policies()
+    known = {
+        "controller": (*controller_names(), *policies),
+        "policy": policies,
+        "task": (*TASK_NAMES, *registered_tasks()),
+    }
+    for option, names in known.items():
+        if isinstance(word := recorded.get(option), str) and word not in names and word not in allowed[option]:
+            raise ConfigError(f"the recording runs {word}; give --{option} {word} to allow it")
+
+
 def _replay(options: TasksOptions, folder: pathlib.Path) -> int:
     """Play recorded episodes again, and say which of them end as they were recorded."""
     with needing("record", "--replay"):
@@ -172,12 +190,12 @@ def _replay(options: TasksOptions, folder: pathlib.Path) -> int:
     for row in rows:
         name, seed, settings = row["suite_task"], row["seed"], json.loads(row["settings"])
         controller, policy = settings["told"]
-        if options.controller not in (TasksOptions.controller, controller):
-            raise ConfigError(f"the data set is of {controller}; leave --controller out")
-        policies = shipped_policies()
-        extensions.check_recorded("controller", controller, (*controller_names(), *policies), (options.controller,))
-        extensions.check_recorded("policy", policy, policies, (options.policy,))
-        extensions.check_recorded("task", name, (*TASK_NAMES, *registered_tasks()), tuple(tasks))
+        recorded, default = {"controller": controller, "policy": policy}, TasksOptions()
+        for option, word in recorded.items():
+            if getattr(options, option) not in (getattr(default, option), word):
+                raise ConfigError(f"the data set has {option} {word}; leave --{option} out")
+        allowed = {"controller": (options.controller,), "policy": (options.policy,), "task": tuple(tasks)}
+        check_recorded({**recorded, "task": name}, allowed)
         arena = Arena(**settings["arena"])
         task = (tasks.get(name) or load_task(name)).sized(arena.known_robot)
         spec = ControllerSpec(*settings["told"]).told(arena)

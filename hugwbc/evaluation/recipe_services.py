@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from hugwbc.commands import COMMAND_NAMES, Command, default_command
+from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.controller import Controller
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import Row, Settings, simulate
@@ -51,5 +51,5 @@ class RecipeServices:
 
 
 def _command(values: Mapping[str, Any], robot: Robot) -> Command:
-    command = default_command(Gait.parse(values["gait"]), robot)
-    return dataclasses.replace(command, **{name: float(values[name]) for name in COMMAND_NAMES if name in values})
+    given = {name: float(values[name]) for name in COMMAND_NAMES if name in values}
+    return Command.from_mapping(given, Gait.parse(values["gait"]), robot)

@@ -94,8 +94,8 @@ class CaptureCheck:
             self._good, self._right, self._wrong = picture, picture.time, -1
         self._wrong += 1
         if self._wrong >= _LEAST and picture.time - self._right > _LONGEST:
-            clock = {"its pictures come too late": late, "its clock is ahead of the robot's": ahead}
-            why = next((words for words, wrong in clock.items() if wrong), None) or self._cause(frozen)
+            why = "its clock is ahead of the robot's" if ahead else self._cause(frozen)
+            why = "its pictures come too late" if late else why
             self.refusal = (
                 f"motion capture refused at {state.time:.1f} s: it contradicts the robot's IMU and odometry, {why}; "
                 "send the pelvis' position in metres and quaternion (w, x, y, z) in a world with z up"

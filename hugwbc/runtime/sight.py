@@ -192,11 +192,12 @@ class Sight:
     def look(self, time: float, state: RobotState) -> View:
         """Return the view at a time [s]."""
         picture, refused = self._world.picture(), self._check.refusal
-        age = 0.0 if picture is None else picture.age
         if self._drifting:
             picture = self._check.admitted(picture, state)
-            age = 0.0 if picture is None else max(state.time - picture.time, 0.0)
             state = self._robot.corrected(state, picture)
+        age = 0.0
+        if picture is not None:  # an admitted picture may be of long ago
+            age = max(state.time - picture.time, 0.0) if self._drifting else picture.age
         silent = age > SILENT_TIME
         if silent and not self._silent:
             self._world.note(f"motion capture silent for {SILENT_TIME:g} s at {time:.1f} s: no object is seen")

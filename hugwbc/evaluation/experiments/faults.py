@@ -130,11 +130,12 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     watch = GroundSpeeds(simulation, float(plan.tags["start"]))
     trace = simulate(controller, settings, plan, simulation=simulation, on_step=watch, past_falls=True)
     start, lowered = float(plan.tags["start"]), trace.safety.lowered > 0
+    before = watch.before or simulation.diverged
     return {
         **ending(trace),
         "faults": list(plan.conditions.faults),
-        "before": watch.before or simulation.diverged,
-        "fell": watch.before or simulation.diverged or watch.touch_speed is not None or lowered,
+        "before": before,
+        "fell": before or watch.touch_speed is not None or lowered,
         "refused": sum(trace.safety.readings_refused.values()),
         "lowered": lowered,
         "noticed_s": settings.duration - trace.safety.lowered * controller.period - start if lowered else None,
