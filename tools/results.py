@@ -99,15 +99,18 @@ def _both(words: str) -> dict[str, str]:
     return {label: words.format(name) for label, name in BOTH.items()}
 
 
-def _g1(*gaits: str) -> dict[str, str]:
-    """Return runs of single commands of the G1 with the QP."""
+def _g1(words: str, *gaits: str) -> dict[str, str]:
+    """Return runs of an experiment in some gaits for a G1 with each controller."""
     return {
-        f"G1, QP, {gait}": f"single-command --robot g1 --controller qp --gait {gait} --episodes 64" for gait in gaits
+        f"G1, {label}, {gait}": f"{words} --robot g1 --controller {name} --gait {gait}"
+        for gait in gaits
+        for label, name in BOTH.items()
     }
 
 
 RESULTS = ("docs/results.md",)
 G1 = ("models/g1/README.md",)
+G1_COMMANDS = "single-command --episodes 64"
 
 
 def _compared(controller: str, *, walks: int = 128, layouts: int = 50) -> str:
@@ -126,7 +129,7 @@ def _compared(controller: str, *, walks: int = 128, layouts: int = 50) -> str:
 
 
 TABLES = {
-    "walking": Table(("README.md",), _tracking("walking") | _g1("walking"), (*ERRORS, FALLS)),
+    "walking": Table(("README.md",), _tracking("walking") | _g1(G1_COMMANDS, "walking"), (*ERRORS, FALLS)),
     "single-commands": Table(RESULTS, _tracking(*GAITS), (*ERRORS, FALLS)),
     "feet": Table(RESULTS, _tracking("walking", "jumping", "hopping"), FEET),
     "random-commands": Table(RESULTS, _both("random-commands --controller {} --episodes 64"), (*ERRORS, FALLS)),
@@ -174,7 +177,7 @@ TABLES = {
         ("docs/comparison.md",),
         {
             **{label: _compared(name) for label, name in BOTH.items()},
-            "G1 QP": _compared("qp --robot g1", walks=64, layouts=10),  # the episodes of the G1's own tables
+            **{f"G1 {label}": _compared(f"{name} --robot g1", walks=64, layouts=10) for label, name in BOTH.items()},
         },
         HEADLINES,
         tall=True,
@@ -185,16 +188,13 @@ TABLES = {
     "push": Table(("docs/forces.md",), _both("push --controller {}"), tall=True),
     "sway": Table(("docs/forces.md",), _both("sway --controller {}"), tall=True),
     "faults": Table(("docs/reliability.md",), _both("faults --controller {} --episodes 10"), GROUND),
-    "g1": Table(G1, _g1("standing", "walking", "jumping"), (*ERRORS, FALLS)),
-    "g1-hands": Table(
+    "g1": Table(G1, _g1(G1_COMMANDS, "standing", "walking", "jumping"), (*ERRORS, FALLS)),
+    "g1-hands": Table(G1, _g1("hands --episodes 3", "standing", "walking"), HANDS),
+    "g1-tasks": Table(
         G1,
-        {
-            f"G1, QP, {gait}": f"hands --robot g1 --controller qp --gait {gait} --episodes 3"
-            for gait in ("standing", "walking")
-        },
-        HANDS,
+        {f"G1, {label}": f"tasks --robot g1 --controller {name} --episodes 10" for label, name in BOTH.items()},
+        OUTCOMES,
     ),
-    "g1-tasks": Table(G1, {"G1, QP": "tasks --robot g1 --controller qp --episodes 10"}, OUTCOMES),
     "stops": Table(("docs/reliability.md",), _both("stops --controller {}"), tall=True),
     "arrive": Table(("docs/reliability.md",), _both("arrive --controller {} --episodes 20"), tall=True),
 }

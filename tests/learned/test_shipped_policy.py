@@ -46,7 +46,7 @@ def test_hops_at_the_frequency_of_the_clock(gait: Gait) -> None:
 
 
 def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
-    assert shipped_policies() == ["h1"]
+    assert shipped_policies() == ["g1", "h1"]
     for name in shipped_policies():
         folder = policy_file(name).parent
         assert (folder / "README.md").read_text().startswith(f"# Policy `{name}`")
