@@ -28,7 +28,7 @@ _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
 With --recipe NAME, the stages of a recipe are run in order instead: `hugwbc train --recipe h1 --help`. Options change
-a recipe of one stage.
+a recipe with one stage that trains.
 With --processes N, N processes on this machine train as one, each with --env.count robots and --threads threads."""
 
 
@@ -36,7 +36,7 @@ With --processes N, N processes on this machine train as one, each with --env.co
 class RecipeOptions:
     """Make a policy by a recipe, or continue its run; Ctrl-C stops, and the same command continues.
 
-    Options of `hugwbc train` change a recipe that has one stage.
+    Options of `hugwbc train` change a recipe with one stage that trains.
     """
 
     recipe: str  # Name of a shipped recipe, or path of a recipe file that ends in .yaml
@@ -147,22 +147,23 @@ def _run_recipe(words: Sequence[str]) -> int:
 
 
 def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
-    """Return a recipe of one stage with options of `hugwbc train` in the place of its settings; its text names them."""
-    (name, stage), *others = recipe.stages.items()
-    if others or stage.train is None:
+    """Return a recipe with options of `hugwbc train` in the place of its one training's settings; its text says so."""
+    trained = {name: stage.train for name, stage in recipe.stages.items() if stage.train is not None}
+    if len(trained) != 1:
         raise ConfigError(
-            f"{words[0]} changes recipes of one stage that trains; {recipe.name} has {', '.join(recipe.stages)}. "
+            f"{words[0]} changes recipes with one stage that trains; {recipe.name} has {', '.join(trained) or 'none'}. "
             "Change a copy of its file, and give --recipe its path"
         )
-    config = parse(TrainConfig, words, "train", None, stage.train)
-    _check_options(config, stage.train)
-    if config.resume or config.hours != stage.train.hours:
+    ((name, train),) = trained.items()
+    config = parse(TrainConfig, words, "train", None, train)
+    _check_options(config, train)
+    if config.resume or config.hours != train.hours:
         raise ConfigError("--resume and --hours are not for recipes: the same command continues, and Ctrl-C stops it")
     return dataclasses.replace(
         recipe,
         source=f"# hugwbc train {shlex.join(words)}\n{recipe.source}",
-        seed=config.seed if config.seed != stage.train.seed else recipe.seed,
-        stages={name: dataclasses.replace(stage, train=config)},
+        seed=config.seed if config.seed != train.seed else recipe.seed,
+        stages=recipe.stages | {name: dataclasses.replace(recipe.stages[name], train=config)},
     )
 
 

@@ -101,8 +101,13 @@ def load_controller(
     robot: str | None = None,
     drives: str | None = None,
 ) -> Controller:
-    """Build a controller; arguments and errors are those of `ControllerSpec` and its `build`."""
-    return ControllerSpec(name, policy, robot, drives).build()
+    """Build a controller; arguments and errors are those of `ControllerSpec` and its `build`.
+
+    For a robot with a shipped policy, the learned controller takes that policy, and is not told the robot besides.
+    """
+    own = ControllerSpec(name, policy).of_robot(robot or DEFAULT_ROBOT)
+    told = robot if own.policy == policy else None
+    return ControllerSpec(name, own.policy, told, drives).build()
 
 
 @functools.cache
@@ -149,7 +154,8 @@ class ControllerSpec:
         if given:
             _ = self._known_robot
             if not self.takes_robot:
-                self._check_robot(self.robot or DEFAULT_ROBOT)
+                if self.robot is not None:
+                    self._check_robot(self.robot)
                 raise ConfigError(
                     f"controller '{self.name}' is not told a robot: it has no model of one, or learned one in its "
                     f"training; leave out {' and '.join(given)}, or choose a controller that takes a robot, such as qp"

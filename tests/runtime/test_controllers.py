@@ -112,6 +112,12 @@ def test_a_policy_refuses_another_robot_by_name(name, policy):
         load_controller(name, policy, robot="g1")
 
 
+def test_the_learned_controller_of_a_robot_is_its_shipped_policy():
+    assert load_controller("learned", robot="g1").contract == load_controller("learned", "g1").contract
+    with pytest.raises(ConfigError, match=r"is not told a robot: .* leave out 'ideal'"):
+        load_controller("learned", robot="g1", drives="ideal")
+
+
 def test_plugins_that_do_not_work_are_refused(third_party):
     third_party(broken="no_such_module:Controller", wrong="pathlib:Path")
     with pytest.raises(ConfigError, match=r"controller 'broken' .* cannot be loaded: ModuleNotFoundError: No module"):

@@ -209,7 +209,7 @@ def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
     assert "ca15dd32" in capsys.readouterr().out
 
 
-def test_options_change_a_recipe_of_one_stage(tmp_path, monkeypatch, capsys) -> None:
+def test_options_change_a_recipe_of_one_training(tmp_path, monkeypatch, capsys) -> None:
     """A recipe file serves a laptop and a GPU; what was changed stands in the run's recipe. Seeds are the recipe's."""
     runs = []
     monkeypatch.setattr("hugwbc.learned.recipe.run.run_recipe", lambda recipe, *_, **__: runs.append(recipe) or True)
@@ -221,8 +221,11 @@ def test_options_change_a_recipe_of_one_stage(tmp_path, monkeypatch, capsys) -> 
     assert (changed.env.count, changed.env.robot, changed.steps, runs[0].seed) == (16, "g1", 64, 2007)
     assert runs[0].source.startswith("# hugwbc train --env.count 16 --env.robot=g1 --seed 2007\n" + text[:5])
     assert main(words) == 0 and runs[1] == load_recipe(tmp_path / "walk.yaml")
+    assert main(["train", "--recipe", "g1", "--env.count", "16"]) == 0
+    stages = load_recipe("g1").stages
+    assert runs[2].stages["one"].train.env.count == 16 and runs[2].stages["calibrated"] == stages["calibrated"]
     assert main(["train", "--recipe", "h1", "--env.count", "16"]) == 2
-    assert "--env.count changes recipes of one stage" in capsys.readouterr().err
+    assert "--env.count changes recipes with one stage that trains; h1 has gaits, precision" in capsys.readouterr().err
     scheduled = text.replace("steps: 64,", "steps: 64, schedules: {ppo.std_limit: {points: {0: 0.5, 64: 0.2}}},")
     (tmp_path / "scheduled.yaml").write_text(scheduled)
     assert main(["train", "--recipe", str(tmp_path / "scheduled.yaml"), "--ppo.std-limit", "0.3"]) == 2
