@@ -142,7 +142,6 @@ def _run_recipe(words: Sequence[str]) -> int:
                 line(figures, {})
 
         finished = run_recipe(recipe, out, RecipeServices(options.workers), report=report, say=say)
-    say(f"finished; the policy is in {out}" if finished else f"stopped; the same command continues {out}")
     return 0 if finished else INTERRUPTED
 
 

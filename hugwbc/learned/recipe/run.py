@@ -86,6 +86,7 @@ def run_recipe(
     """
     with distributed.process_group(), stopped_by_signals() as stop:
         leads = distributed.rank() == 0
+        tell = say if leads else lambda line: None
         with sole_writer(out) if leads else contextlib.nullcontext():
             if leads:
                 if (out / CHECKPOINT_NAME).exists():
@@ -93,11 +94,13 @@ def run_recipe(
                 write_whole(out / RECIPE_NAME, recipe.source)
             try:
                 for name in recipe.stages:
-                    _Work(recipe, name, out, services, stop, report, say if leads else lambda line: None).run()
+                    _Work(recipe, name, out, services, stop, report, tell).run()
             except StoppedError:
+                tell(f"stopped; the same command continues {out}")
                 return False
             if leads:
                 _finish(recipe, out)
+    tell(f"finished; the policy is in {out}")
     return True
 
 
