@@ -146,7 +146,8 @@ class _Work:
         if finished is not None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        spent = _Spent(self.folder, self.digest) if leads else None
+        processes = distributed.size() if self.stage.kind == "train" else 1
+        spent = _Spent(self.folder, self.digest, processes) if leads else None
         seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}
         config = replaced(self.stage.config, {**self.inputs, **seed})
         if isinstance(config, TrainConfig):
@@ -280,8 +281,8 @@ class _Spent:
         core_seconds: processor time of this process and its finished children [s].
     """
 
-    def __init__(self, folder: pathlib.Path, settings: str) -> None:
-        self._path, self._settings = folder / SPENT, settings
+    def __init__(self, folder: pathlib.Path, settings: str, processes: int) -> None:
+        self._path, self._settings, self._processes = folder / SPENT, settings, processes
         before = json.loads(self._path.read_text()) if self._path.exists() else {"commits": [], "core_seconds": 0.0}
         self.commits = list(dict.fromkeys([*before["commits"], source_commit(policies=False)]))
         self._before, self._began, self._written = before["core_seconds"], _cpu_seconds(), 0.0
@@ -295,8 +296,8 @@ class _Spent:
 
     @property
     def core_seconds(self) -> float:
-        """Processor time of all sessions [s]; of torchrun's processes, each is taken to spend as much as this one."""
-        return self._before + distributed.size() * (_cpu_seconds() - self._began)
+        """Processor time of all sessions [s]; each process that trains is taken to spend as much as this one."""
+        return self._before + self._processes * (_cpu_seconds() - self._began)
 
     def add(self) -> None:
         """Write what was spent if the last time is a few seconds ago."""
