@@ -1,9 +1,10 @@
-"""Initial states of episodes: near the nominal pose, or in recorded motion."""
+"""Initial states of episodes: near the nominal pose, on one leg, or in recorded motion."""
 
 import math
 import pathlib
 from collections.abc import Mapping
 
+import numpy as np
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
@@ -14,7 +15,7 @@ from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.records import versions
 from hugwbc.learned.policy.terms import FRAME, HISTORY_FRAMES, size_of
-from hugwbc.robot import Robot
+from hugwbc.robot import Robot, load_mirror
 
 # Of a recorded state: position and velocity of the simulation, and what the environment keeps of a robot.
 COLUMNS = ("qpos", "qvel", "command", "gait", "phase", "actions", "history", "waist")
@@ -145,6 +146,25 @@ def draw_starts(
     qvel = nominal.new_zeros(count, 6 + joints)
     qvel[:, :6] = _symmetric(generator, count, 6, START_VELOCITY)
     return qpos, qvel
+
+
+def lean_of_one_leg(robot: Robot, side: int) -> torch.Tensor:
+    """Return how the joints of one leg move while it leans inwards, per radian of the lean, shape (joints,).
+
+    The hip rolls, and an ankle that can keeps the sole level.
+
+    Args:
+        robot: the robot.
+        side: 0 for the left leg, 1 for the right one.
+    """
+    lean = np.zeros(len(robot.joint_names))
+    left = robot.pair("hip_roll")[0]
+    lean[left] = -np.sign(robot.axes[left][0])
+    if "ankle_roll" in robot.pairs:
+        ankle = robot.pair("ankle_roll")[0]
+        lean[ankle] = np.sign(robot.axes[ankle][0])
+    mirror = load_mirror(robot)
+    return torch.tensor(lean if side == 0 else lean[mirror.joint_index] * mirror.joint_sign, dtype=torch.float64)
 
 
 def _symmetric(generator: torch.Generator, rows: int, columns: int, half_width: float) -> torch.Tensor:
