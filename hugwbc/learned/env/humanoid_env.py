@@ -9,7 +9,6 @@ import torch
 
 from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.env import environment_state, terminations
@@ -21,7 +20,7 @@ from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, T
 from hugwbc.learned.env.rewards import check_terms, evaluate_terms, relative_tracking, reward_terms
 from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
-from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts, lean_of_one_leg
+from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts, leans_of_one_leg
 from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
@@ -43,7 +42,6 @@ from hugwbc.sim.batch import BatchSimulation, RobotBatch
 from hugwbc.sim.terrain import Ground
 
 GENERATED_MOTIONS_SEED = 0
-MIDDLE_OF_STANCE = 0.25  # phase of a foot
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 _F, _L, _H, _P = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p"))
 _ALL = slice(None)
@@ -147,7 +145,7 @@ class HumanoidEnv:
         grace = config.held_foot_grace
         self.held_foot = FeetRule(self.count, grace, self.dt, place) if grace > 0.0 else None
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts, self.robot, place)
-        self._lean = torch.stack([lean_of_one_leg(self.robot, side) for side in (0, 1)]).to(place)
+        self._lean = torch.as_tensor(leans_of_one_leg(self.robot), device=place)
         zeros = functools.partial(torch.zeros, device=place)
         self.command = zeros(self.count, len(COMMAND_NAMES))
         self.gait, self.age = zeros(2, self.count, dtype=torch.long)
@@ -327,9 +325,9 @@ class HumanoidEnv:
         self.intervention.reset(robots)
         self.sensors.reset(robots)
         self._draw_commands(robots)
-        if self.config.one_leg_share > 0.0:
-            self._start_on_one_leg(robots)
         moving = self._start_in_motion(robots)
+        if self.config.one_leg_share > 0.0:
+            self._start_on_one_leg(robots[~torch.isin(robots, moving)])
         self.readings = read(self.simulation, self.ground)
         # A stand has no past, so its first frame fills the history; recorded motion brings its own.
         past = self.history[moving]
@@ -366,18 +364,18 @@ class HumanoidEnv:
         hopping = robots[chosen & gaits.hopping(self.gait[robots])]
         if not hopping.numel():
             return
-        self.phase[hopping] = MIDDLE_OF_STANCE
+        self.phase[hopping] = gaits.STANDING_PHASE
         told = (value[hopping] for value in (self.waist, self.posture, self.phase, self.gait, self.command))
-        side = (self.gait[hopping] == int(Gait.HOPPING_RIGHT)).long()
+        side = gaits.held(self.gait[hopping])[:, 0].long()  # of the leg that hops
         soles, qpos = self.simulation.sole_position()[hopping], self.simulation.qpos[hopping].clone()
         apart = 0.5 * (soles[:, 0] - soles[:, 1])[:, :2].norm(dim=1)
         lean = torch.asin((apart / self.robot.leg_length).clamp(max=0.5))  # which brings the foot under the pelvis
         qpos[:, 7:] += self._commanded.offsets(*told) + lean[:, None] * self._lean[side]
-        before = soles[torch.arange(len(side)), side, 2].clone()
+        ground = self.simulation.sole_position()[hopping, side, 2]
         for _ in range(2):  # the second time at the height at which the sole is on the ground
             self._place(hopping, qpos, self.simulation.qvel[hopping])
             self.simulation.forward(hopping)
-            qpos[:, 2] += before - self.simulation.sole_position()[hopping, side, 2]
+            qpos[:, 2] += ground - self.simulation.sole_position()[hopping, side, 2]
         if self.held_foot is not None:
             self.held_foot.restart(hopping, self.age[hopping], in_motion=True)
 

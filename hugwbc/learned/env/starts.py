@@ -148,23 +148,17 @@ def draw_starts(
     return qpos, qvel
 
 
-def lean_of_one_leg(robot: Robot, side: int) -> torch.Tensor:
-    """Return how the joints of one leg move while it leans inwards, per radian of the lean, shape (joints,).
+def leans_of_one_leg(robot: Robot) -> np.ndarray:
+    """Return how the joints move while the left or the right leg leans inwards, per radian, shape (2, joints).
 
     The hip rolls, and an ankle that can keeps the sole level.
-
-    Args:
-        robot: the robot.
-        side: 0 for the left leg, 1 for the right one.
     """
     lean = np.zeros(len(robot.joint_names))
-    left = robot.pair("hip_roll")[0]
-    lean[left] = -np.sign(robot.axes[left][0])
-    if "ankle_roll" in robot.pairs:
-        ankle = robot.pair("ankle_roll")[0]
-        lean[ankle] = np.sign(robot.axes[ankle][0])
-    mirror = load_mirror(robot)
-    return torch.tensor(lean if side == 0 else lean[mirror.joint_index] * mirror.joint_sign, dtype=torch.float64)
+    for part, direction in (("hip_roll", -1.0), ("ankle_roll", 1.0)):
+        if part in robot.pairs:
+            left = robot.pair(part)[0]
+            lean[left] = direction * np.sign(robot.axes[left][0])
+    return np.stack((lean, load_mirror(robot).joints(lean)))
 
 
 def _symmetric(generator: torch.Generator, rows: int, columns: int, half_width: float) -> torch.Tensor:
