@@ -1,10 +1,11 @@
 """Run what the tables of the documents show, on one commit, and write the tables into the documents.
 
-    python tools/results.py [--workers 2] [--only walking hands] [--quick] [--check] [--public FOLDER]
+    python tools/results.py [--workers 2] [--only walking hands] [--quick] [--check] [--public FOLDER] [--policy FILE]
 
 A table stands between two comments, `<!-- results: NAME COMMIT -->` and `<!-- end -->`, and is never typed. Finished
 episodes are stored in out/evaluation: after a kill, the same command goes on. `--check` runs nothing, and fails if a
-table belongs to another commit than the last one that changed what runs (`hugwbc.source`).
+table belongs to another commit than the last one that changed what runs (`hugwbc.source`). `--policy` prints the H1's
+tables of a policy that is not shipped.
 """
 
 import argparse
@@ -212,11 +213,23 @@ class Run:
     def of(cls, label: str, words: str, options: argparse.Namespace) -> "Run":
         """Parse the words of `hugwbc evaluate`, at the seed of the options, few and short episodes if quick."""
         words = words.format(public=options.public)
+        if options.policy:
+            words += f" --policy {shlex.quote(options.policy)}"
         if options.quick:
             words = re.sub(r" --(episodes|duration) \S+", "", words)
             words += f" {QUICK.get(words.split()[0], '--episodes 1')}"
         words += f" --seed {options.seed}"
         return cls(label, words, parse_entry(shlex.split(words))[0])
+
+
+def of_policy(table: Table) -> Table:
+    """Return a table with its runs of an H1's learned controller alone."""
+    runs = {
+        label: words
+        for label, words in table.runs.items()
+        if "--controller learned" in words and "--robot g1" not in words
+    }
+    return dataclasses.replace(table, runs=runs)
 
 
 def cell(figure: Figure | None) -> str:
@@ -338,6 +351,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="few, short episodes; print the tables instead of writing")
     parser.add_argument("--check", action="store_true", help="run nothing; fail if a table is of another commit")
     parser.add_argument("--public", help="folder with other people's networks, named as their contracts: unitree-h1.pt")
+    parser.add_argument("--policy", help="policy of an H1: print the tables with it as the only controller")
     options = parser.parse_args()
     if options.check:
         return check({name: TABLES[name] for name in options.only})
@@ -345,6 +359,8 @@ def main() -> int:
     for name, table in tables.items():  # now, and not after hours
         for document in table.documents:
             replaced((ROOT / document).read_text(), name, "", "")
+    if options.policy:
+        tables = {name: of_policy(table) for name, table in tables.items() if of_policy(table).runs}
     runs = {
         name: [Run.of(label, part, options) for label, words in table.runs.items() for part in words.split("; ")]
         for name, table in tables.items()
@@ -358,7 +374,7 @@ def main() -> int:
                 found.setdefault(run.label, []).extend(next(results).figures)
             body = markdown(lay_out(table, found), runs[name])
             for document in table.documents:
-                if options.quick:
+                if options.quick or options.policy:
                     print(f"\n{document}: {name}\n\n{body}", flush=True)
                 else:
                     path = ROOT / document
