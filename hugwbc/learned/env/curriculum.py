@@ -168,14 +168,21 @@ def _pair(value: Any) -> tuple[float, float] | None:  # noqa: ANN401  what a fil
     return float(linear), float(angular)
 
 
+def draw_gaits(count: int, config: CommandConfig, generator: torch.Generator) -> torch.Tensor:
+    """Draw values of `Gait` in the configured fractions, shape (count,)."""
+    order = Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.JUMPING
+    gaits = torch.tensor(order, device=generator.device)
+    hopping = config.hopping_fraction / 2.0
+    shares = torch.tensor([config.standing_fraction, config.walking_fraction, hopping, hopping], dtype=torch.float64)
+    shares = shares.cumsum(0).to(generator.device)
+    draw = rand(generator, count).double()
+    return gaits[torch.bucketize(draw, shares, right=True)]
+
+
 def draw_commands(
-    agile: torch.Tensor,
-    config: CommandConfig,
-    curriculum: Curriculum,
-    generator: torch.Generator,
-    loaded: torch.Tensor | None = None,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Draw gaits and commands.
+    gait: torch.Tensor, agile: torch.Tensor, config: CommandConfig, curriculum: Curriculum, generator: torch.Generator
+) -> torch.Tensor:
+    """Draw commands for gaits.
 
     Each command is uniform over its initial range. v_x and omega of the agile group are uniform over the range that
     the curriculum has reached. Each behaviour command is at its default with probability `default_fraction`, but
@@ -186,19 +193,16 @@ def draw_commands(
     that their tracking rewards act as regularisers.
 
     Args:
+        gait: values of `Gait`, shape (k,).
         agile: whether each robot belongs to the agile group, shape (k,), bool.
         config: the probabilities.
         curriculum: the robot and the speeds reached so far.
         generator: source of the draws.
-        loaded: which robots carry something and walk instead of hopping, shape (k,), bool; None for none.
 
     Returns:
-        Commands in the order of `COMMAND_NAMES`, shape (k, 8), and values of `Gait`, shape (k,).
+        Commands in the order of `COMMAND_NAMES`, shape (k, 8).
     """
-    count = agile.numel()
-    gait = _draw_gaits(count, config, generator)
-    if loaded is not None:
-        gait[loaded & hopping_gait(gait)] = Gait.WALKING
+    count = gait.numel()
     standing, hopping = gait == Gait.STANDING, hopping_gait(gait)
     agile = agile & ~hopping
     ranges = command_ranges(Gait.WALKING, curriculum.robot)
@@ -219,15 +223,4 @@ def draw_commands(
     # A range of hopping is the general one or the default alone, so clamping keeps the draws uniform.
     hops = [limits.initial for limits in command_ranges(Gait.HOPPING_LEFT, curriculum.robot).values()]
     low, high = torch.tensor(hops, device=command.device).T
-    return torch.where(hopping[:, None], command.clamp(low, high), command), gait
-
-
-def _draw_gaits(count: int, config: CommandConfig, generator: torch.Generator) -> torch.Tensor:
-    """Draw values of `Gait` in the configured fractions, shape (count,)."""
-    order = Gait.STANDING, Gait.WALKING, Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT, Gait.JUMPING
-    gaits = torch.tensor(order, device=generator.device)
-    hopping = config.hopping_fraction / 2.0
-    shares = torch.tensor([config.standing_fraction, config.walking_fraction, hopping, hopping], dtype=torch.float64)
-    shares = shares.cumsum(0).to(generator.device)
-    draw = rand(generator, count).double()
-    return gaits[torch.bucketize(draw, shares, right=True)]
+    return torch.where(hopping[:, None], command.clamp(low, high), command)

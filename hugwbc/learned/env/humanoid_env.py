@@ -13,7 +13,7 @@ from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.env import environment_state, terminations
 from hugwbc.learned.env.arm_intervention import ArmGains, Intervention, make_arm_targets
-from hugwbc.learned.env.curriculum import Curriculum, draw_commands
+from hugwbc.learned.env.curriculum import Curriculum, draw_commands, draw_gaits
 from hugwbc.learned.env.loads import Loads
 from hugwbc.learned.env.randomization import Latency, SensorErrors, draw_delays, push, rand, randint, randomize
 from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor
@@ -211,7 +211,9 @@ class HumanoidEnv:
         # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
         final = self.observe(ended)
         due = (~done & (self.age % self.config.command.resample_steps == 0)).nonzero().squeeze(1)
-        self._draw_commands(due)
+        gait = self._draw_gaits(due)
+        gait[self.loads.payload[due].any(1) & gaits.hopping(gait)] = gaits.Gait.WALKING  # nobody hops with a load
+        self._draw_commands(due, gait)
         disturbed[due] = True
         if self.ground is not None:
             self.ground.advance(ended, fallen[ended], self.statistics.tracking[ended, 0])
@@ -314,17 +316,22 @@ class HumanoidEnv:
         if not count:
             return
         self._place(robots, *draw_starts(self.nominal_qpos, robots, self.ground, self.generator))
+        # A gait keeps its share of the time, however early its episodes end: drawn anew at each start, hops that are
+        # not yet mastered had 2 % of the time instead of 20.
+        between = self.config.command.resample_steps
+        lasted = (self.age[robots] - 1) % between + 1
+        again = rand(self.generator, count) >= lasted / between
+        self.age[robots] = 0
+        self._draw_commands(robots, torch.where(again, self.gait[robots], self._draw_gaits(robots)))
         # Payloads change the model, so they are drawn before the quantities that depend on it are computed.
-        self.loads.reset(robots)
+        self.loads.reset(robots, gaits.hopping(self.gait[robots]))
         self.simulation.forward(robots)
         self.phase[robots] = rand(self.generator, count)
-        self.age[robots] = 0
         self.actions[:, robots] = 0.0
         self.waist[robots] = 0.0
         self.posture[robots] = 0.0
         self.intervention.reset(robots)
         self.sensors.reset(robots)
-        self._draw_commands(robots)
         moving = self._start_in_motion(robots)
         if self.config.one_leg_share > 0.0:
             self._start_on_one_leg(robots[~torch.isin(robots, moving)])
@@ -344,16 +351,15 @@ class HumanoidEnv:
         if self.latency is not None:
             self.latency.reset(robots, target)
 
-    def _draw_commands(self, robots: torch.Tensor) -> None:
-        """Draw a new gait and command for robots (indices)."""
+    def _draw_gaits(self, robots: torch.Tensor) -> torch.Tensor:
+        return draw_gaits(robots.numel(), self.config.command, self.generator)
+
+    def _draw_commands(self, robots: torch.Tensor, gait: torch.Tensor) -> None:
+        """Draw new commands for robots (indices), in gaits, both of shape (k,)."""
         if robots.numel():
-            self.command[robots], self.gait[robots] = draw_commands(
-                self.agile[robots],
-                self.config.command,
-                self.curriculum,
-                self.generator,
-                loaded=self.loads.payload[robots].any(1),
-            )
+            self.gait[robots] = gait
+            told = self.config.command, self.curriculum, self.generator
+            self.command[robots] = draw_commands(gait, self.agile[robots], *told)
             self.bias[robots] = 0.0
             if self.held_foot is not None:
                 self.held_foot.restart(robots, self.age[robots])

@@ -53,8 +53,8 @@ class Loads:
 
     # Payloads -------------------------------------------------------------------------------------------------------
 
-    def reset(self, robots: torch.Tensor) -> None:
-        """End the forces on robots (indices) and draw what they carry in a new episode."""
+    def reset(self, robots: torch.Tensor, hopping: torch.Tensor) -> None:
+        """End the forces on robots (indices) and draw what each carries in a new episode: nothing if it hops, (k,)."""
         self.hand_time[robots], self.trunk_time[robots] = -1.0, -1.0
         self.hand_force[robots], self.trunk_force[robots] = 0.0, 0.0
         if self.config.payload == 0.0 and not bool(self.payload[robots].any()):
@@ -62,7 +62,7 @@ class Loads:
         count = robots.numel()
         loaded = rand(self._generator, count) < self.config.loaded_share
         mass = self.config.payload * rand(self._generator, count, _HANDS)
-        self.payload[robots] = mass * (loaded & self._eligible[robots])[:, None]
+        self.payload[robots] = mass * (loaded & self._eligible[robots] & ~hopping)[:, None]
         self._write_payload(robots)
 
     def _write_payload(self, ids: torch.Tensor) -> None:

@@ -6,7 +6,7 @@ import torch
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, CurriculumConfig
-from hugwbc.learned.env.curriculum import Curriculum, draw_commands
+from hugwbc.learned.env.curriculum import Curriculum, draw_commands, draw_gaits
 from hugwbc.robot import load_robot
 
 HOPPING = CommandConfig(standing_fraction=0.1, walking_fraction=0.0, hopping_fraction=0.9)
@@ -92,7 +92,9 @@ def draw(config: CommandConfig, *, max_speed: float = 0.6) -> tuple[torch.Tensor
     curriculum = Curriculum(CurriculumConfig(), load_robot())
     curriculum.max_speed = max_speed
     agile = torch.arange(COUNT) % 2 == 0
-    return draw_commands(agile, config, curriculum, torch.Generator().manual_seed(0))
+    generator = torch.Generator().manual_seed(0)
+    gait = draw_gaits(COUNT, config, generator)
+    return draw_commands(gait, agile, config, curriculum, generator), gait
 
 
 def share(gait: torch.Tensor, value: Gait) -> float:

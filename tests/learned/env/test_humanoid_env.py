@@ -128,6 +128,17 @@ def test_a_held_foot_on_the_ground_ends_the_episode_only_if_asked_and_after_the_
         assert least < lasted <= most and down > 0.5
 
 
+def test_a_gait_whose_episodes_end_early_keeps_its_share_of_the_time() -> None:
+    command = CommandConfig(standing_fraction=0.5, walking_fraction=0.0, hopping_fraction=0.5, resample_steps=60)
+    env = HumanoidEnv(EnvConfig(count=64, command=command, held_foot_grace=0.04), seed=0, threads=1)
+    hops = []
+    for _ in range(180):  # a hop ends after six steps, a stand after none of them
+        env.step(torch.zeros_like(env.actions[0]))
+        hops.append((env.gait >= Gait.HOPPING_LEFT).float().mean())
+    assert env.statistics.pop()["episodes"] > 300
+    assert float(torch.stack(hops).mean()) == pytest.approx(0.5, abs=0.1)
+
+
 def test_a_new_command_gives_a_held_foot_time_again() -> None:
     command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0, resample_steps=20)
     env = HumanoidEnv(EnvConfig(count=8, command=command, held_foot_grace=0.5), seed=3, threads=1)

@@ -12,6 +12,7 @@ from hugwbc.sim.batch import BatchSimulation
 
 ROBOT = load_robot("h1")
 COUNT = 4
+NOBODY = torch.zeros(COUNT, dtype=torch.bool)
 
 
 def make(config: LoadConfig, eligible: tuple[bool, ...] = (True,) * COUNT) -> tuple[BatchSimulation, Loads]:
@@ -25,7 +26,7 @@ def test_a_payload_is_a_point_mass_in_the_hand() -> None:
     com = simulation.batch.bind("subtree_com")
     simulation.forward(torch.arange(COUNT))
     before = com[:, 0].copy()
-    loads.reset(torch.arange(COUNT))
+    loads.reset(torch.arange(COUNT), NOBODY)
     simulation.forward(torch.arange(COUNT))
     payload = loads.payload.double().numpy()
     assert (payload[:3] > 0.0).all() and payload.max() <= 4.0 and (payload[3] == 0.0).all()
@@ -41,7 +42,7 @@ def test_a_payload_is_a_point_mass_in_the_hand() -> None:
     np.testing.assert_allclose(com[:, 0], moment / mass[:, None], atol=1e-6)
     # Laid down again, the arms are as light as before.
     loads.config = LoadConfig()
-    loads.reset(torch.arange(COUNT))
+    loads.reset(torch.arange(COUNT), NOBODY)
     np.testing.assert_allclose(simulation.expand("body_mass").numpy().sum(1), ROBOT.mass)
 
 
@@ -71,7 +72,7 @@ def test_forces_begin_and_end_and_push_where_they_say() -> None:
         loads.step(hopping)
     torch.testing.assert_close(loads.hand_force[:2], before)
     loads.config = LoadConfig()
-    loads.reset(torch.arange(COUNT))
+    loads.reset(torch.arange(COUNT), NOBODY)
     loads.step(hopping)
     assert not simulation.forces.any()
 
@@ -89,13 +90,16 @@ def test_a_force_on_a_hand_acts_at_the_hand() -> None:
     np.testing.assert_allclose(simulation.forces[0, body], [0, 0, -10.0, *np.cross(lever, [0, 0, -10.0])], atol=1e-9)
 
 
-def test_loaded_robots_do_not_hop_and_the_agile_group_is_not_loaded() -> None:
-    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.0, hopping_fraction=1.0)
+def test_who_hops_carries_nothing_and_the_agile_group_is_not_loaded() -> None:
+    command = CommandConfig(standing_fraction=0.0, walking_fraction=0.5, hopping_fraction=0.5, resample_steps=3)
     loads = LoadConfig(payload=4.0, loaded_share=1.0)
-    env = HumanoidEnv(EnvConfig(count=8, command=command, loads=loads), seed=0, threads=1)
-    assert not env.loads.payload[:4].any() and bool((env.loads.payload[4:] > 0.0).all())
-    assert (env.gait[:4] >= Gait.HOPPING_LEFT).all() and (env.gait[4:] == Gait.WALKING).all()
-    assert env.observe().critic.isfinite().all()
+    env = HumanoidEnv(EnvConfig(count=32, command=command, loads=loads), seed=0, threads=1)
+    assert (env.gait[16:] >= Gait.HOPPING_LEFT).any()
+    for _ in range(7):
+        hops, loaded = env.gait >= Gait.HOPPING_LEFT, env.loads.payload.any(1)
+        assert hops.any() and loaded.any() and not (hops & loaded).any() and not loaded[:16].any()
+        assert env.observe().critic.isfinite().all()
+        env.step(torch.zeros(32, len(ROBOT.joint_names)))
 
 
 def test_what_the_critic_sees_is_in_the_heading_frame() -> None:

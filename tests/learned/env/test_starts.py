@@ -159,4 +159,5 @@ def test_hops_start_in_balance_on_the_leg_that_hops(robot: str) -> None:
             result = world.step(torch.zeros(40, len(world.robot.joint_names)))
             up &= ~result.done & ~terminations.held_foot_down(world.readings, world.gait)
             age += up
-    assert ages[0][hopping].float().mean() > 1.3 * ages[1][hopping].float().mean(), "it stays there longer"
+    stay = [(age[hopping] >= 8).float().mean() for age in ages]
+    assert stay[0] > 0.9 > 1.1 * stay[1], "for 0.16 s nearly all of them stay there, untrained"
