@@ -195,7 +195,7 @@ def test_a_mistake_is_refused_with_its_line(recipe, before: str, after: str, sai
 
 
 def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
-    stages = load_recipe("h1").stages
+    stages = load_recipe("chain").stages
     gaits = stages["gaits"].train
     names = "starts gaits precision exact sharp posture squat loads low heavy still calibrated"
     assert gaits is not None and list(stages) == names.split()
@@ -203,7 +203,7 @@ def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
     assert (early.ppo.horizon, late.ppo.horizon) == (20, 24) and late.env.terrain.roughness == 0.02
     share = late.env.command
     assert (share.standing_fraction, share.walking_fraction, share.hopping_fraction) == pytest.approx((0.15, 0.3, 0.2))
-    smoke = load_recipe("h1", smoke=True).stages["gaits"].train
+    smoke = load_recipe("chain", smoke=True).stages["gaits"].train
     assert smoke is not None and smoke.at(smoke.steps).env.rewards == late.env.rewards
     assert main(["check", "--policy", "h1"]) == 0
     assert "ca15dd32" in capsys.readouterr().out
@@ -224,8 +224,8 @@ def test_options_change_a_recipe_of_one_training(tmp_path, monkeypatch, capsys) 
     assert main(["train", "--recipe", "g1", "--env.count", "16"]) == 0
     stages = load_recipe("g1").stages
     assert runs[2].stages["one"].train.env.count == 16 and runs[2].stages["calibrated"] == stages["calibrated"]
-    assert main(["train", "--recipe", "h1", "--env.count", "16"]) == 2
-    assert "--env.count changes recipes with one stage that trains; h1 has gaits, precision" in capsys.readouterr().err
+    assert main(["train", "--recipe", "chain", "--env.count", "16"]) == 2
+    assert "--env.count changes recipes with one stage that trains; chain has gaits, precision" in capsys.readouterr().err
     scheduled = text.replace("steps: 64,", "steps: 64, schedules: {ppo.std_limit: {points: {0: 0.5, 64: 0.2}}},")
     (tmp_path / "scheduled.yaml").write_text(scheduled)
     assert main(["train", "--recipe", str(tmp_path / "scheduled.yaml"), "--ppo.std-limit", "0.3"]) == 2
