@@ -21,8 +21,11 @@ from hugwbc.settings import Count, Gain, NotNegative, Positive, RobotName, Share
 
 @settings
 class CommandConfig:
-    """How training draws commands. Gaits have the fractions below of the time, however early robots fall in them; the
-    rest is jumping. A robot with a load in its hands walks where it should hop."""
+    """How training draws commands.
+
+    Gaits have the fractions below of the time, however early robots fall in them; the rest is jumping. A robot with a
+    load in its hands walks where it should hop.
+    """
 
     standing_fraction: Share = 0.2
     """Fraction of the commands that are for standing."""
