@@ -80,7 +80,7 @@ def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
 
 
 def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
-    options = argparse.Namespace(public="networks", quick=True, seed=7)
+    options = argparse.Namespace(public="networks", policy=None, quick=True, seed=7)
     for table in tool.TABLES.values():
         for words in "; ".join(table.runs.values()).split("; "):
             run = tool.Run.of("", words, options)
@@ -88,7 +88,15 @@ def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
 
 
 def test_a_command_that_both_controllers_run_is_given_once(tool) -> None:
-    options = argparse.Namespace(public=None, quick=False, seed=7)
+    options = argparse.Namespace(public=None, policy=None, quick=False, seed=7)
     runs = [tool.Run.of("", f"push --controller {name}", options) for name in ("qp", "learned")]
     text = tool.markdown([["", "falls"], ["QP", "0 of 3"]], runs)
     assert text.endswith("| 0 of 3 |\n\n`hugwbc evaluate push --controller qp|learned --seed 7`")
+
+
+def test_a_policy_that_is_not_shipped_has_the_tables_of_the_learned_controller(tool) -> None:
+    options = argparse.Namespace(public=None, policy="my runs/policy.safetensors", quick=True, seed=7)
+    parts = {name: tool.of_policy(table).runs for name, table in tool.TABLES.items()}
+    assert not parts["public"] and not parts["g1"] and list(parts["comparison"]) == ["learned"]
+    for words in parts["walking"].values():
+        assert tool.Run.of("", words, options).entry.spec.policy == "my runs/policy.safetensors"
