@@ -360,7 +360,7 @@ def main() -> int:
         for document in table.documents:
             replaced((ROOT / document).read_text(), name, "", "")
     if options.policy:
-        tables = {name: of_policy(table) for name, table in tables.items() if of_policy(table).runs}
+        tables = {name: table for name, each in tables.items() if (table := of_policy(each)).runs}
     runs = {
         name: [Run.of(label, part, options) for label, words in table.runs.items() for part in words.split("; ")]
         for name, table in tables.items()

@@ -227,14 +227,9 @@ class EnvConfig:
     records writes one as starts.safetensors."""
     starts_share: Share = 0.7
     """Share of the episodes that start in recorded motion, among those whose gait was recorded."""
-    one_leg_share: Share = 0.0
-    """Share of the episodes of hops that start in balance on the leg that hops, instead of in a stand. A robot that
-    cannot yet lift a foot learns there what a hop is worth (Peng et al., "DeepMimic", ACM Transactions on Graphics
-    2018)."""
     held_foot_grace: NotNegative = 0.0
     """Time after a new command in which a hopping robot must lift its held foot [s]. From then on, and at once in an
-    episode that starts in a hop or on one leg, more than a brief touch of the ground ends the episode. 0 switches the
-    rule off."""
+    episode that starts in mid-hop, more than a brief touch of the ground ends the episode. 0 switches the rule off."""
     waist_rate: NotNegative = WAIST_RATE
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
@@ -325,17 +320,7 @@ class EnvConfig:
 
 
 # What an environment can take over without rebuilding its robots.
-ADOPTED = (
-    "command",
-    "rewards",
-    "extra",
-    "loads",
-    "curriculum",
-    "squat_gain",
-    "swing_gain",
-    "starts_share",
-    "one_leg_share",
-)
+ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain", "starts_share")
 
 
 def same_robots(one: EnvConfig, other: EnvConfig) -> bool:

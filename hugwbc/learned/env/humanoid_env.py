@@ -20,7 +20,7 @@ from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, T
 from hugwbc.learned.env.rewards import check_terms, evaluate_terms, relative_tracking, reward_terms
 from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
-from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts, leans_of_one_leg
+from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
 from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
@@ -145,7 +145,6 @@ class HumanoidEnv:
         grace = config.held_foot_grace
         self.held_foot = FeetRule(self.count, grace, self.dt, place) if grace > 0.0 else None
         self.starts = None if config.starts is None else RecordedStarts.load(config.starts, self.robot, place)
-        self._lean = torch.as_tensor(leans_of_one_leg(self.robot), device=place)
         zeros = functools.partial(torch.zeros, device=place)
         self.command = zeros(self.count, len(COMMAND_NAMES))
         self.gait, self.age = zeros(2, self.count, dtype=torch.long)
@@ -333,8 +332,6 @@ class HumanoidEnv:
         self.intervention.reset(robots)
         self.sensors.reset(robots)
         moving = self._start_in_motion(robots)
-        if self.config.one_leg_share > 0.0:
-            self._start_on_one_leg(robots[~torch.isin(robots, moving)])
         self.readings = read(self.simulation, self.ground)
         # A stand has no past, so its first frame fills the history; recorded motion brings its own.
         past = self.history[moving]
@@ -363,27 +360,6 @@ class HumanoidEnv:
             self.bias[robots] = 0.0
             if self.held_foot is not None:
                 self.held_foot.restart(robots, self.age[robots])
-
-    def _start_on_one_leg(self, robots: torch.Tensor) -> None:
-        """Let a share of the robots (indices) that are told to hop, just set up, start on the leg that hops."""
-        chosen = rand(self.generator, robots.numel()) < self.config.one_leg_share
-        hopping = robots[chosen & gaits.hopping(self.gait[robots])]
-        if not hopping.numel():
-            return
-        self.phase[hopping] = gaits.STANDING_PHASE
-        told = (value[hopping] for value in (self.waist, self.posture, self.phase, self.gait, self.command))
-        side = gaits.held(self.gait[hopping])[:, 0].long()  # of the leg that hops
-        soles, qpos = self.simulation.sole_position()[hopping], self.simulation.qpos[hopping].clone()
-        apart = 0.5 * (soles[:, 0] - soles[:, 1])[:, :2].norm(dim=1)
-        lean = torch.asin((apart / self.robot.leg_length).clamp(max=0.5))  # which brings the foot under the pelvis
-        qpos[:, 7:] += self._commanded.offsets(*told) + lean[:, None] * self._lean[side]
-        ground = self.simulation.sole_position()[hopping, side, 2]
-        for _ in range(2):  # the second time at the height at which the sole is on the ground
-            self._place(hopping, qpos, self.simulation.qvel[hopping])
-            self.simulation.forward(hopping)
-            qpos[:, 2] += ground - self.simulation.sole_position()[hopping, side, 2]
-        if self.held_foot is not None:
-            self.held_foot.restart(hopping, self.age[hopping], in_motion=True)
 
     def _start_in_motion(self, robots: torch.Tensor) -> torch.Tensor:
         """Replace the stand of some robots (indices), just set up, by recorded motion of their gait.

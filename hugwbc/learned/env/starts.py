@@ -1,10 +1,9 @@
-"""Initial states of episodes: near the nominal pose, on one leg, or in recorded motion."""
+"""Initial states of episodes: near the nominal pose, or in recorded motion."""
 
 import math
 import pathlib
 from collections.abc import Mapping
 
-import numpy as np
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
@@ -15,7 +14,7 @@ from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.records import versions
 from hugwbc.learned.policy.terms import FRAME, HISTORY_FRAMES, size_of
-from hugwbc.robot import Robot, load_mirror
+from hugwbc.robot import Robot
 
 # Of a recorded state: position and velocity of the simulation, and what the environment keeps of a robot.
 COLUMNS = ("qpos", "qvel", "command", "gait", "phase", "actions", "history", "waist")
@@ -146,19 +145,6 @@ def draw_starts(
     qvel = nominal.new_zeros(count, 6 + joints)
     qvel[:, :6] = _symmetric(generator, count, 6, START_VELOCITY)
     return qpos, qvel
-
-
-def leans_of_one_leg(robot: Robot) -> np.ndarray:
-    """Return how the joints move while the left or the right leg leans inwards, per radian, shape (2, joints).
-
-    The hip rolls, and an ankle that can keeps the sole level.
-    """
-    lean = np.zeros(len(robot.joint_names))
-    for part, direction in (("hip_roll", -1.0), ("ankle_roll", 1.0)):
-        if part in robot.pairs:
-            left = robot.pair(part)[0]
-            lean[left] = direction * np.sign(robot.axes[left][0])
-    return np.stack((lean, load_mirror(robot).joints(lean)))
 
 
 def _symmetric(generator: torch.Generator, rows: int, columns: int, half_width: float) -> torch.Tensor:

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from hugwbc import gait as gaits
-from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import PolicyFileError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, EnvConfig, RandomizationConfig
-from hugwbc.learned.env import terminations
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.starts import (
     COLUMNS,
@@ -131,33 +128,3 @@ def test_starts_are_about_the_nominal_pose_in_any_heading() -> None:
         assert np.abs(values).max() <= half_width + 1e-6
         assert values.std() == pytest.approx(half_width / np.sqrt(3.0), rel=0.05)
     assert not qvel[:, 6:].any()
-
-
-@pytest.mark.parametrize("robot", ["h1", "g1"])
-def test_hops_start_in_balance_on_the_leg_that_hops(robot: str) -> None:
-    hops = CommandConfig(standing_fraction=0.2, walking_fraction=0.0, hopping_fraction=0.8)
-    settings = {"robot": robot, "count": 40, "command": hops, "swing_gain": 1.0, "intervention": "none"}
-    quiet = RandomizationConfig(push_velocity=0.0)
-    env = HumanoidEnv(EnvConfig(**settings, randomization=quiet, one_leg_share=1.0), seed=3, threads=1)
-    stands = HumanoidEnv(EnvConfig(**settings, randomization=quiet), seed=3, threads=1)
-    hopping = gaits.hopping(env.gait)
-    rows, side = torch.arange(40)[hopping], (env.gait[hopping] == int(Gait.HOPPING_RIGHT)).long()
-    assert rows.numel() and not hopping.all() and hopping.equal(gaits.hopping(stands.gait))
-    clearance = env.readings.clearance
-    assert clearance[rows, side].abs().max() < 0.03, "one foot is on the ground"
-    assert (clearance[rows, 1 - side] > 0.5 * env.command[rows, COMMAND_NAMES.index("l")]).all(), "the other one is not"
-    foot, pelvis = env.simulation.sole_position()[rows, side, :2], env.simulation.qpos[rows, :2]
-    feet = stands.simulation.sole_position()[rows]
-    apart = (feet[:, 0] - feet[:, 1])[:, :2].norm(dim=1).mean()
-    assert (foot - pelvis).norm(dim=1).median() < 0.3 * apart, "the pelvis is above it"
-    assert not terminations.held_foot_down(env.readings, env.gait).any()
-    torch.testing.assert_close(env.simulation.qpos[~hopping, 3:], stands.simulation.qpos[~hopping, 3:])
-    ages = [torch.zeros(40, dtype=torch.long) for _ in range(2)]
-    for age, world in zip(ages, (env, stands), strict=True):
-        up = torch.ones(40, dtype=torch.bool)
-        for _ in range(15):
-            result = world.step(torch.zeros(40, len(world.robot.joint_names)))
-            up &= ~result.done & ~terminations.held_foot_down(world.readings, world.gait)
-            age += up
-    stay = [(age[hopping] >= 8).float().mean() for age in ages]
-    assert stay[0] > 0.9 > 1.1 * stay[1], "for 0.16 s nearly all of them stay there, untrained"

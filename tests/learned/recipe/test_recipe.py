@@ -225,7 +225,8 @@ def test_options_change_a_recipe_of_one_training(tmp_path, monkeypatch, capsys) 
     stages = load_recipe("g1").stages
     assert runs[2].stages["one"].train.env.count == 16 and runs[2].stages["calibrated"] == stages["calibrated"]
     assert main(["train", "--recipe", "chain", "--env.count", "16"]) == 2
-    assert "--env.count changes recipes with one stage that trains; chain has" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "--env.count changes recipes with one stage that trains; chain has gaits, precision" in said
     scheduled = text.replace("steps: 64,", "steps: 64, schedules: {ppo.std_limit: {points: {0: 0.5, 64: 0.2}}},")
     (tmp_path / "scheduled.yaml").write_text(scheduled)
     assert main(["train", "--recipe", str(tmp_path / "scheduled.yaml"), "--ppo.std-limit", "0.3"]) == 2
