@@ -154,6 +154,7 @@ def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
             "Change a copy of its file, and give --recipe its path"
         )
     ((name, train),) = trained.items()
+    train = dataclasses.replace(train, seed=recipe.seed)
     config = parse(TrainConfig, words, "train", None, train)
     _check_options(config, train)
     if config.resume or config.hours != train.hours:
@@ -161,7 +162,7 @@ def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
     return dataclasses.replace(
         recipe,
         source=f"# hugwbc train {shlex.join(words)}\n{recipe.source}",
-        seed=config.seed if config.seed != train.seed else recipe.seed,
+        seed=config.seed,
         stages=recipe.stages | {name: dataclasses.replace(recipe.stages[name], train=config)},
     )
 

@@ -111,6 +111,10 @@ def test_processes_train_save_and_resume_together(tmp_path: pathlib.Path) -> Non
     common, _ = checkpoint.load_file(tmp_path / "checkpoint.safetensors", "checkpoint")
     assert metadata["iteration"] == 4
     assert not torch.equal(own["env.history"], common["env.history"]), "each process has robots of its own"
+    with pytest.raises(AssertionError, match="give --processes 2"):
+        python(*words, "--steps", 384, "--resume")
+    (tmp_path / "checkpoint-rank1.safetensors").unlink()
+    assert "begin new episodes" in python(*words, "--steps", 384, "--resume", "--processes", 2)
 
 
 def trainers(folder: pathlib.Path) -> list[int]:

@@ -168,7 +168,7 @@ class ExtraWeights:
     """Error of the yaw rate, filtered likewise, up to 1 rad/s."""
     foot_impact: float = -10.0
     """Squared excess of a sole's speed of descent over 0.3 m/s, one control step before it touches the ground, up to
-    4 (m/s)^2; not in jumps and hops, which it keeps on the ground. Without it soles met the ground at up to 3 m/s."""
+    4 (m/s)^2; jumps and hops may fall as the clock says besides. Without it soles met the ground at up to 3 m/s."""
     contact_mismatch: float = -2.0
     """sum_i |C_i - c_i|, with c_i whether foot i is on the ground; not in standing."""
     flight_contact: float = -3.0
@@ -326,5 +326,4 @@ ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "
 def same_robots(one: EnvConfig, other: EnvConfig) -> bool:
     """Return whether the robots of one environment can continue in the other, without being rebuilt."""
     kept = [field.name for field in dataclasses.fields(one) if field.name not in ADOPTED]
-    hops = (one.command.hopping_fraction > 0.0) == (other.command.hopping_fraction > 0.0)
-    return hops and all(getattr(one, name) == getattr(other, name) for name in kept)
+    return all(getattr(one, name) == getattr(other, name) for name in kept)

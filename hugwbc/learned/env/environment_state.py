@@ -57,11 +57,11 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
         group, _, name = key.partition(".")
         if name:
             prefixed[group][name] = value
+    env.restore_levels({name: value.tolist() for name, value in prefixed["curriculum"].items()})
     for name in _STATE_PARTS:
         part = getattr(env, name)
         if part is not None and prefixed[name]:
             part.load_state_dict(prefixed[name])
-    env.restore_levels({name: value.tolist() for name, value in prefixed["curriculum"].items()})
     env.arm_gains.update(env.intervention.active * env.curriculum.alpha)
     # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
     _write_simulation(env, state)

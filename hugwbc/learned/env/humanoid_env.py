@@ -16,7 +16,7 @@ from hugwbc.learned.env.arm_intervention import ArmGains, Intervention, make_arm
 from hugwbc.learned.env.curriculum import Curriculum, draw_commands, draw_gaits
 from hugwbc.learned.env.loads import Loads
 from hugwbc.learned.env.randomization import Latency, SensorErrors, draw_delays, push, rand, randint, randomize
-from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor
+from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor, to_heading
 from hugwbc.learned.env.rewards import check_terms, evaluate_terms, relative_tracking, reward_terms
 from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
 from hugwbc.learned.env.running_statistics import Statistics
@@ -97,8 +97,8 @@ class HumanoidEnv:
         self.dt = config.period
         make, place = _engine(device, threads)
         self.generator = torch.Generator(place).manual_seed(seed)
-        rough = config.terrain.roughness > 0.0
-        self.ground = RoughGround(self.count, config.terrain, np.random.default_rng(seed), place) if rough else None
+        rough, rng = config.terrain.roughness > 0.0, np.random.default_rng(seed)
+        self.ground = RoughGround(self.count, config.terrain, rng, place) if rough else None
         self.simulation = make(
             config.count,
             terrain=None if self.ground is None else self.ground.terrain,
@@ -108,7 +108,6 @@ class HumanoidEnv:
             timestep=config.timestep,
         )
         self.action_scale = tensor(config.action_scales(self.robot), place)
-        rng = np.random.default_rng(seed)
         damping = config.damping(self.robot) / self.robot.kd
         self.friction = tensor(randomize(self.simulation, config.randomization, rng, damping), place)
         delays = draw_delays(self.count, config.randomization.latency, config.timestep, rng)
@@ -136,8 +135,7 @@ class HumanoidEnv:
         self._body_facts = torch.stack((self.mass, tensor(seconds, place)), dim=1)
         self.adopt(config)
         self.body = Body.of(self.robot, self.dt, place)
-        hops = config.command.hopping_fraction > 0.0
-        self.statistics = Statistics(self.count, self.robot.waist, hopping=hops, device=place)
+        self.statistics = Statistics(self.count, self.robot.waist, place)
         self.further = further_terms(config.observations, self.robot)
         self._further_noise = obs.noise_amplitude(self.further, self.robot).to(place)
         joints = len(self.robot.joint_names)
@@ -202,9 +200,8 @@ class HumanoidEnv:
         tracking = relative_tracking(rewards, self._terms, self.dt)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
         self.statistics.note_gates(tracking, transition, self.agile)
-        if self.config.command.hopping_fraction > 0.0:
-            down = terminations.held_foot_down(self.readings, self.gait)
-            self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))
+        down = terminations.held_foot_down(self.readings, self.gait)
+        self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
         ended = done.nonzero().squeeze(1)
         # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
@@ -422,7 +419,7 @@ class HumanoidEnv:
             (height - self.command[robots, _H])[:, None],
             clearance,
             self.friction[robots, None],
-            r.foot_force[robots].flatten(1),
+            to_heading(r.foot_force[robots], r.heading[robots, None]).flatten(1),
             (r.link_force[robots] > LINK_CONTACT_FORCE).to(velocity.dtype),
             self.bias[robots],
             *self.loads.observation(r.heading)[robots].split((2, 6, 3), 1),
@@ -435,7 +432,7 @@ class HumanoidEnv:
         return Observation(history, torch.cat((command, further), 1), critic, estimate)
 
     def _sensed(self, robots: torch.Tensor | slice, *frame: torch.Tensor) -> Sensed:
-        """Return what robots (all, or indices) sense, in the order of `observations.FRAME`, and are told."""
+        """Return what robots (all, or indices) sense, in the order of `terms.FRAME`, and are told."""
         told = (self.command, self.gait, self.phase, self.intervention.active)
         return Sensed(*frame, *(value[robots] for value in told), pose=self._pose)
 

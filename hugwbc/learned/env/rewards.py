@@ -220,13 +220,14 @@ def yaw_rate_bias(t: Transition, body: Body) -> torch.Tensor:
 
 
 def foot_impact(t: Transition, body: Body) -> torch.Tensor:
-    """sum_i min(4, max(0, d_i - d_0)^2) over feet that touch down (not in the paper).
+    """sum_i min(4, max(0, d_i - d_0 - b)^2) over feet that touch down (not in the paper).
 
-    d_i is the speed of descent one control step before: contact stops a sole within a step. d_0 is 0.3 m/s. Zero in
-    jumps and hops, where less of it means less flight.
+    d_i is the speed of descent one control step before: contact stops a sole within a step. d_0 is 0.3 m/s, and b the
+    speed at which jumps and hops fall by the clock.
     """
-    excess = (t.descent - SOFT_DESCENT).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
-    return (t.touch_down * excess).sum(1) * ~flies(t.gait)
+    falling = (-t.bounce[:, [1]]).clamp(min=0.0)
+    excess = (t.descent - SOFT_DESCENT - falling).clamp(min=0.0).square().clamp(max=LARGEST_IMPACT)
+    return (t.touch_down * excess).sum(1)
 
 
 def contact_mismatch(t: Transition, body: Body) -> torch.Tensor:

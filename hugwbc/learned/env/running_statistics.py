@@ -14,6 +14,11 @@ TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the t
 _COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
 GATES = ("alpha", "speed")
 _MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
+_GAITS = {  # first and last value of `Gait`
+    "walking": (Gait.WALKING, Gait.WALKING),
+    "jumping": (Gait.JUMPING, Gait.JUMPING),
+    "hopping": (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT),
+}
 _EVENTS, _LENGTH = ("episodes", "falls", "diverged"), "episode_length"
 
 
@@ -24,20 +29,16 @@ class Statistics:
         tracking: exponential averages of the linear and angular tracking reward relative to their maxima, shape (n, 2).
     """
 
-    def __init__(self, count: int, waist: int, *, hopping: bool = False, device: torch.device | None = None) -> None:
+    def __init__(self, count: int, waist: int, device: torch.device | None = None) -> None:
         """Start empty.
 
         Args:
             count: number of robots.
             waist: index of the waist joint.
-            hopping: whether to report the errors of hopping robots in addition to those of walking ones.
             device: device of the robots. The sums stay there until `pop`.
         """
         self.tracking = torch.zeros(count, 2, device=device)
         self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2, device=device) for name in GATES}
-        self._gaits = {"walking": (Gait.WALKING, Gait.WALKING), "jumping": (Gait.JUMPING, Gait.JUMPING)}
-        if hopping:
-            self._gaits["hopping"] = (Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT)
         self._waist = waist
         self._clear()
 
@@ -68,7 +69,7 @@ class Statistics:
         self._average([f"reward/{name}" for name in rewards], terms, torch.ones_like(terms))
         errors = (tracked(t, self._waist) - t.command[:, _COLUMNS]).abs()
         known = errors.isfinite().all(1)
-        for label, (first, last) in self._gaits.items():
+        for label, (first, last) in _GAITS.items():
             robots = known & (gait >= first) & (gait <= last)
             totals = torch.where(robots[:, None], errors, 0.0).double().sum(0)
             self._average([f"{label}_error/{name}" for name in TRACKED], totals, robots.sum().expand(len(TRACKED)))

@@ -6,6 +6,7 @@ The log has a row of figures per iteration, and a record per session.
 import csv
 import dataclasses
 import importlib.metadata
+import io
 import itertools
 import json
 import math
@@ -113,23 +114,30 @@ def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
         write_whole(path, "".join(",".join(row) + "\r\n" for row in [header, *kept]))
 
 
-def append_row(folder: pathlib.Path, row: dict[str, float], iteration: int) -> None:
-    """Append the figures of an iteration to the log; NaN leaves a cell empty.
+def append_row(folder: pathlib.Path, row: dict[str, float]) -> None:
+    """Append the figures of an iteration to the log; NaN, and a column that the row lacks, leaves a cell empty.
 
-    A log with other columns, from a session with other settings, is kept under another name.
+    A column that the log lacks, such as that of a reward which a schedule switches on, is added to all of its rows.
     """
-    path = folder / LOG_NAME
+    path, header = folder / LOG_NAME, list[str]()
     if path.exists():
         with path.open(newline="") as file:
             header = next(csv.reader(file), [])
-        if header != list(row):
-            path.rename(_free(path.with_stem(f"{path.stem}-until-{iteration - 1}")))
-    new = not path.exists()
+    if new := [name for name in row if name not in header]:
+        _add_columns(path, header, new)
     with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(row))
-        if new:
-            writer.writeheader()
-        writer.writerow({name: "" if math.isnan(value) else f"{value:.6g}" for name, value in row.items()})
+        cells = {name: "" if math.isnan(value) else f"{value:.6g}" for name, value in row.items()}
+        csv.DictWriter(file, [*header, *new]).writerow(cells)
+
+
+def _add_columns(path: pathlib.Path, header: list[str], new: list[str]) -> None:
+    rows: list[list[str]] = []
+    if header:
+        with path.open(newline="") as file:
+            _, *rows = csv.reader(file)
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows([[*header, *new], *(row + [""] * len(new) for row in rows)])
+    write_whole(path, text.getvalue())
 
 
 def append_session(folder: pathlib.Path, record: dict[str, Any]) -> None:

@@ -315,7 +315,7 @@ PRIVILEGED = (  # what the critic sees besides frame, command and terrain
     Part("measured minus commanded height [m]", 1, (1.0,), scale=LENGTH_SCALE),
     Part("clearance of the left and the right sole [m]", 2, (1.0,), sides=True, scale=LENGTH_SCALE),
     Part("friction coefficient of the robot's geometry", 1, (1.0,)),
-    Part("ground reaction on the left and the right foot [N]", 6, _VECTOR, sides=True, scale=0.002),
+    Part("ground reaction on both feet in the heading frame [N]", 6, _VECTOR, sides=True, scale=0.002),
     Part("whether each of `Robot.contact_links` touches something", "links", "links"),
     Part("filtered errors of v_x, v_y [m/s] and omega [rad/s]", 3, (1.0, -1.0, -1.0), scale=5.0),
     Part("payload of the left and the right hand [kg]", 2, (1.0,), sides=True, scale=0.25),

@@ -88,13 +88,16 @@ def run_recipe(
         leads = distributed.rank() == 0
         tell = say if leads else lambda line: None
         with sole_writer(out) if leads else contextlib.nullcontext():
+            if leads and (out / CHECKPOINT_NAME).exists():
+                raise RecipeError(f"{out} holds a run without a recipe; give another --out")
+            works = [_Work(recipe, name, out, services, stop, report, tell) for name in recipe.stages]
+            for work in works:
+                work.check()
             if leads:
-                if (out / CHECKPOINT_NAME).exists():
-                    raise RecipeError(f"{out} holds a run without a recipe; give another --out")
                 write_whole(out / RECIPE_NAME, recipe.source)
             try:
-                for name in recipe.stages:
-                    _Work(recipe, name, out, services, stop, report, tell).run()
+                for work in works:
+                    work.run()
             except StoppedError:
                 tell(f"stopped; the same command continues {out}")
                 return False
@@ -127,7 +130,9 @@ class _Work:
     def __post_init__(self) -> None:
         self.stage: Stage = self.recipe.stages[self.name]
         self.folder = self.out / self.name
-        self.digest = digest(json.dumps(TypeAdapter(Stage).dump_python(self.stage, mode="json"), sort_keys=True))
+        settings = TypeAdapter(Stage).dump_python(self.stage, mode="json")
+        seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}
+        self.digest = digest(json.dumps(settings | seed, sort_keys=True))
         self.inputs = {
             setting: self.out / str(path) / TAKEN[setting] if str(path) in self.recipe.stages else path
             for setting, path in self.stage.inputs().items()
@@ -141,9 +146,7 @@ class _Work:
             distributed.barrier()  # until the first process has made what this stage takes
         elif not leads:
             return
-        finished = read_record(self.folder / RECORD)
-        self._check_settings(finished)
-        if finished is not None:
+        if read_record(self.folder / RECORD) is not None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         processes = distributed.size() if self.stage.kind == "train" else 1
@@ -165,8 +168,9 @@ class _Work:
             path.unlink(missing_ok=True)
         shutil.rmtree(self.folder / BEST_FOLDER, ignore_errors=True)
 
-    def _check_settings(self, finished: StageRecord | None) -> None:
+    def check(self) -> None:
         """Refuse to continue a stage that began with other settings."""
+        finished = read_record(self.folder / RECORD)
         begun = finished.settings if finished is not None else _Spent.begun(self.folder)
         if begun is not None and begun != self.digest:
             raise RecipeError(
@@ -181,6 +185,8 @@ class _Work:
             dataclasses.replace(config, out=self.folder, resume=resumed, start_from=start, hours=_NO_LIMIT)
         )
         trainer.stop = self.stop
+        if trainer.remark:
+            self.say(trainer.remark)
 
         def report(row: dict[str, float], _gates: dict[str, str]) -> None:
             if spent is not None:

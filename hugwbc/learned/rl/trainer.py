@@ -31,6 +31,7 @@ RECIPE_NAME = "recipe.yaml"  # in the folder of a recipe's run, which has a fold
 _SEED_STEP = 1_000_003  # between the seeds of two processes
 _OF_A_SESSION = ("resume", "start_from", "steps", "hours", "threads", "device", "save_interval")  # settings
 _MOST_NAMED = 5  # settings in an error
+_ANEW = "{}: other processes lack the file of their robots at this iteration; these begin new episodes, with new draws"
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
 
@@ -69,6 +70,7 @@ class Trainer:
             self._read_counters(metadata, path)
             if config.resume:
                 _check_unchanged(metadata, config, path)
+                _check_processes(metadata, path)
             with _readable(path):
                 before = metadata["config"]["env"].get("robot", config.env.robot)
             check_robot(str(path), before, config.env.robot)
@@ -77,7 +79,8 @@ class Trainer:
         self._seed = config.seed + _SEED_STEP * distributed.rank()
         self.leads = distributed.rank() == 0
         self.env = self._robots(now.env)
-        self.generator = torch.Generator(self.env.device).manual_seed(self._seed)
+        # Another stream than the environment's, whose draws would otherwise be those of the exploration.
+        self.generator = torch.Generator(self.env.device).manual_seed(self._seed + 1)
         self.ppo = PPO(now.ppo, self.env.robot, self.generator, self.env.further)
         self.product = copy.deepcopy(self.ppo.network)
         self.evaluator = self._make_evaluator()
@@ -119,7 +122,7 @@ class Trainer:
             row = self.iterate() | self._evaluate()
             if self.leads:
                 with writing(self.config.out):
-                    append_row(self.config.out, row, self.iteration)
+                    append_row(self.config.out, row)
                 by_steps = (self.run_steps - first) / (self.config.steps - first)
                 by_hours = (time.monotonic() - start) / (3600.0 * hours)
                 report(row | {"progress": min(1.0, max(by_steps, by_hours))}, self.env.curriculum.gates)
@@ -273,6 +276,7 @@ class Trainer:
             "evaluation": self.evaluation,
             "best": self.best,
             "versions": versions(),
+            "processes": distributed.size(),
             "config": settings_record(self.config),
         }
 
@@ -289,6 +293,7 @@ class Trainer:
         """Continue from a checkpoint, or from a snapshot with new episodes and empty moments of the optimiser."""
         if not self.leads:
             tensors = _with_robots_of_rank(tensors, path, metadata.get("iteration"))
+        anew = self.config.resume and distributed.anywhere("generator" not in tensors)
         groups = _by_group(tensors, path)
         try:
             load_into(self.ppo.network, groups["network"])
@@ -304,7 +309,7 @@ class Trainer:
                 self.env.restore_levels(metadata["curriculum"])
             self.ppo.set_learning_rate(float(metadata["learning_rate"]))
             self.ppo.skipped = int(metadata["skipped"])
-            self.remark = _differences(metadata, self._env_config, path)
+            self.remark = _ANEW.format(path) if anew else _differences(metadata, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
                 self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
         if not self.config.resume:
@@ -385,6 +390,12 @@ def _check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathli
             f"{path} was trained with {', '.join(changed[:_MOST_NAMED])}{more}. Give the same options again, or begin "
             f"another run with its policy: --start-from {path.with_name(SNAPSHOT_NAME)} and another --out"
         )
+
+
+def _check_processes(metadata: dict[str, Any], path: pathlib.Path) -> None:
+    """Refuse to go on with another number of processes, and so of robots, than a checkpoint's."""
+    if (before := metadata.get("processes", 1)) != distributed.size():
+        raise ConfigError(f"{path} is of {before} processes (here {distributed.size()}); give --processes {before}")
 
 
 def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -135,10 +135,11 @@ MORE = [
     ("feet_symmetry", {"foot_offset": torch.tensor([[0.3, 0.4, 0.1]]), "in_phase": IN_TURN}, 0.0),
     ("unequal_support", {"foot_force": ONE_FOOT, "in_phase": IN_TURN}, 0.0),
     *(("unequal_support", {"foot_force": torch.full((1, 2, 3), both)}, 0.0) for both in (0.0, 400.0)),
-    # A flight may end as it likes.
+    # A flight may end as fast as the clock's free fall, which a robot that still rises at the touch-down does not have.
     ("foot_impact", LANDING, 1.69),
-    ("foot_impact", {"gait": torch.tensor([int(Gait.JUMPING)]), **LANDING}, 0.0),
-    ("foot_impact", {"gait": torch.tensor([int(Gait.HOPPING_LEFT)]), **LANDING}, 0.0),
+    ("foot_impact", {"bounce": torch.tensor([[0.0, -0.8]]), **LANDING}, 0.25),
+    ("foot_impact", {"bounce": torch.tensor([[0.0, -1.5]]), **LANDING}, 0.0),
+    ("foot_impact", {"bounce": torch.tensor([[0.0, 0.8]]), **LANDING}, 1.69),
     # A soft landing costs nothing, and a hard one no more than its limit.
     ("foot_impact", {"touch_down": torch.tensor([[True, True]]), "descent": torch.tensor([[0.3, -1.0]])}, 0.0),
     ("foot_impact", {"touch_down": torch.tensor([[True, True]]), "descent": torch.tensor([[5.0, 0.0]])}, 4.0),

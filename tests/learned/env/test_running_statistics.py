@@ -28,11 +28,10 @@ def test_errors_are_means_over_the_robots_of_a_gait_not_over_steps(small_env: Hu
     add(statistics, small_env, 0.4, torch.full((8,), int(Gait.STANDING)))  # nobody walks: says nothing
     figures = statistics.pop()
     assert figures["walking_error/omega"] == pytest.approx(0.2, abs=1e-6)
-    assert "hopping_error/omega" not in figures
 
 
 def test_what_nobody_did_is_unknown_not_zero(small_env: HumanoidEnv) -> None:
-    statistics = Statistics(8, small_env.robot.waist, hopping=True)
+    statistics = Statistics(8, small_env.robot.waist)
     add(statistics, small_env, 0.4, WALKING_PAIR)
     statistics.add_share("held_foot_down", ~NOBODY, NOBODY)
     figures = statistics.pop()

@@ -168,9 +168,11 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypa
 
     monkeypatch.setattr(Trainer, "run", stopped)
     assert not run_recipe(load_recipe(recipe), tmp_path / "a", Services())
-    recipe.write_text(RECIPE.replace("horizon: 8", "horizon: 4"))
-    with pytest.raises(RecipeError, match="recipe has changed since stage walk began"):
-        run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+    for before, after, stage in (("horizon: 8", "horizon: 4", "walk"), ("seed: 2001", "seed: 2002", "starts")):
+        recipe.write_text(RECIPE.replace(before, after))
+        with pytest.raises(RecipeError, match=f"recipe has changed since stage {stage} began"):
+            run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+    assert (tmp_path / "a/recipe.yaml").read_text() == RECIPE
     assert json.loads((tmp_path / "a" / "starts" / RECORD).read_text())["stage"] == "starts"
 
 
@@ -231,6 +233,7 @@ def test_options_change_a_recipe_of_one_training(tmp_path, monkeypatch, capsys) 
     (tmp_path / "scheduled.yaml").write_text(scheduled)
     assert main(["train", "--recipe", str(tmp_path / "scheduled.yaml"), "--ppo.std-limit", "0.3"]) == 2
     assert "ppo.std_limit follows a schedule" in capsys.readouterr().err
+    assert main([*words, "--seed", "2000"]) == 0 and runs[-1].seed == 2000, "the default of a run without a recipe"
     for words_of_a_run in (["--resume"], ["--hours", "2"]):
         assert main([*words, *words_of_a_run]) == 2
         assert "the same command continues" in capsys.readouterr().err

@@ -43,7 +43,7 @@ def config(out: pathlib.Path, iterations: int, **changes: object) -> TrainConfig
 
 LATE = RandomizationConfig(latency=(0.0, 0.02))
 SETTINGS = [
-    {"curriculum": dataclasses.replace(ENV.curriculum, speed_interval=2), "intervention": "motion"},
+    {"curriculum": dataclasses.replace(ENV.curriculum, speed_interval=2, steps=96), "intervention": "motion"},
     {"loads": LoadConfig(4.0, 40.0, 60.0, hand_interval=0.05, trunk_interval=0.05), "episode_steps": 4},
     {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "held_foot_grace": 0.5},
 ]
