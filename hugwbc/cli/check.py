@@ -1,7 +1,9 @@
 """`hugwbc check`: try every part of this installation, or verify how a policy was made."""
 
 import dataclasses
+import pathlib
 from collections.abc import Sequence
+from typing import Any
 
 from hugwbc.cli.output import parse, progress, say
 from hugwbc.errors import ConfigError
@@ -17,7 +19,7 @@ class CheckOptions:
     """
 
     # Name of a shipped policy, or path of a policy or its folder: print by which stages it was made, from which commit,
-    # at which cost, and check that each took what the one before wrote
+    # at which cost, check that each took what the one before wrote, and whether its shipped recipe is still the same
     policy: str | None = None
     # Name of a robot, or path of its table or folder: say what is missing or implausible, and whether it stands
     robot: str | None = None
@@ -43,6 +45,7 @@ def run(words: Sequence[str]) -> int:
 
 def _policy(name_or_path: str) -> int:
     from hugwbc.evaluation.tables import Cell, format_table
+    from hugwbc.learned.policy import policy_file
     from hugwbc.learned.recipe.ancestry import verify
 
     records, problems = verify(name_or_path)
@@ -66,5 +69,21 @@ def _policy(name_or_path: str) -> int:
         hours = sum(one.core_seconds for one in records) / 3600.0
         steps = sum(one.steps + one.discarded_steps for one in records)
         say(f"recipe {records[-1].recipe}, {steps:.4g} steps and {hours:.2f} core-hours in all; +: with other changes")
+        _say_changed_recipe(policy_file(name_or_path), records[-1].recipe)
     say("\n".join(f"PROBLEM {one}" for one in problems) if problems else "the chain is whole")
     return CHECK_FAILED if problems else 0
+
+
+def _say_changed_recipe(path: pathlib.Path, name: str) -> None:
+    """Say if the shipped recipe of a name is no longer the one in a policy, comments apart."""
+    from hugwbc import settings_file
+    from hugwbc.learned.policy import checkpoint
+    from hugwbc.learned.recipe.ancestry import ancestry_in
+    from hugwbc.robot_tables import models_dir
+
+    made, content = ancestry_in(checkpoint.load_file(path, "policy")[1], path), dict[str, Any]
+    for file in models_dir().glob("*/recipes/*.yaml"):
+        if file.stem != name or made is None:
+            continue
+        if settings_file.load(content, file) != settings_file.parse(content, made.recipe, path):
+            say(f"{file} has changed since it made this policy, whose metadata has the recipe as it was")

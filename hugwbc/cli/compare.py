@@ -29,6 +29,10 @@ from hugwbc.tasks import Task, load_task
 from hugwbc.viz.framing import Chapter, check_count
 from hugwbc.viz.video import write_video
 
+_VIDEO = "compare.mp4"
+# all that a comparison may write, with one run of each controller or with many
+_FILES = ("summary.json", "report.html", "replay.html", _VIDEO, "table.tex", "figures.csv", "figure.svg")
+
 
 @dataclasses.dataclass(frozen=True)
 class CompareOptions:
@@ -92,6 +96,7 @@ def _measure(words: Sequence[str]) -> int:
         output.write_json(place.json, [evaluate.to_json(result) for result in results])
         written = write_paper(chosen.out, results, tables, notes)
     say("\nwrote " + ", ".join(map(str, written)), place.json)
+    _say_left(chosen.out, written, place.json)
     return 0
 
 
@@ -125,7 +130,7 @@ def _play(words: Sequence[str]) -> int:
             runs = comparison.compare(controllers, played, **settings, scene=scene, on_progress=advance)
         traces, outcomes = [run.trace for run in runs], {run.trace.name: run.outcome for run in runs}
         figures = comparison.figure_table(outcomes)
-        summary = comparison.comparison_summary(played, outcomes, **settings)
+        summary = comparison.comparison_summary(played, outcomes, **settings, scene=options.scene)
         say(format_table(figures.columns, figures.rows), options.json)
         for trace in traces:
             for message in trace.safety.messages:
@@ -134,8 +139,15 @@ def _play(words: Sequence[str]) -> int:
         written = write_comparison(options.out, summary, figures, traces, script=script)
         say("\nwrote " + ", ".join(str(path) for path in written), options.json)
         if options.video:
-            _write_video(options, traces, script)
+            written += _write_video(options, traces, script)
+        _say_left(options.out, written, options.json)
     return 0
+
+
+def _say_left(folder: pathlib.Path, written: Sequence[pathlib.Path], json: pathlib.Path | None) -> None:
+    """Name the files of a comparison in a folder that this run has not written."""
+    if left := [str(path) for path in map(folder.joinpath, _FILES) if path.exists() and path not in written]:
+        say(f"left from an earlier run: {', '.join(left)}", json)
 
 
 def _script(options: CompareOptions) -> Script | Behaviour:
@@ -168,12 +180,13 @@ def _specs(options: CompareOptions | TableOptions) -> list[ControllerSpec]:
     return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
-def _write_video(options: CompareOptions, traces: Sequence[Trace], script: Script | None) -> None:
-    """Write the video and link it in the report; if the machine cannot render, print why."""
+def _write_video(options: CompareOptions, traces: Sequence[Trace], script: Script | None) -> list[pathlib.Path]:
+    """Write the video, link it in the report, and return its path; if the machine cannot render, print why."""
     chapters = [] if script is None else [Chapter(begin, label) for label, begin, _ in segment_spans(script)]
-    path = options.out / "compare.mp4"
+    path = options.out / _VIDEO
     with progress("video, the pages are ready") as advance:
         obstacle = write_video(path, traces, hide=options.hide, chapters=chapters, on_progress=advance)
     if obstacle is None:
         link_video(options.out / "report.html", path)
     say(obstacle or f"wrote {path}", options.json)
+    return [path] if obstacle is None else []

@@ -24,8 +24,8 @@ class ReportOptions:
     # unitree-h1=motion.pt; the first two are compared with each other
     controllers: tuple[str, ...] = ("learned", "qp")
     # Further policies, by name or path, that take part only in the experiments of intervention: the paper's ablation of
-    # what moved the arms in training, which a policy's file names. By default the shipped policies of each training
-    # that --controllers has no policy of.
+    # what moved the arms in training, which a policy's file names. By default the H1's shipped policies of each
+    # training that --controllers has no policy of.
     ablation: tuple[str, ...] | None = None
     experiments: tuple[str, ...] = ()  # Run only these experiments; by default all
     seed: int = REPORT_SEED  # Seed of all experiments

@@ -127,13 +127,14 @@ def comparison_summary(
     *,
     seed: int = 0,
     arena: Arena | None = None,
+    scene: str | None = None,
 ) -> dict[str, Any]:
-    """Return a comparison as JSON: what was played, and the figures by the controller's label."""
+    """Return a comparison as JSON: what was played, in which scene, and the figures by the controller's label."""
     if isinstance(played, Task):
         about = {"task": played.name, "limit": played.limit}
     else:
         name = played.name if isinstance(played, Script) else getattr(played, "__name__", "behaviour")
-        about = {"script": name, "duration": _longest(played)}
+        about = {"script": name, "scene": scene, "duration": _longest(played)}
     return {**about, "seed": seed, "arena": dataclasses.asdict(arena or Arena()), "controllers": dict(outcomes)}
 
 

@@ -104,7 +104,13 @@ class Conditions:
         return self.terrain_roughness == 0.0 and self.slope == 0.0
 
     def check_duration(self, duration: float) -> None:
-        """Check that the ground of an episode of this duration [s] fits into memory."""
+        """Check that an episode of this duration [s] has all faults, and that its ground fits into memory."""
+        for text, fault in zip(self.faults, self.declared_faults, strict=True):
+            if fault.start >= duration:
+                raise ConfigError(
+                    f"fault {text} starts after the episode, which takes {duration:g} s; give it an earlier start, or "
+                    "the episode a longer duration"
+                )
         if not self.is_level and duration > _LONGEST_ON_GROUND:
             raise ConfigError(
                 f"duration is {duration:g} s on rough or sloping ground; give up to {_LONGEST_ON_GROUND:g} s, in which "

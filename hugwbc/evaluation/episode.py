@@ -47,7 +47,14 @@ class Settings:
             raise ConfigError(f"gait is {self.gait}; this experiment takes {', '.join(self.possible)}")
         if "settle" not in self.varied and not self.settle < self.duration:
             raise ConfigError(f"duration is {self.duration} s and settle {self.settle} s; give 0 <= settle < duration")
-        self.conditions.check_duration(self.duration)
+        if "duration" not in self.varied:
+            self.conditions.check_duration(self.duration)
+        played = self.conditions.intervention == "motion" or self.varied & {"intervention", "motions"}
+        if self.conditions.motions is not None and not played:
+            raise ConfigError(
+                f"motions is {self.conditions.motions}, which only the motion intervention plays; add --intervention "
+                "motion, or leave --motions out"
+            )
         for owner in (self, self.conditions):
             for field in dataclasses.fields(owner):
                 if field.name in self.varied and getattr(owner, field.name) != field.default:

@@ -10,6 +10,7 @@ import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result, frame_of, run_experiment, stored_episodes
@@ -51,7 +52,11 @@ def each_result(
 
     `on_progress` is called with the part of the work that is done, at first with what is stored; `tell` gets a line
     that says how much that is.
+
+    Raises:
+        ConfigError: if nothing of what runs is told the robot that the conditions name.
     """
+    _check_told(entries)
     counts = [stored_episodes(entry.experiment, entry.settings, entry.spec, store) for entry in entries]
     stored, planned = (sum(column) for column in zip(*counts, strict=True)) if counts else (0, 0)
     if stored:
@@ -76,6 +81,18 @@ def each_result(
         )
         advance(number, 1.0)
         yield result
+
+
+def _check_told(entries: Sequence[Entry]) -> None:
+    """Refuse a told robot where no sensors need an estimator, and no controller takes a robot."""
+    told = [entry for entry in entries if entry.settings.conditions.told is not None]
+    if told and not any(entry.settings.conditions.chosen.estimates or entry.spec.takes_robot for entry in told):
+        conditions = told[0].settings.conditions
+        raise ConfigError(
+            f"told is {conditions.told}, but with sensing {conditions.sensing} no state is estimated, and "
+            f"{' and '.join(dict.fromkeys(entry.label or entry.spec.label for entry in told))} takes no robot; leave "
+            "out --told or --sensing, or choose a controller that takes a robot, such as qp"
+        )
 
 
 def run_study(entries: Sequence[Entry], **options: Any) -> list[Result]:  # noqa: ANN401

@@ -78,13 +78,20 @@ def write_comparison(
         traces,
         [*tables, *safety_tables(counters)],
         lead=headline(summary["controllers"]),
-        subtitle=f"One run of each. Sensors with noise, seed {summary['seed']} ({seed_class(summary['seed'])})."
-        if summary["arena"]["sensing"] != "exact"
-        else "One run of each. Exact sensors, nothing random.",
+        subtitle=_conditions(summary, traces[0].scene is not None),
         chapters=chapters,
     )
     write_whole(folder / "report.html", text)
     return [folder / "summary.json", folder / "report.html", folder / "replay.html"]
+
+
+def _conditions(summary: Mapping[str, Any], among_objects: bool) -> str:
+    """Say in which scene the runs were, and what was random in them; objects may vary with the seed."""
+    exact, scene = summary["arena"]["sensing"] == "exact", summary.get("scene")
+    where = "" if scene is None else f" in the scene {scene}"
+    sensors = "Exact sensors" if exact else "Sensors with noise"
+    seed = f"seed {summary['seed']} ({seed_class(summary['seed'])})"
+    return f"One run of each{where}. {sensors}, {'nothing random' if exact and not among_objects else seed}."
 
 
 def link_video(report: pathlib.Path, video: pathlib.Path) -> None:

@@ -13,9 +13,10 @@ from hugwbc.evaluation.experiment import Result
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED
 from hugwbc.evaluation.study import Entry, run_study
-from hugwbc.learned.policy import shipped_policies
-from hugwbc.learned.policy.records import versions
+from hugwbc.learned.policy import policy_file, shipped_policies
+from hugwbc.learned.policy.records import robot_of, versions
 from hugwbc.report.report_page import Report
+from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
@@ -28,8 +29,8 @@ class ReportPlan:
 
     profile: Literal["quick", "full"]  # quick, with few and short episodes; or full, with the paper's sizes
     controllers: tuple[str, ...]  # 1 to 4 controllers, as `ControllerSpec.parse` takes them
-    # policies that take part only in the experiments of the ablation, by name or path; None for the shipped ones of a
-    # training that no controller has
+    # policies that take part only in the experiments of the ablation, by name or path; None for the shipped ones of the
+    # default robot, with a training that no controller has
     ablation: tuple[str, ...] | None = None
     experiments: tuple[str, ...] = ()  # names of the experiments; all with a section if empty
     seed: int = REPORT_SEED  # seed of all experiments
@@ -61,7 +62,8 @@ class ReportPlan:
         if self.ablation is not None:
             return [ControllerSpec("learned", name) for name in self.ablation]
         trainings = {spec.training for spec in self.specs}
-        shipped = [ControllerSpec("learned", name) for name in shipped_policies()]
+        names = [name for name in shipped_policies() if robot_of(policy_file(name)) == DEFAULT_ROBOT]
+        shipped = [ControllerSpec("learned", name) for name in names]
         return [spec for spec in shipped if spec.training not in trainings]
 
     @functools.cached_property

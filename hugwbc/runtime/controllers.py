@@ -235,10 +235,10 @@ class ControllerSpec:
     @property
     def label(self) -> str:
         """Short name for tables: the registered or the controller's own, with the policy, the robot and the drives."""
-        name = self.name if self.name in controller_names() else pathlib.Path(self.name).stem
+        name = self.name if self.name in controller_names() else _short(self.name)
         if extensions.names_object(self.name):
             name = _own_name(self, tuple(digest(path.read_bytes()) for path in self.files()))
-        policy = None if self.policy is None else pathlib.Path(self.policy).stem
+        policy = None if self.policy is None else _short(self.policy)
         drives = None if self.drives is None else f"{self.drives} drives"
         robot = None if self.robot is None else pathlib.Path(self.robot).stem
         return " ".join(word for word in (name, policy, robot, drives) if word is not None)
@@ -344,6 +344,12 @@ class ControllerSpec:
             return with_weights(path)
         network = load_contract(path).policy if given is None or self.name == "learned" else given
         return [path] if network is None else [path, *with_weights(network)]
+
+
+def _short(name: str | pathlib.Path) -> str:
+    """Return what a policy is called in short: a file without its suffix, a folder or a word with all its dots."""
+    path = pathlib.Path(name)
+    return path.stem if path.is_file() else path.name
 
 
 @functools.cache

@@ -67,6 +67,7 @@ def rollout(
     disturber = Disturber(simulation.link_names, simulation.robot.trunk, forces) if forces else None
     recorder = Recorder(loop, disturber, on_step, on_snapshot)
     loop.reset()
+    fell_s = None
     ticks = max(1, round(duration / loop.period))
     for tick in range(ticks):
         t = tick * loop.period
@@ -77,11 +78,13 @@ def rollout(
             recorder.ik_ms.append(loop.control.ik_s * 1e3)
         if on_progress is not None and recorder.due(t):
             on_progress(tick / ticks)
-        if not recorder.advance(joint_command, t) and not past_falls:
-            return recorder.trace(fell=True, survived_s=t, steps=tick + 1)
+        if not recorder.advance(joint_command, t) and fell_s is None:
+            fell_s = t
+        if fell_s is not None and not past_falls:
+            return recorder.trace(fell_s, t, steps=tick + 1)
         if until is not None and until():
-            return recorder.trace(fell=False, survived_s=t + loop.period, steps=tick + 1)
-    return recorder.trace(fell=False, survived_s=duration, steps=ticks)
+            return recorder.trace(fell_s, t + loop.period, steps=tick + 1)
+    return recorder.trace(fell_s, duration, steps=ticks)
 
 
 class Recorder:
@@ -157,8 +160,8 @@ class Recorder:
         )
         return snapshot
 
-    def trace(self, *, fell: bool, survived_s: float, steps: int) -> Trace:
-        """Return the record of the run."""
+    def trace(self, fell_s: float | None, end: float, *, steps: int) -> Trace:
+        """Return the record of the run, with the time of the first fall, if any, and of the end [s]."""
         return Trace(
             name=self.loop.control.guard.name,
             **{name: np.array([row[name] for row in self.rows]) for name in self.rows[0]},
@@ -166,8 +169,8 @@ class Recorder:
             ik_ms=np.array(self.ik_ms),
             **self._watch.record(),
             mass=self.simulation.robot.mass,
-            fell=fell,
-            survived_s=survived_s,
+            fell=fell_s is not None,
+            survived_s=end if fell_s is None else fell_s,
             steps=steps,
             safety=self.loop.control.log.report(),
             robot=self.simulation.robot.name,

@@ -105,7 +105,7 @@ class Trace:
             `touch_downs` [N], shape (touch-downs,) for each foot. The last stance may be cut short by the end.
         mass: mass of the robot's description, without a payload [kg].
         fell: whether the robot fell or the physics diverged.
-        survived_s: time of the fall, or the whole duration [s].
+        survived_s: time of the first fall, or the whole duration [s].
         steps: number of control steps executed.
         safety: what was changed on the way to the joints.
         robot: name of the simulated robot.

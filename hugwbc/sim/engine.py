@@ -31,9 +31,9 @@ _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed below 0."""
-    if seed < 0:
-        raise ConfigError(f"seed is {seed}; give 0 or more")
+    """Refuse a seed that is below 0 or no whole number."""
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise ConfigError(f"seed is {seed}; give 0 or more, a whole number")
 
 
 class Engine(abc.ABC):

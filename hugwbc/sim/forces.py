@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.settings import NotNegative, Positive, settings
@@ -51,6 +51,8 @@ class Disturber:
             trunk: name of the trunk's link.
             forces: the planned forces.
         """
+        if not isinstance(forces, Sequence) or not all(isinstance(force, Force) for force in forces):
+            raise ConfigError(f"forces is {forces}; give a sequence of Force, such as [Force((100.0, 0.0, 0.0))]")
         links = {name: row for row, name in enumerate(link_names) if row > 0}
         for force in forces:
             if (force.link or trunk) not in links:

@@ -30,6 +30,18 @@ def test_compare_writes_summary_report_and_replay(tmp_path, capsys):
         assert "hold (fell)" in (out / page).read_text()
 
 
+def test_a_scene_that_varies_is_named_with_its_seed_and_older_files_are_told(tmp_path, capsys):
+    for name in ("compare.mp4", "table.tex", "notes.txt"):
+        (tmp_path / name).touch()
+    words = ["compare", "--script", "stand", "--controllers", "hold", "--scene", "workshop", "--seed", "7"]
+    assert main([*words, "--sensing", "exact", "--no-video", "--out", str(tmp_path)]) == 0
+    assert json.loads((tmp_path / "summary.json").read_text())["scene"] == "workshop"
+    report = (tmp_path / "report.html").read_text()
+    assert "in the scene workshop. Exact sensors, seed 7 (selection)." in report
+    left = f"left from an earlier run: {tmp_path / 'compare.mp4'}, {tmp_path / 'table.tex'}"
+    assert left in capsys.readouterr().out.splitlines()
+
+
 @pytest.mark.slow
 def test_the_main_job(tmp_path):
     path = tmp_path / "out.json"

@@ -6,6 +6,8 @@ import polars as pl
 import pytest
 
 from hugwbc import Command
+from hugwbc.errors import ConfigError
+from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
@@ -87,6 +89,16 @@ def test_another_setting_is_not_compared():
     settings = [CountedSettings(episodes=3, seed=seed) for seed in (1, 2)]
     results = run_study([Entry(MINE, one, ControllerSpec("hold")) for one in settings])
     assert not any(figure.difference for result in results for figure in result.figures)
+
+
+def test_a_told_robot_that_nobody_hears_is_refused():
+    def run(controller, **conditions):
+        settings = CountedSettings(conditions=Conditions(told="h1-2023", **conditions))
+        return run_study([Entry(MINE, settings, ControllerSpec(controller))])
+
+    with pytest.raises(ConfigError, match="learned takes no robot; leave out --told or --sensing"):
+        run("learned", sensing="exact")
+    assert run("learned") and run("qp", sensing="exact")
 
 
 def test_what_is_stored_is_said_at_once_and_counts_as_done(longer, tmp_path):

@@ -49,6 +49,11 @@ def test_a_profile_has_every_section_for_every_controller(profile):
     assert {entry.settings.seed for entry in plan.entries} == {3}
 
 
+def test_shipped_policies_of_other_robots_take_no_part():
+    plan = ReportPlan("quick", ("qp",), experiments=("intervention",))
+    assert [spec.policy for spec in plan.further] == ["h1"]
+
+
 def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
     record = {"config": {"env": {"intervention": "motion"}}}
     save_policy(tmp_path / "mine" / "policy.safetensors", Actor(63, 18, 19), EnvConfig().contract(), record)

@@ -141,10 +141,14 @@ def test_paths(tmp_path, theirs):
         ControllerSpec(str(tmp_path / "nothing"))
 
 
-def test_labels_tell_policies_apart(theirs):
+def test_labels_tell_policies_apart(tmp_path, theirs):
     assert ControllerSpec("qp").label == "qp"
     assert ControllerSpec("learned", "runs/second").label == "learned second"
     assert ControllerSpec(theirs).label == "theirs"
+    shutil.copytree(policy_file("h1").parent, tmp_path / "lr0.5")
+    assert ControllerSpec(str(tmp_path / "lr0.5")).label == "lr0.5", "a folder has no suffix"
+    assert ControllerSpec("learned", tmp_path / "lr0.5").label == "learned lr0.5"
+    assert ControllerSpec("learned", tmp_path / "lr0.5" / "policy.safetensors").label == "learned policy"
 
 
 def test_the_training_is_what_the_policys_file_says(theirs):

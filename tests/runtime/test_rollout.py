@@ -105,6 +105,8 @@ def test_a_fall_ends_the_run_and_is_reported(simulation):
     trace = rollout(Limp(load_robot()), Constant(Command()), simulation, duration=5.0)
     assert trace.fell and 0.1 < trace.survived_s < 3.0
     assert trace.steps == pytest.approx(trace.survived_s / 0.02 + 1, abs=1e-6)
+    past_it = rollout(Limp(load_robot()), Constant(Command()), simulation, duration=3.2, past_falls=True)
+    assert past_it.fell and past_it.survived_s == trace.survived_s and past_it.steps == 160
 
 
 def test_out_of_range_commands_are_recorded_as_clamped_and_reported(simulation):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.sim import Disturber, Force, Simulation
 from hugwbc.sim.forces import HandPull
 
@@ -46,6 +46,12 @@ def test_unknown_names_are_refused(simulation):
         Disturber(simulation.link_names, "torso_link", (Force((1.0, 0.0, 0.0), link="torso"),))
     with pytest.raises(UnknownNameError, match="Did you mean 'world'"):
         Force((1.0, 0.0, 0.0), frame="wrld")
+
+
+@pytest.mark.parametrize("forces", [Force((1.0, 0.0, 0.0)), [(1.0, 0.0, 0.0)]])
+def test_what_is_no_sequence_of_forces_is_refused(simulation, forces):
+    with pytest.raises(ConfigError, match=r"give a sequence of Force, such as \[Force"):
+        Disturber(simulation.link_names, "torso_link", forces)
 
 
 def test_the_force_rises_slowly_and_acts_at_both_hands():

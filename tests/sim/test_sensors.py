@@ -23,6 +23,10 @@ def test_unknown_profiles_long_latencies_and_bad_seeds_are_refused() -> None:
         Simulation(sensing="exact", latency=2.0)
     with pytest.raises(ConfigError, match="seed is -1; give 0 or more"):
         Simulation(sensing="exact", seed=-1)
+    for seed in (None, 1.5, "7"):
+        with pytest.raises(ConfigError, match=f"seed is {seed}; give 0 or more, a whole number"):
+            Simulation(sensing="exact", seed=seed)
+    Simulation(sensing="exact", seed=np.int64(3))
 
 
 def test_exact_sensors_tell_the_truth() -> None:

@@ -24,6 +24,7 @@ from hugwbc.settings import Beside, Gain, NotNegative, Positive, RobotName, Shar
 from hugwbc.settings_file import load
 
 _KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")
+_OF_THE_CLOCK = ("phase_sin", "phase_cos", "foot_sin", "foot_cos")
 LARGEST_CHANGE = {"v_x": 0.3, "v_y": 0.25, "omega": 0.3, "h": 0.06, "p": 0.1, "w": 0.3, "l": 0.15}
 """Largest difference between a command and what is asked for [m/s, m/s, rad/s, m, rad, rad, m]: further away the policy
 was never trained. The gait's clock takes f as it is, so that f has no curve."""
@@ -101,7 +102,7 @@ class Term:
         scale: a factor for all its numbers, or one for each.
         joints: joints of a term that has them, or "all"; None for those that the policy moves.
         names: commands of the term "command"; None for all.
-        offset: shift of the clock for this term [cycles].
+        offset: shift of the clock for a term that reads it, within one cycle [cycles].
         value: numbers of a constant.
     """
 
@@ -109,7 +110,7 @@ class Term:
     scale: float | tuple[float, ...] = 1.0
     joints: Joints | Literal["all"] | None = None
     names: tuple[CommandName, ...] | None = None
-    offset: float = 0.0
+    offset: Annotated[float, Field(gt=-1, lt=1)] = 0.0
     value: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -119,6 +120,8 @@ class Term:
             raise ConfigError(f"{self.term} takes no joints; leave them out", at=("joints",))
         if self.names is not None and self.term != "command":
             raise ConfigError(f"{self.term} takes no names; leave them out", at=("names",))
+        if self.offset and self.term not in _OF_THE_CLOCK:
+            raise ConfigError(f"{self.term} reads no clock; leave the offset out", at=("offset",))
 
 
 def _spelled_out(entry: Any) -> Any:  # noqa: ANN401

@@ -259,8 +259,12 @@ def _session(path: pathlib.Path) -> Any:  # noqa: ANN401  an optional package
 
 
 def _metadata(session: Any, path: pathlib.Path) -> dict[str, Any]:  # noqa: ANN401  an optional package
-    entries = session.get_modelmeta().custom_metadata_map
-    try:
-        return {name: json.loads(entries[name]) for name in ("contract", "training") if name in entries}
-    except (ValueError, RecursionError) as error:  # brackets nested by the thousand
-        raise PolicyFileError(f"the contract in {path} is not JSON ({error}); export the policy again") from error
+    found, entries = {}, session.get_modelmeta().custom_metadata_map
+    for name in {"contract", "training"} & set(entries):
+        try:
+            found[name] = json.loads(entries[name])
+        except (ValueError, RecursionError) as error:  # brackets nested by the thousand
+            if name == "contract":  # of its training, another project may say anything
+                what = f"the contract in {path} is not JSON ({error})"
+                raise PolicyFileError(f"{what}; export the policy again") from error
+    return found

@@ -40,7 +40,7 @@ def load_onnx_policy(path: pathlib.Path) -> "NetworkPolicy":
     """Load a policy that `hugwbc export` wrote; its joint targets are those of the policy, up to rounding."""
     network = load_network(path, {})
     assert isinstance(network, OnnxNetwork)
-    if not network.metadata:
+    if "contract" not in network.metadata:
         raise PolicyFileError(
             f"{path} is a bare network: it has no contract of `hugwbc export`. Write a contract for it as "
             "docs/evaluation.md says, and give the contract"

@@ -92,6 +92,11 @@ def test_an_experiment_of_a_file(tmp_path):
             experiment_of(words)
 
 
+def test_motions_and_faults_are_taken_where_they_matter():
+    EXPERIMENTS["intervention"].settings(conditions=Conditions(motions="a folder"))
+    EXPERIMENTS["tasks"].settings(conditions=Conditions(faults=("imu-gone@12:1",)))
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "message"),
     [
@@ -107,6 +112,9 @@ def test_an_experiment_of_a_file(tmp_path):
         ("stops", {"speeds": (5.0,)}, "none is within the walking gait's"),
         ("engines", {"gait": "jumping"}, "sets gait itself"),
         ("arrive", {"conditions": Conditions(intervention="noise")}, "sets intervention itself"),
+        ("single-command", {"conditions": Conditions(motions="nowhere")}, "add --intervention motion"),
+        ("hands", {"conditions": Conditions(motions="nowhere")}, "sets motions itself"),
+        ("single-command", {"conditions": Conditions(faults=("imu-gone@10:1",))}, "takes 10 s; give it an earlier"),
         ("boxes", {"settle": 2.0}, "sets settle itself"),
         ("push", {"gait": "standing"}, "takes walking"),
         ("sway", {"duration": 2.0}, "sets duration itself"),

@@ -110,6 +110,8 @@ def test_the_shipped_contracts_are_those_of_public_policies():
         ("{scale: 0.05}", "{factor: 0.05}", 18, "unknown Term field 'factor'"),
         ("- constant: {value: [1, 2]}", "- constant", 21, "a constant, and nothing else, has a value"),
         ("- gravity", "- gravity: {joints: [torso_joint]}", 15, "gravity takes no joints"),
+        ("- gravity", "- gravity: {offset: 0.25}", 15, "gravity reads no clock; leave the offset out"),
+        ("{offset: 0.5}", "{offset: 180}", 20, "offset is 180"),
     ],
 )
 def test_a_malformed_contract_is_refused_with_its_line(tmp_path, old, new, place, message):

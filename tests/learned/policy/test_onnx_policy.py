@@ -23,6 +23,18 @@ def exported(tmp_path_factory):
     return path
 
 
+def test_what_another_project_says_of_its_training_is_no_matter(exported, tmp_path):
+    model = onnx.load(exported)
+    model.metadata_props[1].value = "my run 7"
+    onnx.save(model, tmp_path / "theirs.onnx")
+    theirs = ControllerSpec(str(tmp_path / "theirs.onnx"))
+    assert theirs.build().name == "learned" and theirs.training is None
+    del model.metadata_props[0]
+    onnx.save(model, tmp_path / "theirs.onnx")
+    with pytest.raises(PolicyFileError, match="is a bare network"):
+        ControllerSpec(str(tmp_path / "theirs.onnx"))
+
+
 def changed(exported, path, change):
     """Write a copy of the exported file whose contract was changed."""
     model = onnx.load(exported)
