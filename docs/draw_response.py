@@ -12,6 +12,7 @@ from hugwbc.evaluation.experiment import frame_of, run_experiment
 from hugwbc.evaluation.experiments.response import EXPERIMENT, ResponseSettings
 from hugwbc.evaluation.store import Store
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.settings import REPORT_SEED
 from hugwbc.viz.framing import LABEL_COLOURS
 
 PICTURE = pathlib.Path(__file__).parent / "images" / "response.png"
@@ -20,7 +21,7 @@ CONTROLLERS = {"QP": "qp", "policy": "learned"}
 
 def main() -> None:
     """Plot executed over commanded values, a panel for each command."""
-    settings = ResponseSettings()
+    settings = ResponseSettings(seed=REPORT_SEED)
     rows = {
         label: frame_of(run_experiment(EXPERIMENT, settings, ControllerSpec(name), store=Store()).rows)
         for label, name in CONTROLLERS.items()

@@ -14,7 +14,7 @@ from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.view import CommandSource
-from hugwbc.settings import REPORT_SEED, Count, NotNegative, Positive, Seed, one_of, settings
+from hugwbc.settings import SELECTION_SEED, Count, NotNegative, Positive, Seed, one_of, settings
 from hugwbc.sim import Engine, Scene
 from hugwbc.upper_ik import UpperBodySource
 
@@ -31,7 +31,7 @@ class Settings:
     """Settings that every experiment has."""
 
     # seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in `hugwbc.settings`
-    seed: Seed = REPORT_SEED
+    seed: Seed = SELECTION_SEED
     duration: Positive = 10.0  # duration of an episode [s]
     settle: NotNegative = SETTLE_S  # start of an episode that is left out of the errors [s]
     # standing, walking, jumping, hopping_left, hopping_right, or hopping, which hops on both legs in turn
