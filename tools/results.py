@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from hugwbc.cli.evaluate import parse_entry
 from hugwbc.cli.output import progress
 from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.experiments.forces import ENDED
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, each_result
@@ -44,6 +45,7 @@ HEADLINES = (
     "arrived",
     "time",
     "median of all",
+    ENDED,
     "success",
     FALLS,
 )

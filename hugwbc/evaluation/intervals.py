@@ -70,8 +70,16 @@ def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
         return Estimate(float(known[0]), None, None, 1)
     rng = np.random.default_rng(_SEED)
     means = known[rng.integers(known.size, size=(RESAMPLES, known.size))].mean(axis=1)
-    low, high = np.quantile(means, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
-    return Estimate(float(known.mean()), low, high, int(known.size))
+    return Estimate(float(known.mean()), *_bounds(means), int(known.size))
+
+
+def bootstrap_median(samples: Sequence[float]) -> Estimate:
+    """Return the median with its percentile bootstrap interval."""
+    if len(samples) < 2:
+        return single(samples[0] if samples else None)
+    picked = np.random.default_rng(_SEED).integers(len(samples), size=(RESAMPLES, len(samples)))
+    medians = np.median(np.array(samples, dtype=float)[picked], axis=1)
+    return Estimate(float(np.median(samples)), *_bounds(medians), len(samples))
 
 
 def bootstrap_rms(samples: Iterable[float | None]) -> Estimate:
@@ -96,7 +104,7 @@ def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float |
     rng = np.random.default_rng(_SEED)
     means = [v[rng.integers(v.size, size=(RESAMPLES, v.size))].mean(axis=1) for v in (own, other)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = np.quantile(means[0] / means[1], ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
+        low, high = _bounds(means[0] / means[1])
     if not (math.isfinite(low) and math.isfinite(high)):  # resamples of the divisor that are 0
         return Estimate(ratio, None, None, int(own.size))
     return Estimate(ratio, low, high, int(own.size))
@@ -114,8 +122,13 @@ def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int
         return Estimate(float(difference), None, None, both.shape[1])
     picked = np.random.default_rng(_SEED).integers(both.shape[1], size=(RESAMPLES, both.shape[1]))
     drawn = _difference(both[:, picked].mean(axis=2), power)
-    low, high = np.quantile(drawn, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
-    return Estimate(float(difference), low, high, both.shape[1])
+    return Estimate(float(difference), *_bounds(drawn), both.shape[1])
+
+
+def _bounds(resampled: np.ndarray) -> tuple[float, float]:
+    """Return the percentile interval of resampled values."""
+    low, high = np.quantile(resampled, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
+    return low, high
 
 
 def _difference(means: np.ndarray, power: int) -> np.ndarray:

@@ -3,6 +3,7 @@ import pytest
 
 from hugwbc.evaluation.intervals import (
     bootstrap_mean,
+    bootstrap_median,
     bootstrap_ratio,
     exact_test,
     paired_difference,
@@ -42,6 +43,15 @@ def test_few_and_missing_samples():
     same = bootstrap_mean([2.0, 2.0, None])
     assert (same.value, same.low, same.high, same.samples) == (2.0, 2.0, 2.0, 2)
     assert bootstrap_mean([1.0, 2.0, 3.0]) == bootstrap_mean([1.0, 2.0, 3.0])
+
+
+def test_the_interval_of_a_median_is_that_of_order_statistics():
+    """Of 100 samples, the 40th and the 61st enclose the median with 95 % (binomial distribution)."""
+    samples = np.sort(np.random.default_rng(5).normal(0.0, 1.0, 100))
+    found = bootstrap_median(samples.tolist())
+    assert found.value == pytest.approx(np.median(samples)) and found.samples == 100
+    assert samples[37] <= found.low <= samples[41] and samples[58] <= found.high <= samples[62]
+    assert bootstrap_median([]).value is None and bootstrap_median([2.0]).low is None
 
 
 def test_a_ratio_is_that_of_the_means_and_both_of_them_are_uncertain():

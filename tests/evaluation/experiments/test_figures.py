@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from hugwbc.commands import command_ranges
+from hugwbc.commands import command_ranges, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.experiment import frame_of
@@ -23,7 +23,7 @@ from hugwbc.evaluation.experiments import (
     single_command,
     suite_tasks,
 )
-from hugwbc.evaluation.intervals import bootstrap_rms
+from hugwbc.evaluation.intervals import bootstrap_rms, wilson_percentage
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
@@ -149,11 +149,29 @@ def test_the_clock_is_shifted_to_where_it_agrees():
 
 
 def test_pushes_get_stronger_until_the_robot_falls():
-    settings, rows = forces.ForcesSettings(episodes=1), []
+    settings, rows = forces.PushSettings(episodes=1), []
     while plans := forces.next_pushes(settings, rows):
         rows += [dict(plan.tags) | END | {"fell": plan.tags["change"] > 0.5} for plan in plans]
     assert len(rows) == 8 * 3 and forces.survived(settings, frame_of(rows))[45] == [pytest.approx(0.4)]
-    assert by_quantity(forces.push_figures(settings, frame_of(rows)))["median of all"].value == pytest.approx(0.4)
+    figures = by_quantity(forces.push_figures(settings, frame_of(rows)))
+    assert figures["median of all"].value == pytest.approx(0.4)
+    assert figures["ladders that ended in a fall"].estimate == wilson_percentage([True] * 8)
+
+
+def test_ladders_of_pushes_that_end_without_a_fall_count_once_each():
+    settings, rows = forces.PushSettings(), []
+    while plans := forces.next_pushes(settings, rows):
+        rows += [dict(plan.tags) | END | {"fell": plan.tags["direction"] == 90} for plan in plans]
+    figures = by_quantity(forces.push_figures(settings, frame_of(rows)))
+    assert figures["ladders that ended in a fall"].estimate == wilson_percentage([True] * 4 + [False] * 28)
+    assert figures["0°"].value == pytest.approx(2.4) and figures["median of all"].estimate.low is not None
+
+
+def test_pushes_of_one_direction_are_spread_over_a_stride():
+    plans = [plan for plan in forces.next_pushes(forces.PushSettings(), ()) if plan.tags["direction"] == 0]
+    starts = np.array([plan.forces[0].start for plan in plans])
+    stride = 1.0 / default_command(Gait.WALKING, load_robot()).f
+    np.testing.assert_allclose(starts, forces.BEGIN + stride * np.array([0.0, 0.25, 0.5, 0.75]))
 
 
 def test_the_acceleration_of_a_hand_that_is_shaken():
