@@ -22,6 +22,7 @@ from hugwbc.cli.output import progress
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiments.forces import ENDED
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
+from hugwbc.evaluation.intervals import FEW
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, each_result
 from hugwbc.settings import REPORT_SEED
@@ -122,7 +123,7 @@ def _compared(controller: str, *, walks: int = 128, layouts: int = 50) -> str:
         f"single-command --controller {controller} --gait walking --episodes {walks}",
         f"random-commands --controller {controller} --episodes 64",
         f"contacts --controller {controller} --gait walking --episodes 20",
-        f"hands --controller {controller} --gait walking --episodes 3",
+        f"hands --controller {controller} --gait walking",
         f"arrive --controller {controller} --episodes 20",
         f"stops --controller {controller}",
         f"push --controller {controller}",
@@ -162,7 +163,7 @@ TABLES = {
     "hands": Table(
         RESULTS,
         {
-            f"{label}, {gait}": f"hands --controller {name} --gait {gait} --episodes 3"
+            f"{label}, {gait}": f"hands --controller {name} --gait {gait}"
             for gait in ("standing", "walking")
             for label, name in BOTH.items()
         },
@@ -192,7 +193,7 @@ TABLES = {
     "sway": Table(("docs/forces.md",), _both("sway --controller {}"), tall=True),
     "faults": Table(("docs/reliability.md",), _both("faults --controller {} --episodes 10"), GROUND),
     "g1": Table(G1, _g1(G1_COMMANDS, "standing", "walking", "jumping"), (*ERRORS, FALLS)),
-    "g1-hands": Table(G1, _g1("hands --episodes 3", "standing", "walking"), HANDS),
+    "g1-hands": Table(G1, _g1("hands", "standing", "walking"), HANDS),
     "g1-tasks": Table(
         G1,
         {f"G1, {label}": f"tasks --robot g1 --controller {name} --episodes 10" for label, name in BOTH.items()},
@@ -235,7 +236,10 @@ def of_policy(table: Table) -> Table:
 
 
 def cell(figure: Figure | None) -> str:
-    """Return value, half of its 95 % interval, and for falls their number; in italics if worse than the paper's."""
+    """Return value, half of its 95 % interval, and for falls their number; in italics if worse than the paper's.
+
+    Of few samples their number takes the place of the interval, which is too narrow.
+    """
     if figure is None or figure.value is None:
         return ""
     estimate = figure.estimate
@@ -245,8 +249,9 @@ def cell(figure: Figure | None) -> str:
         return f"{count} of {estimate.samples} ({low:.0f} to {high:.0f} %)"
     digits = 0 if abs(figure.value) >= 100.0 else 1 if abs(figure.value) >= 10.0 else 3
     text = f"{figure.value:.{digits}f}"
-    if low is not None and high is not None:
-        text += f" ± {(high - low) / 2.0:.{digits}f}"
+    if estimate is not None and low is not None and high is not None:
+        few = estimate.samples < FEW
+        text += f" (n = {estimate.samples})" if few else f" ± {(high - low) / 2.0:.{digits}f}"
     worse = figure.against_paper in (Comparison.WORSE, Comparison.UNCLEAR_WORSE)
     return f"*{text}*" if worse else text
 
