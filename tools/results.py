@@ -51,7 +51,7 @@ HEADLINES = (
     FALLS,
 )
 FAILED = "failed"  # one column for all reasons, which are figures of their own
-OUTCOMES = ("success", "time of a success", "score", "hand acceleration", "energy", FAILED)
+OUTCOMES = ("success", "time of a success", "score", "hand acceleration of a success", "energy of a success", FAILED)
 GROUND = ("went well", "noticed after, at most", "speed at the ground", "speed at the ground, at most")
 IN_PHYSX = (
     *(f"E_{name}, {kind}" for name in ("v_x", "v_y", "omega") for kind in ("mujoco", "ratio")),

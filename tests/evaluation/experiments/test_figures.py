@@ -225,8 +225,10 @@ def test_a_task_that_fails_says_why():
         "drift": 0.02,
         "end_speed": 0.01,
     }
-    rows = [done, done | {"success": False, "reason": "too late", "score": 0.5, "seconds": None, "gripped": ["box"]}]
+    failed = {"success": False, "reason": "too late", "score": 0.5, "seconds": None, "gripped": ["box"]}
+    rows = [done, done | failed | {"energy": 90.0, "hand_acceleration": 7.0}]
     settings = suite_tasks.TasksSettings(task=("press_button",), episodes=2)
     found = by_quantity(suite_tasks.figures(settings, frame_of(rows)))
     assert found["success"].value == 50.0 and found["failed: too late"].value == 50.0
+    assert found["energy of a success"].value == 5.0 and found["hand acceleration of a success"].value == 1.0
     assert found["time of a success"].value == 10.0 and found["idealised gripper"].value == 50.0
