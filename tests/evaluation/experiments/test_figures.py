@@ -6,11 +6,13 @@ import itertools
 import numpy as np
 import pytest
 
+from hugwbc import rotations
 from hugwbc.commands import command_ranges, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.experiment import frame_of
 from hugwbc.evaluation.experiments import (
+    behaviours,
     contacts,
     disturbance,
     engines,
@@ -213,6 +215,21 @@ def test_errors_in_both_engines_and_their_ratio():
     ]
     found = by_quantity(engines.figures(engines.EnginesSettings(commands=("walk",), episodes=1), frame_of(rows)))
     assert found["E_v_x, ratio"].value == pytest.approx(2.0) and found["falls, physx"].value == 0.0
+
+
+@pytest.mark.parametrize(
+    ("way", "pitch", "missed"),
+    [
+        ((0.05, -0.05, 0.01), 0.1, ""),
+        ((0.08, -0.08, 0.0), 0.0, "the box stands more than 10 cm off its place"),
+        ((0.0, 0.0, -0.3), 0.0, "the box does not stand on the block"),
+        ((0.0, 0.0, 0.0), 1.57, "the box is not upright"),
+    ],
+)
+def test_a_box_is_put_back_where_it_stood_and_upright(way, pitch, missed):
+    start, end = np.array([0.9, 0.0, 0.74]), rotations.from_yaw_pitch_roll(0.3, pitch, 0.0)
+    poses = np.array([[*start, 1.0, 0.0, 0.0, 0.0], [*start + way, *end]])
+    assert behaviours.amiss(poses) == missed
 
 
 def test_a_task_that_fails_says_why():
