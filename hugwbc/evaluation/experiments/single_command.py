@@ -132,6 +132,9 @@ def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]
     """Return the errors by the paper's names, impacts, paths of the feet and falls, and what others published."""
     table, found = f"Single command, {settings.gait}", []
     paper = single_command_errors(settings.gaits[0], settings.conditions.intervention)
+    if "E_vx" in paper:  # at all speeds
+        errors = rows.filter(pl.col("command") == "v_x")["error"]
+        found.append(Figure(table, "E_vx", "m/s", bootstrap_mean(errors), paper["E_vx"]))
     for name, unit in ERROR_UNITS.items():
         errors = rows.filter(pl.col("error_name") == name)["error"]
         if len(errors) or name in paper:

@@ -10,6 +10,7 @@ from hugwbc import rotations
 from hugwbc.commands import command_ranges, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
+from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.experiment import frame_of
 from hugwbc.evaluation.experiments import (
     behaviours,
@@ -58,6 +59,11 @@ def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
     assert mine["falls at up to 0.6 m/s"].value == 0.0 and mine["falls at up to 0.6 m/s"].estimate.samples == 2
     assert mine["peak foot force of 10 ms, mean of stances"].value == pytest.approx(1.3)
     assert not any("path of both feet" in quantity for quantity in mine), "a fall cut it short"
+    settings = single_command.SingleCommandSettings(conditions=Conditions(intervention="noise"))
+    slow = SINGLE | {"command": "v_x", "error_name": "E_vx_low", "error": 0.1}
+    moved = by_quantity(single_command.figures(settings, frame_of([slow, rows[2] | {"error": 0.5}])))
+    assert moved["E_vx"].value == pytest.approx(0.3) and moved["E_vx"].paper == 0.0483, "at all speeds"
+    assert moved["E_vx_low"].value == 0.1 and moved["E_vx_low"].paper is None and "E_vx" not in mine
     hover = {f.quantity: f for f in figures if f.controller == "HOVER"}
     assert hover["E_h"].published == 0.27 and "E_f" not in hover
 
