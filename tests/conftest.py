@@ -176,7 +176,7 @@ def _synthetic_trace(
         "steps": n,
         "safety": SafetyReport(ticks=n),
     }
-    zeros = {"foot_force": (2, 3), "qpos": (26,), "qvel": (25,), "target": (19,), "torque": (19,)}
+    zeros = {"foot_force": (2, 3), "qpos": (26,), "qvel": (25,), "target": (19,), "torque": (19,), "power": ()}
     values |= {name: np.zeros((n, *shape)) for name, shape in zeros.items()}
     unknown = {"pressure_centre": (2, 3), "foothold": (2, 2), "hand_target_world": (2, 3), "arm_target": (8,)}
     values |= {name: np.full((n, *shape), np.nan) for name, shape in (unknown | {"hand_error": (2,)}).items()}

@@ -7,7 +7,8 @@
     python tools/humanoidbench.py --table rows.jsonl
 
 Robot `h1` under position control at 50 Hz, the benchmark's own returns and bars. Each task is a script of at most
-twenty lines that knows where goals, poles and walls are. Rows that are there already are not played again.
+twenty lines that knows where goals, poles and walls are. Rows that are there already are not played again, unless the
+code, the policy or this file has changed; the table leaves out the rows from before.
 """
 
 import argparse
@@ -35,10 +36,14 @@ from hugwbc.behaviours import (
     wait,
     walk_to,
 )
+from hugwbc.evaluation.store import controller_digest
+from hugwbc.files import digest_of
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import SIDES
 from hugwbc.runtime import MujocoRobot, UpperBodySource, load_controller
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.view import Action
+from hugwbc.source import source_commit
 from hugwbc.targets import HandTargets
 
 PERIOD = 0.02  # [s]
@@ -155,6 +160,8 @@ SCRIPTS: dict[str, Any] = {
 
 # --- the benchmark
 
+VERSION = ("commit", "policy", "script")  # of a row: what else its numbers depend on
+
 
 class _Absent(types.ModuleType):
     """A package that the benchmark imports for its hands' policies, which are not used here."""
@@ -192,6 +199,12 @@ def _prepare() -> None:
         return indexer(struct, name, axes)
 
     dmc_index.struct_indexer = present
+
+
+def version(controller: str) -> dict[str, str | None]:
+    """Return the commit, and the digests of the controller with its policy and of this file."""
+    given = source_commit(policies=False), controller_digest(ControllerSpec(controller)), digest_of(__file__)
+    return dict(zip(VERSION, given, strict=True))
 
 
 def play(task: str, controller: str, seed: int) -> dict[str, Any]:
@@ -232,7 +245,10 @@ def table(path: pathlib.Path) -> None:
     found = collections.defaultdict(list)
     for line in path.read_text().splitlines():
         row = json.loads(line)
-        found[row["task"], row["controller"]].append(row)
+        rows = found[row["task"], row["controller"]]
+        if rows and any(rows[-1].get(name) != row.get(name) for name in VERSION):
+            rows.clear()
+        rows.append(row)
     print("| task (bar) | QP | policy |\n|---|---|---|")
     for task in SCRIPTS:
         cells = []
@@ -260,11 +276,12 @@ def main() -> None:
         return table(given.table)
     given.out.parent.mkdir(parents=True, exist_ok=True)
     lines = given.out.read_text().splitlines() if given.out.exists() else []
-    there = {tuple(json.loads(line)[key] for key in ("task", "controller", "seed")) for line in lines}
+    there = {tuple(map(json.loads(line).get, ("task", "controller", "seed", *VERSION))) for line in lines}
+    made = version(given.controller)
     for task in given.tasks:
         for seed in range(given.first, given.first + given.seeds):
-            if (task, given.controller, seed) not in there:
-                row = play(task, given.controller, seed)
+            if (task, given.controller, seed, *made.values()) not in there:
+                row = play(task, given.controller, seed) | made
                 print(row, flush=True)
                 with given.out.open("a") as file:
                     file.write(json.dumps(row) + "\n")

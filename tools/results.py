@@ -20,14 +20,16 @@ from collections.abc import Iterator, Sequence
 from hugwbc.cli.evaluate import parse_entry
 from hugwbc.cli.output import progress
 from hugwbc.evaluation.execution import Execution
+from hugwbc.evaluation.experiments.forces import ENDED
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
+from hugwbc.evaluation.intervals import FEW
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, each_result
 from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-ERRORS = ("E_vx_low", "E_vx_high", "E_vy", "E_omega", "E_f", "E_l", "E_h", "E_p", "E_w")
+ERRORS = ("E_vx", "E_vx_low", "E_vx_high", "E_vy", "E_omega", "E_f", "E_l", "E_h", "E_p", "E_w")
 FEET = (
     "touch-down speed, median",
     "peak foot force of 10 ms, mean of stances",
@@ -44,11 +46,12 @@ HEADLINES = (
     "arrived",
     "time",
     "median of all",
+    ENDED,
     "success",
     FALLS,
 )
 FAILED = "failed"  # one column for all reasons, which are figures of their own
-OUTCOMES = ("success", "time of a success", "score", "hand acceleration", "energy", FAILED)
+OUTCOMES = ("success", "time of a success", "score", "hand acceleration of a success", "energy of a success", FAILED)
 GROUND = ("went well", "noticed after, at most", "speed at the ground", "speed at the ground, at most")
 IN_PHYSX = (
     *(f"E_{name}, {kind}" for name in ("v_x", "v_y", "omega") for kind in ("mujoco", "ratio")),
@@ -120,7 +123,7 @@ def _compared(controller: str, *, walks: int = 128, layouts: int = 50) -> str:
         f"single-command --controller {controller} --gait walking --episodes {walks}",
         f"random-commands --controller {controller} --episodes 64",
         f"contacts --controller {controller} --gait walking --episodes 20",
-        f"hands --controller {controller} --gait walking --episodes 3",
+        f"hands --controller {controller} --gait walking",
         f"arrive --controller {controller} --episodes 20",
         f"stops --controller {controller}",
         f"push --controller {controller}",
@@ -154,13 +157,13 @@ TABLES = {
             for robot in ("h1", "g1")
             for project, name in (("unitree_rl_gym", "unitree"), ("LeggedLabDeploy", "leggedlab"))
         },
-        (*ERRORS[:4], FALLS),  # they have no other commands
+        (*ERRORS[:5], FALLS),  # they have no other commands
     ),
     "response": Table(RESULTS, _both("response --controller {}"), tall=True),
     "hands": Table(
         RESULTS,
         {
-            f"{label}, {gait}": f"hands --controller {name} --gait {gait} --episodes 3"
+            f"{label}, {gait}": f"hands --controller {name} --gait {gait}"
             for gait in ("standing", "walking")
             for label, name in BOTH.items()
         },
@@ -190,7 +193,7 @@ TABLES = {
     "sway": Table(("docs/forces.md",), _both("sway --controller {}"), tall=True),
     "faults": Table(("docs/reliability.md",), _both("faults --controller {} --episodes 10"), GROUND),
     "g1": Table(G1, _g1(G1_COMMANDS, "standing", "walking", "jumping"), (*ERRORS, FALLS)),
-    "g1-hands": Table(G1, _g1("hands --episodes 3", "standing", "walking"), HANDS),
+    "g1-hands": Table(G1, _g1("hands", "standing", "walking"), HANDS),
     "g1-tasks": Table(
         G1,
         {f"G1, {label}": f"tasks --robot g1 --controller {name} --episodes 10" for label, name in BOTH.items()},
@@ -233,7 +236,10 @@ def of_policy(table: Table) -> Table:
 
 
 def cell(figure: Figure | None) -> str:
-    """Return value, half of its 95 % interval, and for falls their number; in italics if worse than the paper's."""
+    """Return value, half of its 95 % interval, and for falls their number; in italics if worse than the paper's.
+
+    Of few samples their number takes the place of the interval, which is too narrow.
+    """
     if figure is None or figure.value is None:
         return ""
     estimate = figure.estimate
@@ -243,8 +249,9 @@ def cell(figure: Figure | None) -> str:
         return f"{count} of {estimate.samples} ({low:.0f} to {high:.0f} %)"
     digits = 0 if abs(figure.value) >= 100.0 else 1 if abs(figure.value) >= 10.0 else 3
     text = f"{figure.value:.{digits}f}"
-    if low is not None and high is not None:
-        text += f" ± {(high - low) / 2.0:.{digits}f}"
+    if estimate is not None and low is not None and high is not None:
+        few = estimate.samples < FEW
+        text += f" (n = {estimate.samples})" if few else f" ± {(high - low) / 2.0:.{digits}f}"
     worse = figure.against_paper in (Comparison.WORSE, Comparison.UNCLEAR_WORSE)
     return f"*{text}*" if worse else text
 

@@ -12,7 +12,7 @@ from hugwbc.controller import Controller
 from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
-from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.figures import Figure, judged_fairly
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.store import READ, Store, StoredTable, controller_digest
 from hugwbc.files import noting
@@ -131,7 +131,7 @@ def run_experiment(
         ) from error
     figures = [
         dataclasses.replace(figure, controller=label or spec.label) if figure.estimate is not None else figure
-        for figure in summary
+        for figure in judged_fairly(summary, settings.conditions.robot)
     ]
     return Result(experiment.name, label or spec.label, settings, done, rows, figures)
 

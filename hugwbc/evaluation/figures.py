@@ -5,8 +5,10 @@ import enum
 from collections.abc import Iterable
 
 from hugwbc.evaluation.intervals import CONFIDENCE, FEW, Estimate, wilson_percentage
+from hugwbc.evaluation.paper import ROBOTS
 
 FALLS = "falls"
+MOST_FALLS = 5.0  # [% of episodes]; above it, means lack too much of what fell early to be judged
 
 
 class Comparison(enum.Enum):
@@ -51,6 +53,7 @@ class Figure:
         higher_is_better: whether higher values are better; otherwise lower ones are.
         reference: which of the paper's policies `paper` belongs to, where the paper prints several.
         difference: from another controller's figure; None where there is none to compare with.
+        judged: whether the figure is judged against the paper's.
     """
 
     table: str
@@ -64,6 +67,7 @@ class Figure:
     higher_is_better: bool = False
     reference: str = ""
     difference: Difference | None = None
+    judged: bool = True
 
     @property
     def label(self) -> str:
@@ -86,7 +90,7 @@ class Figure:
     @property
     def against_paper(self) -> Comparison:
         """The comparison with the paper, whose own uncertainty is not known."""
-        if self.ratio is None:
+        if self.ratio is None or not self.judged:
             return Comparison.NONE
         sign = -1.0 if self.higher_is_better else 1.0
         excess, *bounds = (sign * (part - 1.0) for part in self.ratio if part is not None)
@@ -98,3 +102,18 @@ class Figure:
 def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figure:
     """Return the percentage of episodes in which the robot fell."""
     return Figure(table, FALLS, "% of episodes", wilson_percentage(list(fell)), reference=reference)
+
+
+def judged_fairly(figures: Iterable[Figure], robot: str) -> list[Figure]:
+    """Return figures without unfair verdicts: in tables with more falls than `MOST_FALLS` no figure is judged.
+
+    Robots other than the paper's are not compared with it: their figures lose the paper's, and published ones are left
+    out.
+    """
+    figures, comparable = list(figures), robot in ROBOTS
+    fallen = {figure.table for figure in figures if figure.quantity == FALLS and (figure.value or 0.0) > MOST_FALLS}
+    return [
+        dataclasses.replace(figure, paper=figure.paper if comparable else None, judged=figure.table not in fallen)
+        for figure in figures
+        if comparable or figure.estimate is not None
+    ]

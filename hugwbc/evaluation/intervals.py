@@ -1,6 +1,7 @@
 """Confidence intervals of means over episodes."""
 
 import dataclasses
+import functools
 import math
 import statistics
 from collections.abc import Iterable, Sequence
@@ -9,7 +10,7 @@ import numpy as np
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
-FEW = 8  # samples, below which a bootstrap interval is much too narrow
+FEW = 8  # samples, below which a bootstrap interval is too narrow
 _SEED = 0  # of the resampling, fixed so that the same results give the same page
 
 
@@ -59,9 +60,10 @@ def wilson_of(times: int, count: int) -> Estimate:
 
 
 def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
-    """Return the mean with its percentile bootstrap interval (Efron & Tibshirani 1993, chapter 13).
+    """Return the mean with its expanded percentile bootstrap interval; None is left out.
 
-    None is left out. With few samples the interval is too narrow, as it cannot contain values that were not drawn.
+    Hesterberg 2015, "What Teachers Should Know About the Bootstrap", The American Statistician 69, 371-386. Below `FEW`
+    samples the interval is still too narrow, as it cannot reach beyond them.
     """
     known = np.array([sample for sample in samples if sample is not None], dtype=float)
     if known.size == 0:
@@ -70,8 +72,16 @@ def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
         return Estimate(float(known[0]), None, None, 1)
     rng = np.random.default_rng(_SEED)
     means = known[rng.integers(known.size, size=(RESAMPLES, known.size))].mean(axis=1)
-    low, high = np.quantile(means, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
-    return Estimate(float(known.mean()), low, high, int(known.size))
+    return Estimate(float(known.mean()), *_bounds(means, known.size), int(known.size))
+
+
+def bootstrap_median(samples: Sequence[float]) -> Estimate:
+    """Return the median with the interval of `bootstrap_mean`."""
+    if len(samples) < 2:
+        return single(samples[0] if samples else None)
+    picked = np.random.default_rng(_SEED).integers(len(samples), size=(RESAMPLES, len(samples)))
+    medians = np.median(np.array(samples, dtype=float)[picked], axis=1)
+    return Estimate(float(np.median(samples)), *_bounds(medians, len(samples)), len(samples))
 
 
 def bootstrap_rms(samples: Iterable[float | None]) -> Estimate:
@@ -82,7 +92,7 @@ def bootstrap_rms(samples: Iterable[float | None]) -> Estimate:
 
 
 def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float | None]) -> Estimate:
-    """Return the ratio of two means with its percentile bootstrap interval; both means are resampled.
+    """Return the ratio of two means with the interval of `bootstrap_mean`; both means are resampled.
 
     The two are drawn independently, and None is left out. The ratio is None if a mean is missing or the divisor is 0,
     and has no bounds if one of the two has a single sample.
@@ -96,14 +106,14 @@ def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float |
     rng = np.random.default_rng(_SEED)
     means = [v[rng.integers(v.size, size=(RESAMPLES, v.size))].mean(axis=1) for v in (own, other)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = np.quantile(means[0] / means[1], ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
+        low, high = _bounds(means[0] / means[1], min(own.size, other.size))
     if not (math.isfinite(low) and math.isfinite(high)):  # resamples of the divisor that are 0
         return Estimate(ratio, None, None, int(own.size))
     return Estimate(ratio, low, high, int(own.size))
 
 
 def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int = 1) -> Estimate:
-    """Return the difference of two means over the same episodes, with its percentile bootstrap interval.
+    """Return the difference of two means over the same episodes, with the interval of `bootstrap_mean`.
 
     Episodes are resampled for both at once: what makes one harder than another does not count. A power of 2 takes root
     mean squares instead of means.
@@ -114,8 +124,36 @@ def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int
         return Estimate(float(difference), None, None, both.shape[1])
     picked = np.random.default_rng(_SEED).integers(both.shape[1], size=(RESAMPLES, both.shape[1]))
     drawn = _difference(both[:, picked].mean(axis=2), power)
-    low, high = np.quantile(drawn, ((1.0 - CONFIDENCE) / 2, (1.0 + CONFIDENCE) / 2)).tolist()
-    return Estimate(float(difference), low, high, both.shape[1])
+    return Estimate(float(difference), *_bounds(drawn, both.shape[1]), both.shape[1])
+
+
+def _bounds(resampled: np.ndarray, count: int) -> tuple[float, float]:
+    """Return the expanded percentile interval of values that were resampled from `count` samples.
+
+    Its tails are smaller than those of the confidence, by as much as Student's interval is wider than one with the
+    standard deviation of a resample: Phi(-sqrt(n / (n - 1)) t) in place of Phi(-1.96).
+    """
+    wide = math.sqrt(count / (count - 1)) * student_quantile((1.0 + CONFIDENCE) / 2, count - 1)
+    tail = statistics.NormalDist().cdf(-wide)
+    low, high = np.quantile(resampled, (tail, 1.0 - tail)).tolist()
+    return low, high
+
+
+@functools.cache
+def student_quantile(part: float, freedom: int) -> float:
+    """Return the quantile above 0.5 of Student's distribution, for a whole number of degrees of freedom.
+
+    It inverts the closed form of the distribution (Abramowitz & Stegun 1964, 26.7.3 and 26.7.4) by bisection.
+    """
+    odd = freedom % 2
+    powers = np.arange(odd, freedom - 1, 2)
+    factors = np.cumprod([1.0, *(powers[:-1] + 1.0) / (powers[:-1] + 2.0)])[: powers.size]
+    low, high = 0.0, math.pi / 2  # of the angle whose tangent is t / sqrt(freedom)
+    while low < (angle := (low + high) / 2) < high:
+        within = math.sin(angle) * float(factors @ math.cos(angle) ** powers)
+        within = 2.0 / math.pi * (angle + within) if odd else within
+        low, high = (angle, high) if within < 2.0 * part - 1.0 else (low, angle)
+    return math.sqrt(freedom) * math.tan(low)
 
 
 def _difference(means: np.ndarray, power: int) -> np.ndarray:

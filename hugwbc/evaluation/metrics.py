@@ -267,14 +267,12 @@ def _mean(values: np.ndarray) -> float | None:
 
 
 def mechanical_power(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Return the mean over time of sum_i |tau_i dq_i| [W]: braking costs as much as driving.
+    """Return the mean over time of sum_i |tau_i dq_i| at the physics steps [W]: braking costs as much as driving.
 
     NaN if the run ended before `settle`.
     """
     kept = trace.time >= settle
-    if not kept.any():
-        return float("nan")
-    return float(np.abs(trace.torque[kept] * trace.qvel[kept, 6:]).sum(axis=1).mean())
+    return float(trace.power[kept].mean()) if kept.any() else float("nan")
 
 
 def speed(trace: Trace, settle: float = SETTLE_S) -> float:

@@ -22,6 +22,7 @@ ERROR_UNITS = {
     "E_w": "rad",
 }
 TRAININGS = ("noise", "motion", "none")  # what moved the arms in training, in the paper's ablation
+ROBOTS = ("h1", "h1-2023")  # that may stand beside the paper's H1
 HIGH_SPEED = 1.0  # [m/s]; a faster v_x counts towards E_vx_high
 
 
@@ -34,12 +35,11 @@ def single_command_errors(gait: Gait, intervention: str = "none") -> Mapping[str
     """Return the paper's single-command tracking errors of a gait by name, as far as it reports them.
 
     The paper has one column for hopping on either leg, and no intervention (none, noise or motion) for it. Its table
-    with intervention does not split E_vx by speed; that figure is returned as the error at low speed.
+    with intervention does not split E_vx by speed.
     """
     if intervention == "none":
         return _tables()["single_command_tracking"]["hopping" if gait.hops else gait.label]
-    errors = intervention_errors(gait, intervention)
-    return {"E_vx_low" if name == "E_vx" else name: error for name, error in errors.items()}
+    return intervention_errors(gait, intervention)
 
 
 def intervention_errors(gait: Gait, intervention: str, training: str = "noise") -> Mapping[str, float]:

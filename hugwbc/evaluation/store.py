@@ -1,4 +1,4 @@
-"""Finished episodes on the disk: one table for each experiment, settings, controller and commit.
+"""Finished episodes on the disk: one table for each experiment, settings, controller, commit and versions of packages.
 
 A table is a file of JSON lines. The first line is its key; every other line is the row of one episode. Rows are only
 appended, each by one write, so that a killed run loses only the episodes that were running.
@@ -19,7 +19,9 @@ from hugwbc.errors import ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
 from hugwbc.files import digest, digest_of, is_own, note, noting, write_whole, writing
+from hugwbc.learned.policy.records import versions
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.scripts.motion import motion_files
 from hugwbc.source import source_commit
 
 DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
@@ -77,7 +79,7 @@ class Store:
 
 
 def table_key(experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
-    """Return what tells a table from others, as JSON: names, settings, and digests of controller, code and files.
+    """Return what tells a table from others, as JSON: names, settings, versions, digests of controller, code and files.
 
     A shipped policy counts by its digest for the controller that it drives. A user's own code may load any of them. The
     robots count by their tables and descriptions. The number of episodes does not count: more of them continue a table.
@@ -92,6 +94,7 @@ def table_key(experiment: str, episode: Episode, settings: Settings, spec: Contr
                 "controller": spec.label,
                 "digest": controller_digest(spec),
                 "commit": source_commit(policies=own),
+                "versions": versions(),
                 "settings": given,
                 "arenas": [arena.version for arena in (settings.conditions.chosen, settings.conditions.told_arena)],
                 "files": files,
@@ -112,7 +115,7 @@ def _files(episode: Episode, settings: Settings) -> dict[str, str]:
         code = [pathlib.Path(inspect.getfile(part)) for part in (type(settings), episode)]
         for text in _texts(dataclasses.asdict(settings)):
             path = extensions.split_object(text)[0] if extensions.names_object(text) else pathlib.Path(text)
-            for file in sorted(path.glob("*.npz")) if path.is_dir() else [path] if path.suffix else []:
+            for file in motion_files(path) if path.is_dir() else [path] if path.suffix else []:
                 note(file)
             code += [path] * extensions.names_object(text)
         for path in [path for path in code if is_own(path) and path.is_file()]:

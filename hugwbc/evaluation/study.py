@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import Settings
+from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result, frame_of, run_experiment, stored_episodes
 from hugwbc.evaluation.figures import Difference, Figure
@@ -159,8 +159,14 @@ def _power(estimate: Estimate, alone: Mapping[str, float]) -> int:
 
 
 def remarks(results: Sequence[Result]) -> list[str]:
-    """Say which figures rest on too few episodes for what is shown of them."""
+    """Say which results lack episodes that fell, and which figures rest on too few for what is shown of them."""
     found: list[str] = []
+    for result in results:
+        if lost := _lost(result.rows):
+            found.append(
+                f"{result.experiment}, {result.controller}: {lost} of {len(result.rows)} episodes fell and are "
+                "missing from means."
+            )
     figures = [figure for result in results for figure in result.figures]
     few = {
         figure.quantity: figure.estimate.samples
@@ -181,3 +187,9 @@ def remarks(results: Sequence[Result]) -> list[str]:
             "episodes that differ."
         )
     return found
+
+
+def _lost(rows: Sequence[Row]) -> int:
+    """Return how many episodes fell and lack a value that another one has."""
+    measured = {name for row in rows for name, value in row.items() if value is not None}
+    return sum(any(row.get(name) is None for name in measured) for row in rows if row.get("fell"))

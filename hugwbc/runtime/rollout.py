@@ -108,6 +108,7 @@ class Recorder:
         self.ik_ms: list[float] = []
         self._watch = TouchDownWatch(self.simulation.timestep)
         self._samples = 0
+        self._power, self._steps = 0.0, 0  # sum over the physics steps since the last sample [W], and their number
         left_out = SCENE_FIELDS if self.simulation.scene is None else ()
         self._snapshot_fields = [name for name in SNAPSHOT_FIELDS if name not in left_out]
 
@@ -129,6 +130,8 @@ class Recorder:
             if self.disturber is not None:
                 self.disturber.update(t + substep * dt, simulation.qpos, simulation.external_force)
             self.loop.step_physics(command)
+            self._power += float(np.abs(simulation.torque) @ np.abs(simulation.qvel[6:]))
+            self._steps += 1
             if self.on_step is not None:
                 self.on_step(simulation.state(), self.loop.control.estimate)
             self._watch.update(t + (substep + 1) * dt, simulation.foot_force, simulation.sole_velocity)
@@ -156,8 +159,10 @@ class Recorder:
                 "hand_error": np.linalg.norm(actual - snapshot.hand_target_world, axis=1),
                 "reachable": self.loop.reachable,
                 "torque": self.simulation.torque,
+                "power": self._power / max(1, self._steps),
             }
         )
+        self._power, self._steps = 0.0, 0
         return snapshot
 
     def trace(self, fell_s: float | None, end: float, *, steps: int) -> Trace:

@@ -24,7 +24,7 @@ RECORD_PERIOD = 0.02  # [s] between two samples
 CONTACT_FORCE = 1.0  # [N]; a foot with a larger vertical ground reaction counts as on the ground
 IMPACT_TIME = 0.01  # [s]; the force of an impact is averaged over it, so that it hardly depends on the time step
 SHORTEST_SWING = 0.05  # [s]; a foot that leaves the ground for a shorter time has bounced, not stepped
-_FORMAT = 1
+_FORMAT = 2
 _ABOUT = "about"  # name of the array of a file that holds the text
 
 
@@ -95,6 +95,7 @@ class Trace:
         hand_error: distance of each hand to its target, reachable or not [m], shape (T, 2); NaN without a target.
         reachable: whether the inverse kinematics can reach each hand's target, shape (T, 2), bool.
         torque: joint torques in the physics step before this time [N*m], shape (T, n).
+        power: sum_i |tau_i dq_i|, mean over the physics steps since the sample before [W], shape (T,); 0 at the first.
         tick_ms: time that each call of the controller took [ms], shape (number of calls,).
         ik_ms: time that each call of the arms' source took [ms], shape (number of calls,).
         touch_downs: times at which the left and the right foot came down after a swing of at least `SHORTEST_SWING`,
@@ -135,6 +136,7 @@ class Trace:
     hand_error: np.ndarray
     reachable: np.ndarray
     torque: np.ndarray
+    power: np.ndarray
     tick_ms: np.ndarray
     ik_ms: np.ndarray
     touch_downs: tuple[np.ndarray, np.ndarray]

@@ -248,9 +248,14 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_LISTED]) + more
 
 
+def motion_files(folder: str | pathlib.Path) -> list[pathlib.Path]:
+    """Return the motion files of a folder, ordered by name."""
+    return sorted(path for path in pathlib.Path(folder).glob("*") if path.suffix.lower() in _READABLE)
+
+
 def load_motions(folder: str | pathlib.Path, robot: Robot) -> list[ArmMotion]:
     """Read all motion files of a folder, ordered by name; what is not used or clamped is logged as by `load_motion`."""
-    paths = sorted(path for path in pathlib.Path(folder).glob("*") if path.suffix.lower() in _READABLE)
+    paths = motion_files(folder)
     if not paths:
         raise MotionFileError(f"{folder} holds no motion files; give a folder with {' or '.join(_READABLE)} files")
     read = [_read_motion(path, robot) for path in paths]

@@ -120,6 +120,11 @@ def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_pat
     ]
     (tmp_path / "clip.npz").write_bytes(b"two")
     keys.append(table_key("waists", measure, moved, HOLD))
+    for content in ("one", "two"):
+        (tmp_path / "walk.csv").write_text(content)
+        keys.append(table_key("waists", measure, moved, HOLD))
+    monkeypatch.setattr(store, "versions", lambda: {"mujoco": "1.0"})
+    keys.append(table_key("waists", measure, SETTINGS, HOLD))
     monkeypatch.setattr(store, "source_commit", lambda **which: "another")
     keys.append(table_key("waists", measure, SETTINGS, HOLD))
     assert len({json.dumps(key) for key in keys}) == len(keys) and source_commit()

@@ -1,6 +1,8 @@
+import dataclasses
+
 import pytest
 
-from hugwbc.evaluation.figures import Comparison, Difference
+from hugwbc.evaluation.figures import Comparison, Difference, falls_figure, judged_fairly
 from hugwbc.evaluation.intervals import Estimate
 from tests.conftest import figure
 
@@ -31,6 +33,23 @@ def test_ratio_scales_the_interval():
     assert figure(0.6, 0.3, 0.9, paper=0.3).against_paper is Comparison.UNCLEAR_WORSE, (
         "the interval touches the paper's figure"
     )
+
+
+def test_a_table_of_runs_that_fell_is_not_judged():
+    error = figure(0.2, 0.1, 0.25, paper=0.3)
+    for times, verdict in ((1, Comparison.BETTER), (2, Comparison.NONE)):
+        falls = falls_figure("T", [True] * times + [False] * (20 - times))
+        other = dataclasses.replace(error, table="another")
+        judged, _, apart = judged_fairly([error, falls, other], "h1")
+        assert (judged.against_paper, apart.against_paper) == (verdict, Comparison.BETTER)
+        assert judged.ratio is not None and judged.paper == 0.3
+
+
+def test_other_robots_are_not_compared_with_the_papers():
+    figures = [figure(0.2, 0.1, 0.25, paper=0.3), figure(None, None, None, paper=0.3, published=0.27)]
+    assert judged_fairly(figures, "h1-2023") == figures
+    (alone,) = judged_fairly(figures, "g1")
+    assert alone.value == 0.2 and alone.paper is alone.ratio is None and alone.against_paper is Comparison.NONE
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,11 @@ import pytest
 
 from hugwbc.evaluation.intervals import (
     bootstrap_mean,
+    bootstrap_median,
     bootstrap_ratio,
     exact_test,
     paired_difference,
+    student_quantile,
     wilson_percentage,
 )
 
@@ -26,6 +28,30 @@ def test_it_covers_the_truth_as_often_as_it_says():
     assert 0.88 <= covered <= 0.98
 
 
+@pytest.mark.parametrize("count", [8, 20])
+def test_it_covers_the_mean_of_few_samples(count):
+    """The plain percentile interval covers 88 % at 8 samples, Student's 95 %."""
+    samples = np.random.default_rng(6).normal(1.0, 1.0, (600, count))
+    estimates = map(bootstrap_mean, samples.tolist())
+    covered = np.mean([e.low <= 1.0 <= e.high for e in estimates if e.low is not None and e.high is not None])
+    assert 0.925 <= covered <= 0.97
+
+
+def test_an_interval_of_few_samples_ends_with_them():
+    few = bootstrap_mean([1.0, 2.0, 6.0])
+    assert (few.value, few.low, few.high) == (3.0, 1.0, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "quantile"),
+    [(1, 12.706), (2, 4.303), (3, 3.182), (4, 2.776), (7, 2.365), (10, 2.228), (29, 2.045), (120, 1.980)],
+)
+def test_quantiles_of_student(freedom, quantile):
+    """Against a printed table (Abramowitz & Stegun 1964, table 26.10)."""
+    assert student_quantile(0.975, freedom) == pytest.approx(quantile, abs=5e-4)
+    assert student_quantile(0.975, 100_000) == pytest.approx(1.95996, abs=1e-4)
+
+
 def test_score_interval_of_a_part():
     """Against the figures of Wilson's formula for 5 of 20 and 0 of 4, worked out by hand."""
     some, none = wilson_percentage([True] * 5 + [False] * 15), wilson_percentage([False] * 4)
@@ -42,6 +68,15 @@ def test_few_and_missing_samples():
     same = bootstrap_mean([2.0, 2.0, None])
     assert (same.value, same.low, same.high, same.samples) == (2.0, 2.0, 2.0, 2)
     assert bootstrap_mean([1.0, 2.0, 3.0]) == bootstrap_mean([1.0, 2.0, 3.0])
+
+
+def test_the_interval_of_a_median_is_that_of_order_statistics():
+    """Of 100 samples, the 40th and the 61st enclose the median with 95 % (binomial distribution)."""
+    samples = np.sort(np.random.default_rng(5).normal(0.0, 1.0, 100))
+    found = bootstrap_median(samples.tolist())
+    assert found.value == pytest.approx(np.median(samples)) and found.samples == 100
+    assert samples[37] <= found.low <= samples[41] and samples[58] <= found.high <= samples[62]
+    assert bootstrap_median([]).value is None and bootstrap_median([2.0]).low is None
 
 
 def test_a_ratio_is_that_of_the_means_and_both_of_them_are_uncertain():

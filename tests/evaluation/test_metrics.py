@@ -127,11 +127,9 @@ def test_percentiles_of_call_times():
 def walk(synthetic_trace):
     """0.5 m/s for 10 s; one joint drives at 20 N*m and 2 rad/s, another brakes at -10 N*m and 3 rad/s."""
     trace = synthetic_trace(Command(gait=Gait.WALKING, v_x=0.5))
-    qpos, qvel, torque = np.zeros((500, 26)), np.zeros((500, 25)), np.zeros((500, 19))
+    qpos = np.zeros((500, 26))
     qpos[:, 0] = 0.5 * trace.time
-    torque[:, 3], qvel[:, 6 + 3] = 20.0, 2.0
-    torque[:, 7], qvel[:, 6 + 7] = -10.0, 3.0
-    return dataclasses.replace(trace, qpos=qpos, qvel=qvel, torque=torque)
+    return dataclasses.replace(trace, qpos=qpos, power=np.full(500, 20.0 * 2.0 + 10.0 * 3.0))
 
 
 def test_cost_of_transport_by_hand(walk):

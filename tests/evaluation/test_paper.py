@@ -9,7 +9,7 @@ def test_figures_of_single_commands_and_of_others():
     assert tuple(walking) == tuple(paper.ERROR_UNITS) and (walking["E_vx_low"], walking["E_l"]) == (0.030, 0.011)
     assert set(paper.single_command_errors(Gait.STANDING)) == {"E_h", "E_p", "E_w"}
     assert paper.single_command_errors(Gait.HOPPING_LEFT) == paper.single_command_errors(Gait.HOPPING_RIGHT)
-    assert noise["E_vx_low"] == 0.0483 and noise["E_w"] == 0.0552 and "E_vx_high" not in noise
+    assert noise["E_vx"] == 0.0483 and noise["E_w"] == 0.0552 and "E_vx_low" not in noise
     assert paper.single_command_errors(Gait.STANDING, "motion") == {"E_h": 0.0237, "E_p": 0.0611, "E_w": 0.0624}
     assert paper.single_command_errors(Gait.HOPPING_LEFT, "noise") == {}
     assert paper.real_robot_errors(Gait.STANDING) == {"E_p": 0.0712, "E_w": 0.0718}

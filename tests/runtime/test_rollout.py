@@ -7,6 +7,7 @@ import pytest
 
 from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation import metrics
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.loop import ControlLoop
@@ -60,7 +61,7 @@ def test_the_record_has_one_row_every_20_ms_and_agrees_with_the_simulator(simula
         "phase": (25,), "foot_force": (25, 2, 3), "pressure_centre": (25, 2, 3), "foothold": (25, 2, 2),
         "qpos": (25, 26), "qvel": (25, 25), "target": (25, 19), "hand_target_world": (25, 2, 3),
         "arm_target": (25, 8), "hand_error": (25, 2), "reachable": (25, 2),
-        "torque": (25, 19), "tick_ms": (25,), "ik_ms": (0,),
+        "torque": (25, 19), "power": (25,), "tick_ms": (25,), "ik_ms": (0,),
     }.items():  # fmt: skip
         assert getattr(trace, name).shape == shape, name
     assert trace.qpos[0, 2] == pytest.approx(0.98, abs=0.01)
@@ -121,6 +122,29 @@ def test_a_fast_controller_is_called_at_its_own_period_and_recorded_at_50_hz(sim
 
     trace = rollout(Fast(load_robot()), Constant(Command()), simulation, duration=0.2)
     assert trace.steps == trace.tick_ms.size == 100 and trace.time.size == 10
+
+
+@pytest.mark.parametrize("period", [0.02, 0.028])
+def test_power_is_that_of_every_physics_step_whenever_samples_are_taken(period):
+    """Targets that jump at each call are paid in the steps after it, which samples in step with the calls miss."""
+
+    class Jumping(HoldController):
+        def act(self, state, command, upper_body):
+            sign = 1.0 if round(state.time / self.period) % 2 else -1.0
+            return JointCommand.position(self.robot, self.robot.nominal + 0.05 * sign)
+
+    Jumping.period = period
+    simulation, powers = Simulation(sensing="exact", timestep=0.002), []
+
+    def on_step(truth, estimate):
+        powers.append(np.abs(simulation.torque * truth.dq).sum())
+
+    trace = rollout(Jumping(load_robot()), Command(), simulation, duration=0.4, on_step=on_step)
+    steps = round(0.02 / 0.002)
+    means = np.array(powers[: steps * (len(trace.time) - 1)]).reshape(-1, steps).mean(axis=1)
+    np.testing.assert_allclose(trace.power, [0.0, *means])
+    assert metrics.mechanical_power(trace, settle=0.02) == pytest.approx(means.mean())
+    assert means.mean() > 20.0
 
 
 @pytest.mark.parametrize("period", [0.008, 0.02, 0.04, 0.07])

@@ -197,6 +197,8 @@ def test_a_table_that_is_wiped(made_up):
         force[:, 1, 2] = newton
         wrong = verdict_of("wipe_table", dataclasses.replace(wiped, hand_force=force))
         assert wrong.reason == "less than 90 % of the path was wiped with 5 to 25 N"
+    force[::20, 1, 2] = 15.0  # for one sample of 0.4 s, and 40 N in the others
+    assert not verdict_of("wipe_table", dataclasses.replace(wiped, hand_force=force)).success
     gap = np.zeros((1000, 2, 3))
     gap[:700, 1, 2] = 15.0
     assert not verdict_of("wipe_table", dataclasses.replace(wiped, hand_force=gap)).success

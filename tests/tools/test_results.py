@@ -35,6 +35,7 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
         Figure(title, "E_omega", "rad/s", None, controller="another paper's", published=0.6),
         Figure(title, "touch-down speed, median", "m/s", Estimate(0.9, None, None, 16)),
     ]
+    assert tool.cell(Figure(title, "sag of the hands", "cm", Estimate(0.14, 0.05, 0.2, 4))) == "0.140 (n = 4)"
     table = tool.Table((), {}, ("E_omega", "E_vy", "falls"))
     assert tool.lay_out(table, {"learned": figures}) == [
         ["", "E_omega", "E_vy", "falls"],

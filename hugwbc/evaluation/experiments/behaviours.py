@@ -33,11 +33,13 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.rotations import wrap_angle
+from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, Positive, settings
 from hugwbc.sim import Engine, Scene, load_scene
 from hugwbc.sim.scenes import Box, Step
 from hugwbc.sim.scenes.varied import Uniform
 from hugwbc.state import GRAVITY
+from hugwbc.tasks.judges import UPRIGHT
 from hugwbc.upper_ik import UpperBodySource
 
 
@@ -70,8 +72,8 @@ def scene_of(words: str) -> Scene:
 
 def play(
     controller: Controller, settings: Settings, plan: Plan, behaviour: Behaviour, scene: Scene
-) -> tuple[Row, Engine]:
-    """Play a behaviour; return how it ended, and the simulation after it.
+) -> tuple[Row, Engine, Trace]:
+    """Play a behaviour; return how it ended, the simulation after it, and the record.
 
     - `success`: whether the behaviour ended with success; `seconds`: when, None if not [s]; `ending`: what it said.
     """
@@ -82,12 +84,12 @@ def play(
     success = source.status is Status.SUCCESS and not trace.fell
     seconds = simulation.time if success else None
     how = "a fall" if trace.fell else source.ending
-    return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation
+    return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation, trace
 
 
 def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) -> Row:
     """Return how the behaviour ended, and where the objects then were [m]."""
-    row, simulation = play(controller, settings, plan, load_behaviour(settings.behaviour), scene_of(settings.scene))
+    row, simulation, _ = play(controller, settings, plan, load_behaviour(settings.behaviour), scene_of(settings.scene))
     return row | {"objects": {name: pose.position.round(3).tolist() for name, pose in simulation.objects.items()}}
 
 
@@ -154,7 +156,7 @@ def arrive_episode(controller: Controller, settings: ArriveSettings, plan: Plan)
       that did not arrive.
     """
     x, y, yaw = (float(plan.tags[name]) for name in ("x", "y", "yaw"))
-    row, simulation = play(controller, settings, plan, lambda view: walk_to(view, (x, y), yaw), AWAY)
+    row, simulation, _ = play(controller, settings, plan, lambda view: walk_to(view, (x, y), yaw), AWAY)
     if not row["success"]:
         return row | {"distance": None, "angle": None}
     state = simulation.state()
@@ -192,6 +194,7 @@ FRICTION = Uniform(0.6, 1.0)
 HEAVIEST = 2.0 * FRICTION.low * BoxGrip(SIZE[1]).force / (2.0 * GRAVITY)  # [kg], with half of the friction to spare
 _AT = (0.0, 0.08)  # [m], where the hands press: above the middle, so that the box hangs
 _BACK = 0.4  # [m]
+OFF = 0.10  # [m], by which it may be off its place
 _SUNK = 0.02  # [m], by which a box may be off the height at which it stands
 _LOW = 0.7  # [m], below which the robot bends over the box, and its knees need room
 _SLIPS = 0.5  # [m], below which a box slips out of hands that only press on it
@@ -240,13 +243,28 @@ def shift(view: View, mass: float, height: float) -> Course:
 
 
 def boxes_episode(controller: Controller, settings: BoxesSettings, plan: Plan) -> Row:
-    """Return how it ended; it is done if the box stands on the block again."""
+    """Return how it ended; it is done if the box stands where it stood, upright."""
     mass, height = float(plan.tags["mass"]), float(plan.tags["height"])
     behaviour = functools.partial(shift, mass=mass, height=height)
-    row, simulation = play(controller, settings, plan, behaviour, scene(mass, height))
-    stands = abs(float(simulation.objects["box"].position[2]) - height - SIZE[2] / 2) < _SUNK
-    ending = row["ending"] if stands or not row["success"] else "the box does not stand on the block"
-    return row | {"success": row["success"] and stands, "ending": ending}
+    around = scene(mass, height)
+    row, _, trace = play(controller, settings, plan, behaviour, around)
+    missed = amiss(trace.object_pose[:, around.body_names.index("box")]) if row["success"] else ""
+    return row | {"success": row["success"] and not missed, "ending": missed or row["ending"]}
+
+
+def amiss(poses: np.ndarray) -> str:
+    """Return what is wrong with where a box stands at the end, as against the start; nothing if it stands as it stood.
+
+    Args:
+        poses: position [m] and quaternion (w, x, y, z) at each sample, shape (T, 7).
+    """
+    way = poses[-1, :3] - poses[0, :3]
+    tilt = math.acos(min(1.0, rotations.to_matrix(poses[-1, 3:])[2, 2]))
+    if tilt > UPRIGHT:
+        return "the box is not upright"
+    if abs(way[2]) > _SUNK:
+        return "the box does not stand on the block"
+    return f"the box stands more than {100 * OFF:.0f} cm off its place" if math.hypot(way[0], way[1]) > OFF else ""
 
 
 def boxes_figures(settings: BoxesSettings, rows: pl.DataFrame) -> list[Figure]:

@@ -24,6 +24,7 @@ from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import (
     Estimate,
     bootstrap_mean,
+    bootstrap_median,
     bootstrap_rms,
     known,
     scaled,
@@ -327,12 +328,20 @@ CARRY = Experiment(
 # A sudden push on the trunk of a walk: the largest change of velocity that is survived.
 
 PUSH_TIME = 0.1  # [s]
-PUSH_STEP, PUSH_MOST = 0.2, 1.6  # [m/s], between two pushes and the largest one
-RECOVERY = 3.0  # [s] after a push in which the robot must not fall
+PUSH_STEP, PUSH_MOST = 0.2, 2.4  # [m/s], between two pushes and the largest one
+ENDED = "ladders that ended in a fall"
+RECOVERY = 3.0  # [s] after a push begins, in which the robot must not fall
 
 
-def next_pushes(settings: WalkSettings, rows: Sequence[Row]) -> list[Plan]:
-    """Return the next larger push of every direction and episode that survived all pushes so far."""
+@settings(kw_only=True)
+class PushSettings(WalkSettings):
+    """Settings of push."""
+
+    episodes: Count = 4  # number of ladders of pushes in each direction
+
+
+def next_pushes(settings: PushSettings, rows: Sequence[Row]) -> list[Plan]:
+    """Return the next larger push of every ladder (a direction and a draw) that survived all pushes so far."""
     plans = []
     for direction in DIRECTIONS:
         for draw in range(settings.episodes):
@@ -342,23 +351,23 @@ def next_pushes(settings: WalkSettings, rows: Sequence[Row]) -> list[Plan]:
     return plans
 
 
-def _push(settings: WalkSettings, direction: int, draw: int, change: float) -> Plan:
-    mass = settings.robot.mass
+def _push(settings: PushSettings, direction: int, draw: int, change: float) -> Plan:
+    mass, stride = settings.robot.mass, 1.0 / default_command(Gait.WALKING, settings.robot).f
     vector = tuple((mass * change / PUSH_TIME * heading(direction)).tolist())
-    # Pushes of one direction meet the gait at different times.
-    push = Force(vector, BEGIN + 0.13 * (draw % 8), PUSH_TIME, frame="heading")
+    # The ladders of one direction meet the gait at times that are spread evenly over a stride.
+    push = Force(vector, BEGIN + stride * draw / settings.episodes, PUSH_TIME, frame="heading")
     return Plan(draw, tags={"direction": direction, "number": draw, "change": change}, forces=(push,))
 
 
-def push_episode(controller: Controller, settings: WalkSettings, plan: Plan) -> Row:
+def push_episode(controller: Controller, settings: PushSettings, plan: Plan) -> Row:
     """Return whether the robot fell."""
-    duration = BEGIN + RECOVERY
+    duration = plan.forces[0].start + RECOVERY
     simulation = simulation_of(settings, plan, duration)
     return ending(play(controller, settings, plan, Source.of(settings), simulation, duration))
 
 
-def survived(settings: WalkSettings, rows: pl.DataFrame) -> dict[int, list[float]]:
-    """Return the largest change of velocity that each episode survived by direction [m/s]."""
+def survived(settings: PushSettings, rows: pl.DataFrame) -> dict[int, list[float]]:
+    """Return the largest change of velocity that was survived in each ladder by direction [m/s]."""
     upright = rows.filter(~pl.col("fell"))
     largest = {
         (direction, number): change
@@ -367,29 +376,30 @@ def survived(settings: WalkSettings, rows: pl.DataFrame) -> dict[int, list[float
     return {d: [largest.get((d, number), 0.0) for number in range(settings.episodes)] for d in DIRECTIONS}
 
 
-def push_figures(settings: WalkSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return the median of the episodes' largest survived changes of velocity, by direction and of all."""
+def push_figures(settings: PushSettings, rows: pl.DataFrame) -> list[Figure]:
+    """Return the median of the largest survived changes of velocity, by direction and of all, and how ladders ended."""
     table, changes = f"Survived push in a walk at {V_X:g} m/s", survived(settings, rows)
-    medians = {f"{direction}°": found for direction, found in changes.items()}
-    medians["median of all"] = [change for found in changes.values() for change in found]
+    medians = {
+        f"{direction}°": Estimate(float(np.median(found)), None, None, len(found))
+        for direction, found in changes.items()
+    }
+    medians["median of all"] = bootstrap_median([change for found in changes.values() for change in found])
+    ended = rows.group_by("direction", "number").agg(pl.col("fell").any())["fell"]
     return [
-        *(
-            Figure(table, name, "m/s", Estimate(float(np.median(found)), None, None, len(found)), higher_is_better=True)
-            for name, found in medians.items()
-        ),
-        falls_figure(table, rows["fell"]),
+        *(Figure(table, name, "m/s", median, higher_is_better=True) for name, median in medians.items()),
+        Figure(table, ENDED, "% of ladders", wilson_percentage(ended.to_list())),
     ]
 
 
 PUSH = Experiment(
     "push",
     "sudden pushes on the trunk of a walk from eight directions: the largest that is survived",
-    WalkSettings,
+    PushSettings,
     lambda settings: next_pushes(settings, ()),
     push_episode,
     push_figures,
     following=next_pushes,
-    note="Pushes get stronger by 0.2 m/s until the robot falls; falls are those of all pushes.",
+    note=f"A ladder of pushes gets stronger by {PUSH_STEP:g} m/s until the robot falls or survives {PUSH_MOST:g} m/s.",
 )
 
 

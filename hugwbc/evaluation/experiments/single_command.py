@@ -48,6 +48,10 @@ class SingleCommandSettings(CountedSettings):
             raise ConfigError(
                 f"episodes is {self.episodes}; give {least} or more: one per command of the {self.gait} gait"
             )
+        legs = len(set(self.gaits))
+        if self.ends and self.episodes % (cases := 2 * legs * least):
+            each = f"both ends of {least} commands" + " on each leg" * (legs == 2)
+            raise ConfigError(f"episodes is {self.episodes}; with ends, give a multiple of {cases}: {each}")
 
 
 def sampled_commands(gait: Gait, robot: Robot) -> tuple[str, ...]:
@@ -72,8 +76,8 @@ def stratified_samples(settings: Settings, episodes: int, *, ends: bool = False)
         low, high = command_ranges(settings.gaits[0], robot)[name].finishing
         # One uniform sample in each of `count` equal parts of the range.
         values = low + (high - low) * (np.arange(count) + rng.uniform(size=count)) / count
-        if ends:
-            values = np.where(np.arange(count) < count / 2, low, high)
+        if ends:  # they alternate, in hops every second time, so that each leg has both
+            values = np.where(np.arange(count) // len(set(settings.gaits)) % 2 == 0, low, high)
         for index, value in enumerate(values):
             samples.append((name, dataclasses.replace(settings.default_command(index), **{name: float(value)})))
     return samples
@@ -128,6 +132,9 @@ def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]
     """Return the errors by the paper's names, impacts, paths of the feet and falls, and what others published."""
     table, found = f"Single command, {settings.gait}", []
     paper = single_command_errors(settings.gaits[0], settings.conditions.intervention)
+    if "E_vx" in paper:  # at all speeds
+        errors = rows.filter(pl.col("command") == "v_x")["error"]
+        found.append(Figure(table, "E_vx", "m/s", bootstrap_mean(errors), paper["E_vx"]))
     for name, unit in ERROR_UNITS.items():
         errors = rows.filter(pl.col("error_name") == name)["error"]
         if len(errors) or name in paper:

@@ -26,7 +26,7 @@ SESSIONS_NAME = "sessions.jsonl"
 
 def versions() -> dict[str, str]:
     """Return the versions that a result depends on."""
-    packages = ("hugwbc", "mujoco", "numpy", "safetensors", "torch")
+    packages = ("hugwbc", "mujoco", "numpy", "pin", "placo", "proxsuite", "safetensors", "torch")
     return {
         "python": platform.python_version(),
         "machine": platform.machine(),

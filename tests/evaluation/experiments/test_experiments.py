@@ -101,6 +101,12 @@ def test_motions_and_faults_are_taken_where_they_matter():
     ("name", "changes", "message"),
     [
         ("single-command", {"episodes": 7}, "give 8 or more: one per command of the walking gait"),
+        ("single-command", {"episodes": 24, "ends": True}, "give a multiple of 16: both ends of 8 commands"),
+        (
+            "single-command",
+            {"gait": "hopping", "episodes": 8, "ends": True},
+            "a multiple of 16: both ends of 4 commands on each leg",
+        ),
         ("intervention", {"episodes": 23}, "give 24 or more: 3 interventions and 8 commands"),
         ("intervention", {"training": "nois"}, "noise"),
         ("foot-displacement", {"gait": "walking"}, "takes standing"),

@@ -6,11 +6,14 @@ import itertools
 import numpy as np
 import pytest
 
-from hugwbc.commands import command_ranges
+from hugwbc import rotations
+from hugwbc.commands import command_ranges, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
+from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.experiment import frame_of
 from hugwbc.evaluation.experiments import (
+    behaviours,
     contacts,
     disturbance,
     engines,
@@ -23,7 +26,7 @@ from hugwbc.evaluation.experiments import (
     single_command,
     suite_tasks,
 )
-from hugwbc.evaluation.intervals import bootstrap_rms
+from hugwbc.evaluation.intervals import bootstrap_rms, wilson_percentage
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
@@ -56,6 +59,11 @@ def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
     assert mine["falls at up to 0.6 m/s"].value == 0.0 and mine["falls at up to 0.6 m/s"].estimate.samples == 2
     assert mine["peak foot force of 10 ms, mean of stances"].value == pytest.approx(1.3)
     assert not any("path of both feet" in quantity for quantity in mine), "a fall cut it short"
+    settings = single_command.SingleCommandSettings(conditions=Conditions(intervention="noise"))
+    slow = SINGLE | {"command": "v_x", "error_name": "E_vx_low", "error": 0.1}
+    moved = by_quantity(single_command.figures(settings, frame_of([slow, rows[2] | {"error": 0.5}])))
+    assert moved["E_vx"].value == pytest.approx(0.3) and moved["E_vx"].paper == 0.0483, "at all speeds"
+    assert moved["E_vx_low"].value == 0.1 and moved["E_vx_low"].paper is None and "E_vx" not in mine
     hover = {f.quantity: f for f in figures if f.controller == "HOVER"}
     assert hover["E_h"].published == 0.27 and "E_f" not in hover
 
@@ -70,11 +78,16 @@ def test_samples_cover_each_range_evenly_and_follow_the_seed():
         found = np.array([getattr(command, name) for n, command in samples if n == name])
         part = np.floor((found - low) / (high - low) * len(found)).astype(int)
         assert part.tolist() == list(range(len(found))), "one sample in each equal part"
-    ends = single_command.SingleCommandSettings(gait="hopping", episodes=16, ends=True)
-    for name in single_command.sampled_commands(Gait.HOPPING_LEFT, load_robot()):
-        for gait in ends.gaits:
-            found = [getattr(p.command, name) for p in single_command.plan(ends) if p.tags["command"] == name]
-            assert sorted(set(found)) == list(command_ranges(gait)[name].finishing)
+
+
+@pytest.mark.parametrize("gait", ["hopping", "walking"])
+def test_both_ends_of_a_range_come_equally_often_on_each_leg(gait):
+    settings = single_command.SingleCommandSettings(gait=gait, episodes=16, ends=True)
+    plans = single_command.plan(settings)
+    for name in single_command.sampled_commands(settings.gaits[0], load_robot()):
+        for leg in settings.gaits:
+            found = [getattr(p.command, name) for p in plans if p.tags["command"] == name and p.command.gait is leg]
+            assert sorted(found) == list(command_ranges(leg)[name].finishing)
 
 
 def test_random_commands_without_falls():
@@ -149,11 +162,29 @@ def test_the_clock_is_shifted_to_where_it_agrees():
 
 
 def test_pushes_get_stronger_until_the_robot_falls():
-    settings, rows = forces.ForcesSettings(episodes=1), []
+    settings, rows = forces.PushSettings(episodes=1), []
     while plans := forces.next_pushes(settings, rows):
         rows += [dict(plan.tags) | END | {"fell": plan.tags["change"] > 0.5} for plan in plans]
     assert len(rows) == 8 * 3 and forces.survived(settings, frame_of(rows))[45] == [pytest.approx(0.4)]
-    assert by_quantity(forces.push_figures(settings, frame_of(rows)))["median of all"].value == pytest.approx(0.4)
+    figures = by_quantity(forces.push_figures(settings, frame_of(rows)))
+    assert figures["median of all"].value == pytest.approx(0.4)
+    assert figures["ladders that ended in a fall"].estimate == wilson_percentage([True] * 8)
+
+
+def test_ladders_of_pushes_that_end_without_a_fall_count_once_each():
+    settings, rows = forces.PushSettings(), []
+    while plans := forces.next_pushes(settings, rows):
+        rows += [dict(plan.tags) | END | {"fell": plan.tags["direction"] == 90} for plan in plans]
+    figures = by_quantity(forces.push_figures(settings, frame_of(rows)))
+    assert figures["ladders that ended in a fall"].estimate == wilson_percentage([True] * 4 + [False] * 28)
+    assert figures["0°"].value == pytest.approx(2.4) and figures["median of all"].estimate.low is not None
+
+
+def test_pushes_of_one_direction_are_spread_over_a_stride():
+    plans = [plan for plan in forces.next_pushes(forces.PushSettings(), ()) if plan.tags["direction"] == 0]
+    starts = np.array([plan.forces[0].start for plan in plans])
+    stride = 1.0 / default_command(Gait.WALKING, load_robot()).f
+    np.testing.assert_allclose(starts, forces.BEGIN + stride * np.array([0.0, 0.25, 0.5, 0.75]))
 
 
 def test_the_acceleration_of_a_hand_that_is_shaken():
@@ -197,6 +228,21 @@ def test_errors_in_both_engines_and_their_ratio():
     assert found["E_v_x, ratio"].value == pytest.approx(2.0) and found["falls, physx"].value == 0.0
 
 
+@pytest.mark.parametrize(
+    ("way", "pitch", "missed"),
+    [
+        ((0.05, -0.05, 0.01), 0.1, ""),
+        ((0.08, -0.08, 0.0), 0.0, "the box stands more than 10 cm off its place"),
+        ((0.0, 0.0, -0.3), 0.0, "the box does not stand on the block"),
+        ((0.0, 0.0, 0.0), 1.57, "the box is not upright"),
+    ],
+)
+def test_a_box_is_put_back_where_it_stood_and_upright(way, pitch, missed):
+    start, end = np.array([0.9, 0.0, 0.74]), rotations.from_yaw_pitch_roll(0.3, pitch, 0.0)
+    poses = np.array([[*start, 1.0, 0.0, 0.0, 0.0], [*start + way, *end]])
+    assert behaviours.amiss(poses) == missed
+
+
 def test_a_task_that_fails_says_why():
     done = END | {"success": True, "reason": "", "score": 1.0, "seconds": 10.0, "hand_acceleration": 1.0}
     done |= {
@@ -207,8 +253,10 @@ def test_a_task_that_fails_says_why():
         "drift": 0.02,
         "end_speed": 0.01,
     }
-    rows = [done, done | {"success": False, "reason": "too late", "score": 0.5, "seconds": None, "gripped": ["box"]}]
+    failed = {"success": False, "reason": "too late", "score": 0.5, "seconds": None, "gripped": ["box"]}
+    rows = [done, done | failed | {"energy": 90.0, "hand_acceleration": 7.0}]
     settings = suite_tasks.TasksSettings(task=("press_button",), episodes=2)
     found = by_quantity(suite_tasks.figures(settings, frame_of(rows)))
     assert found["success"].value == 50.0 and found["failed: too late"].value == 50.0
+    assert found["energy of a success"].value == 5.0 and found["hand acceleration of a success"].value == 1.0
     assert found["time of a success"].value == 10.0 and found["idealised gripper"].value == 50.0
