@@ -59,6 +59,18 @@ def test_an_arm_of_seven_joints_brings_its_hand_to_a_place_and_an_orientation(or
         assert np.trace((axes @ rotations.to_matrix(TURN)).T @ hand) > 1.0 + 2.0 * math.cos(0.01)
 
 
+def test_an_orientation_is_for_one_hand_and_ends_with_its_targets():
+    robot = load_robot("g1")
+    state, points = make_state(robot.nominal), ((0.25, 0.2, 0.1), (0.25, -0.2, 0.1))
+    plain = converge(ArmIK(robot), HandTargets.of(*points), state, seconds=1.0)
+    ik = ArmIK(robot)
+    level = converge(ik, HandTargets.of(*points, left_orientation="level"), state, seconds=1.0)
+    assert level.q.reshape(2, -1)[1] == pytest.approx(plain.q.reshape(2, -1)[1], abs=1e-3), "the right arm"
+    ik.reset(robot.nominal[robot.arms])
+    again = converge(ik, HandTargets.of(*points), state, seconds=1.0)
+    assert again.q == pytest.approx(plain.q, abs=1e-9)
+
+
 @pytest.mark.parametrize("name", ["h1", "g1"])
 def test_hands_stay_where_they_are_while_the_trunk_turns_to_and_fro(name):
     """By 0.2 rad at 12 rad/s, as a trunk may in a walk: a braking hand alone lags by v^2 / (2 * 6 m/s^2), some 5 cm."""
