@@ -82,8 +82,9 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         self._arms = UpperBodySource(robot=self._arena.known_robot)
         self._simulation: Simulation | None = None
         self._episode: Episode | None = None
-        self.actions = RecordedLayout() if self._recorded else ActionLayout(_grip_of(self.task, self._scene))
         robot_told, scene_told = self._arena.known_robot, self._scene
+        grip = _grip_of(self.task, scene_told)
+        self.actions = RecordedLayout(robot_told) if self._recorded else ActionLayout(grip, robot_told)
         self.observations = ObservationLayout(robot_told, scene_told.body_names, shapes_of(scene_told))
         largest = LARGEST if self._recorded else 1.0
         self.action_space = spaces.Box(-largest, largest, (len(self.actions.names),), np.float32)

@@ -82,7 +82,7 @@ class Task:
         Raises:
             ConfigError: if the arms are too short for that.
         """
-        made_for = load_robot(self.scene.robot or DEFAULT_ROBOT)
+        made_for = self._made_for
         size = (robot.nominal_height + robot.shoulder[2]) / (made_for.nominal_height + made_for.shoulder[2])
         reach = (robot.upper_arm + robot.forearm) / (made_for.upper_arm + made_for.forearm)
         if reach < _SHORTEST * size:
@@ -95,7 +95,11 @@ class Task:
     def source(self, scene: Scene) -> BehaviourSource:
         """Return what commands the robot in a drawn scene."""
         shapes = shapes_of(scene.scaled(1.0 / self.size))
-        return BehaviourSource(similar(lambda view: self.behaviour(view, shapes), self.size))
+        return BehaviourSource(similar(lambda view: self.behaviour(view, shapes), self.size, self._made_for))
+
+    @property
+    def _made_for(self) -> Robot:
+        return load_robot(self.scene.robot or DEFAULT_ROBOT)
 
     def check(self, first: TaskRecord) -> None:
         """Refuse milestones that cannot be judged, by the first sample of an episode."""
