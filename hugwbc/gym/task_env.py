@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from hugwbc.behaviours import Behaviour
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gym.episode import PERIOD, Episode, FollowRow
 from hugwbc.gym.task_action import ActionLayout, RecordedLayout
@@ -18,7 +19,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.view import View
 from hugwbc.sim import Arena, Scene, Simulation, load_scene
 from hugwbc.sim.scenes import Box
-from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of
+from hugwbc.tasks import Task, Verdict, load_task, shapes_of
 from hugwbc.tasks.demonstration import OBJECTS, STATE, objects_array, state_names, state_vector
 from hugwbc.upper_ik import UpperBodySource
 
@@ -156,9 +157,10 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         return self._running.view
 
     @property
-    def shapes(self) -> Shapes:
-        """Dimensions of the objects of this episode."""
-        return self._running.shapes
+    def behaviour(self) -> Behaviour:
+        """The task's own behaviour for robot and objects of this episode, for imitation."""
+        assert self._running.simulation.scene is not None
+        return self.task.behaviour_in(self._running.simulation.scene)
 
     @property
     def _running(self) -> Episode:
