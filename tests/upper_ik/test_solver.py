@@ -411,6 +411,16 @@ def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_sta
     assert used._detours.count > before
 
 
+def test_after_a_reset_nothing_is_left_of_the_body_before():
+    """A G1's waist rolls and pitches, too, and carries the hands."""
+    robot = load_robot("g1")
+    q, new, used = robot.nominal.copy(), ArmIK(robot), ArmIK(robot)
+    q[robot.held] += 0.2
+    used.solve(HandTargets.of((0.25, 0.2, 0.1), None), make_state(q), DT)
+    used.reset(robot.nominal[robot.arms])
+    assert np.array_equal(used.hands(new.q, 0.0), new.hands(new.q, 0.0))
+
+
 def test_a_loop_that_paused_for_long_goes_on_at_once(ik, robot, nominal_state):
     ik.reset(robot.nominal[robot.arms])
     before, begin = ik.q, time.process_time()
