@@ -220,7 +220,7 @@ def seen(view: View, name: str) -> SeenObject:
 def standing(view: View) -> Command:
     """Return a standing command with h, p and w of the last one."""
     last = view.last.command
-    return Command(h=last.h, p=last.p, w=last.w, gait=Gait.STANDING)
+    return Command.from_mapping({"h": last.h, "p": last.p, "w": last.w}, Gait.STANDING, view.robot)
 
 
 def kept(view: View) -> HandTargets | None:

@@ -11,30 +11,36 @@ from hugwbc.behaviours.course import Behaviour, Course
 from hugwbc.commands import Command
 from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import changed
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.scripts.view import Action, SeenObjects, View
 from hugwbc.targets import HandTargets
 
 _LENGTHS = ("v_x", "v_y", "l", "h")
 
 
-def similar(behaviour: Behaviour, size: float) -> Behaviour:
-    """Return a behaviour for a robot whose lengths are `size` times those of the robot that it was made for."""
+def similar(behaviour: Behaviour, size: float, robot: Robot | None = None) -> Behaviour:
+    """Return a behaviour for a robot whose lengths are `size` times those of the robot that it was made for.
+
+    Args:
+        behaviour: the behaviour.
+        size: of the other robot.
+        robot: that it was made for, whose ranges and defaults its commands have; None for the paper's.
+    """
 
     def course(view: View) -> Course:
-        inner = behaviour(_seen(view, 1.0 / size))
+        inner = behaviour(_seen(view, 1.0 / size, robot))
         try:
             action = next(inner)
             while True:
                 view = yield _asked(action, size)
-                action = inner.send(_seen(view, 1.0 / size))
+                action = inner.send(_seen(view, 1.0 / size, robot))
         except StopIteration:
             return view
 
     return behaviour if size == 1.0 else course
 
 
-def _seen(view: View, size: float) -> View:
+def _seen(view: View, size: float, robot: Robot | None) -> View:
     state = changed(
         view.state,
         **{name: size * value for name in ("position", "velocity") if (value := getattr(view.state, name)) is not None},
@@ -48,6 +54,7 @@ def _seen(view: View, size: float) -> View:
         objects=SeenObjects(tuple(view.objects), poses, seen[0].age if seen else 0.0),
         hand_force=None if view.hand_force is None else size**3 * view.hand_force,
         last=_asked(view.last, size),
+        robot=robot,
     )
 
 

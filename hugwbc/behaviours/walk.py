@@ -6,7 +6,7 @@ Walks are velocity commands from the estimated pose.
 import collections
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from hugwbc.behaviours.course import (
     standing,
     step,
 )
-from hugwbc.commands import Command
+from hugwbc.commands import VELOCITY_NAMES, Command, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.scripts.view import Action, View
@@ -182,15 +182,9 @@ def _haul(view: View, name: str, distance: float, speed: float, sign: float) -> 
             raise Failure(f"{progress} and is stuck")
         turn = float(rotations.wrap_angle(yaw - view.state.yaw))
         aside = float((start - view.position) @ axes[:, 1])
-        command = Command(
-            v_x=sign * min(speed, _HAUL_GAIN * left + _SLOWEST),
-            v_y=min(max(_HAUL_GAIN * aside, -0.15), 0.15),
-            omega=min(max(_TURN_GAIN * turn, -0.4), 0.4),
-            h=view.last.command.h,
-            p=view.last.command.p,
-            gait=Gait.WALKING,
-        )
-        view = yield Action(command, kept(view), progress=progress)
+        v_x, v_y = sign * min(speed, _HAUL_GAIN * left + _SLOWEST), min(max(_HAUL_GAIN * aside, -0.15), 0.15)
+        omega = min(max(_TURN_GAIN * turn, -0.4), 0.4)
+        view = yield Action(_walking(view, (v_x, v_y, omega)), kept(view), progress=progress)
     while view.last.command.gait is not Gait.STANDING:
         view = yield Action(standing(view), kept(view), progress="the robot comes to a stand")
     return view
@@ -199,7 +193,7 @@ def _haul(view: View, name: str, distance: float, speed: float, sign: float) -> 
 @step
 def stand(view: View, seconds: Seconds = 1.0, *, h: float = 0.0, p: float = 0.0, w: float = 0.0) -> Course:
     """Stand with a height h [m], a pitch p and a waist angle w [rad] for a time [s]; the hands stay."""
-    command = Command(h=h, p=p, w=w).validate()
+    command = Command.from_mapping({"h": h, "p": p, "w": w}, Gait.STANDING, view.robot).validate(view.robot)
     begin: float | None = None
     while begin is None or view.time - begin < seconds:
         last = view.last.command
@@ -278,7 +272,8 @@ class _Walk:
             ahead: by how much a stop moves the robot, heading frame [m, m, rad], shape (3,); it aims as far before the
                 goal.
         """
-        (mean, pace), time = (_OverStride(1.0 / Command().f) for _ in range(2)), view.time
+        stride = 1.0 / default_command(Gait.WALKING, view.robot).f
+        (mean, pace), time = (_OverStride(stride) for _ in range(2)), view.time
         free = np.full(2, time + _START)  # when it last walked, and turned, as it was told
         near: float | None = None
         error = self._error(view)
@@ -293,8 +288,7 @@ class _Walk:
                 return view
             if near is not None and view.time - near >= _SLOW_TIME and self._arrived(_coming(view, error), _DEADBAND):
                 return view
-            command = Command(*map(float, velocity), h=view.last.command.h, p=view.last.command.p, gait=Gait.WALKING)
-            view = yield Action(command, kept(view), progress=self.progress)
+            view = yield Action(_walking(view, velocity), kept(view), progress=self.progress)
             share = min((view.time - time) / _BIAS_TIME, 1.0)
             time = view.time
             asked, walked = view.last.command.array()[:3], _walked(view)
@@ -329,9 +323,16 @@ class _Walk:
             last = view.last.command
             if last.gait is Gait.STANDING and since is None:
                 since = view.time
-            view = yield Action(Command(h=last.h, p=last.p, w=last.w), kept(view), progress=self.progress)
+            view = yield Action(standing(view), kept(view), progress=self.progress)
             self._error(view)
         return view
+
+
+def _walking(view: View, velocity: Iterable[float]) -> Command:
+    """Return a walk with a velocity [m/s, m/s, rad/s], and with h and p of the last command."""
+    last = view.last.command
+    values = dict(zip(VELOCITY_NAMES, map(float, velocity), strict=True)) | {"h": last.h, "p": last.p}
+    return Command.from_mapping(values, Gait.WALKING, view.robot)
 
 
 def _coming(view: View, error: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 
 import tyro
 
+from hugwbc.behaviours import BehaviourSource
 from hugwbc.cli.output import parse, say
 from hugwbc.cli.tasks import check_recorded
 from hugwbc.deploy.dds import LOOPBACK, DdsEndpoint
@@ -189,7 +190,7 @@ def _source(script: str | None, task: str | None, seed: int, robot: Robot) -> Co
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
     if task is not None:
         sized = load_task(task).sized(robot)
-        return sized.source(sized.scene.draw(seed))
+        return BehaviourSource(sized.behaviour_in(sized.scene.draw(seed)))
     return Sticks(robot) if script is None else load_script(script, robot)
 
 

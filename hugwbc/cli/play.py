@@ -22,7 +22,7 @@ from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.motion import load_motion
-from hugwbc.scripts.script import DEFAULT_RAMP, Script, Segment
+from hugwbc.scripts.script import Script, Segment
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.scripts.view import CommandSource, Constant
 from hugwbc.scripts.whole_body_motion import MotionScore, WholeBodyMotion, load_whole_body_motion
@@ -299,10 +299,8 @@ def _source(options: PlayOptions, viewer: str = "none") -> tuple[CommandSource, 
         _refuse_beside("--motion", "a motion moves both arms", hands)
         if options.motion.suffix.lower() == WHOLE_BODY:
             return _whole_body(options, options.motion)
-        motion = load_motion(options.motion, options.arena.known_robot)
-        segment = Segment(
-            motion.name, motion.duration, gait, values, ramp=min(DEFAULT_RAMP, motion.duration), motion=motion
-        )
+        motion = load_motion(options.motion, robot)
+        segment = Segment(motion.name, motion.duration, gait, values, motion=motion, robot=robot)
         return Script(motion.name, (segment,)), options.duration or motion.duration
     return Constant(command, _hands(commands)), options.duration or forever
 

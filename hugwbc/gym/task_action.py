@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 
 from hugwbc.behaviours.hands import points_in, points_of
-from hugwbc.commands import Command
+from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.gait import Gait
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.scripts.view import Action, View
 from hugwbc.tasks.demonstration import ACTION_NAMES
 
@@ -53,6 +53,17 @@ _BODY = (
     Entry("p", 0.0, 0.4, "rad"),
     Entry("w", -1.0, 1.0, "rad"),
 )
+
+
+def _within(entry: Entry, low: float, high: float) -> Entry:
+    """Return the entry with values from low to high only; one that is symmetric about 0 stays so."""
+    low, high = max(entry.low, low), min(entry.high, high)
+    if entry.low == -entry.high:
+        high = min(-low, high)
+        low = -high
+    return dataclasses.replace(entry, low=low, high=high)
+
+
 GRIPS = {"squeeze": (Entry("squeeze", -60.0, 60.0, "N"),), "attach": tuple(Entry(f"{side}_grip") for side in SIDES)}
 """How a task's hands grip: by a force between both, or by the idealised gripper of each; and the entries for it."""
 _VELOCITIES = ("v_x", "v_y", "omega")
@@ -94,14 +105,18 @@ class Wish:
 class ActionLayout:
     """The numbers of an action, in order, and both directions between them and a `Wish`.
 
+    Those of the command are within the ranges of the robot, and what they leave out is at its defaults.
+
     Attributes:
         entries: what each number is.
         names: their names.
     """
 
-    def __init__(self, grip: str | None) -> None:
-        """Set the order for hands that grip in one of the ways of `GRIPS`, or not at all."""
-        self.entries = (*_BODY, *_hand("left"), *_hand("right"), *(GRIPS[grip] if grip else ()))
+    def __init__(self, grip: str | None, robot: Robot) -> None:
+        """Set the order for a robot whose hands grip in one of the ways of `GRIPS`, or not at all."""
+        self._robot, ranges = robot, command_ranges(Gait.WALKING, robot)
+        body = (_within(entry, *ranges[entry.name].finishing) if entry.name in ranges else entry for entry in _BODY)
+        self.entries = (*body, *_hand("left"), *_hand("right"), *(GRIPS[grip] if grip else ()))
         self.names = tuple(entry.name for entry in self.entries)
         self._switch = np.array([entry.is_switch for entry in self.entries])
         low, high = np.array([(entry.low, entry.high) for entry in self.entries]).T
@@ -116,7 +131,7 @@ class ActionLayout:
         if walks:
             numbers |= {name: value[name] for name in _VELOCITIES}
         return Wish(
-            command=Command(**numbers, gait=Gait.WALKING if walks else Gait.STANDING),
+            command=Command.from_mapping(numbers, Gait.WALKING if walks else Gait.STANDING, self._robot),
             used=np.array([value[f"{side}_hand"] > 0.0 for side in SIDES]),
             points=np.array([[value[f"{side}_{axis}"] for axis in "xyz"] for side in SIDES]),
             squeeze=max(value.get("squeeze", 0.0), 0.0),
@@ -143,8 +158,10 @@ class RecordedLayout:
         rest: the action of a robot that stands with free arms.
     """
 
-    names = ACTION_NAMES
-    rest = np.array([getattr(Command(), name, 0.0) for name in ACTION_NAMES], dtype=np.float32)
+    def __init__(self, robot: Robot) -> None:
+        """Rest in the default command of a robot."""
+        self.names, stand = ACTION_NAMES, default_command(Gait.STANDING, robot)
+        self.rest = np.array([getattr(stand, name, 0.0) for name in ACTION_NAMES], dtype=np.float32)
 
     def decode(self, action: np.ndarray) -> np.ndarray:
         """Return an action as a request of its own."""

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from hugwbc.behaviours import Behaviour
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gym.episode import PERIOD, Episode, FollowRow
 from hugwbc.gym.task_action import ActionLayout, RecordedLayout
@@ -18,7 +19,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.view import View
 from hugwbc.sim import Arena, Scene, Simulation, load_scene
 from hugwbc.sim.scenes import Box
-from hugwbc.tasks import Shapes, Task, Verdict, load_task, shapes_of
+from hugwbc.tasks import Task, Verdict, load_task, shapes_of
 from hugwbc.tasks.demonstration import OBJECTS, STATE, objects_array, state_names, state_vector
 from hugwbc.upper_ik import UpperBodySource
 
@@ -82,8 +83,9 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         self._arms = UpperBodySource(robot=self._arena.known_robot)
         self._simulation: Simulation | None = None
         self._episode: Episode | None = None
-        self.actions = RecordedLayout() if self._recorded else ActionLayout(_grip_of(self.task, self._scene))
         robot_told, scene_told = self._arena.known_robot, self._scene
+        grip = _grip_of(self.task, scene_told)
+        self.actions = RecordedLayout(robot_told) if self._recorded else ActionLayout(grip, robot_told)
         self.observations = ObservationLayout(robot_told, scene_told.body_names, shapes_of(scene_told))
         largest = LARGEST if self._recorded else 1.0
         self.action_space = spaces.Box(-largest, largest, (len(self.actions.names),), np.float32)
@@ -155,9 +157,10 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         return self._running.view
 
     @property
-    def shapes(self) -> Shapes:
-        """Dimensions of the objects of this episode."""
-        return self._running.shapes
+    def behaviour(self) -> Behaviour:
+        """The task's own behaviour for robot and objects of this episode, for imitation."""
+        assert self._running.simulation.scene is not None
+        return self.task.behaviour_in(self._running.simulation.scene)
 
     @property
     def _running(self) -> Episode:

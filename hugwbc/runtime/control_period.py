@@ -79,7 +79,11 @@ class ControlPeriod:
         estimator: StateEstimator | None,
         upper_body: UpperBodySource | None = None,
     ) -> None:
-        """Connect the parts."""
+        """Connect the parts; refuse a source of arm targets for a robot with other joints."""
+        moved = getattr(upper_body, "robot", robot)
+        if isinstance(moved, Robot) and moved.joint_names != robot.joint_names:
+            what = f"the source of arm targets moves the arms of {moved.name}, which has other joints than {robot.name}"
+            raise ConfigError(f'{what}; give UpperBodySource(load_robot("{robot.name}"))')
         self.estimator, self.upper_body = estimator, upper_body
         self._robot = robot
         self.log = SafetyLog()

@@ -103,11 +103,14 @@ def load_controller(
 ) -> Controller:
     """Build a controller; arguments and errors are those of `ControllerSpec` and its `build`.
 
-    For a robot with a shipped policy, the learned controller takes that policy, and is not told the robot besides.
+    The learned controller without a policy takes the shipped one of the robot, and is not told the robot besides.
     """
-    own = ControllerSpec(name, policy).of_robot(robot or DEFAULT_ROBOT)
-    told = robot if own.policy == policy else None
-    return ControllerSpec(name, own.policy, told, drives).build()
+    spec = ControllerSpec(name, policy)
+    if robot is not None and name == "learned" and policy is None:
+        spec = spec.of_robot(robot)
+        spec._check_robot(robot)
+        robot = None
+    return dataclasses.replace(spec, robot=robot, drives=drives).build()
 
 
 @functools.cache

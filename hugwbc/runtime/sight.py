@@ -169,7 +169,7 @@ class Sight:
 
         Args:
             world: what is seen.
-            robot: its kinematics.
+            robot: its kinematics, and its commands.
             noisy: whether the objects are seen with noise, which is averaged.
             drifting: whether the estimate has no position of its own, so that it is corrected by what is seen.
         """
@@ -212,6 +212,7 @@ class Sight:
             objects=self._objects(None if self._check.refusal or silent else picture, age),
             hand_force=state.hand_force,
             held=(self._world.held(SIDES[0]), self._world.held(SIDES[1])),
+            robot=self._kinematics.robot,
         )
 
     def grip(self, grips: tuple[Grip, ...]) -> None:

@@ -105,18 +105,9 @@ def _motion(value: Any, info: ValidationInfo) -> ArmMotion | None:  # noqa: ANN4
     return known[path]
 
 
-def _commands(values: Mapping[str, float], info: ValidationInfo) -> Mapping[str, float]:
-    """Return commands within the gait's ranges for the robot of a file, or the paper's, with the robot's defaults."""
-    if (gait := info.data.get("gait")) is None:  # it is wrong, which is said
-        return values
-    robot = None if info.context is None else info.context.get("robot")
-    try:
-        command = Command.from_mapping(values, gait, robot).validate(robot)
-    except HugwbcError as error:
-        raise CommandError(f"segment '{info.data.get('label')}': {error}", at=error.at) from None
-    usual = Command(gait=gait)
-    told = {name: getattr(command, name) for name in COMMAND_NAMES}
-    return MappingProxyType({name: told[name] for name in told if name in values or told[name] != getattr(usual, name)})
+def _robot(robot: Robot | None, info: ValidationInfo) -> Robot | None:
+    """Return a robot, or the one for which a file is read."""
+    return robot or (info.context or {}).get("robot")
 
 
 _Path = Annotated[HandPath | None, PlainValidator(refusing(_path))]
@@ -214,26 +205,31 @@ class Segment:
         label: description for people.
         duration: length of the segment [s].
         gait: gait from the segment's start.
-        commands: values by name, reached after `ramp`; all other commands go to their defaults, those of the robot in
-            a file that is loaded for one.
+        commands: values by name, reached after `ramp`; all other commands go to their defaults.
         hands: paths of the hands; None leaves the arms to the controller. Paths equal to the previous segment's
             continue; others start.
         ramp: time from the previous segment's values to this segment's, for commands and hands [s]; `DEFAULT_RAMP`, or
             the duration where that is shorter, if left out.
         motion: motion of the arm joints, instead of hands. It continues or starts likewise, and rests at its end.
+        robot: whose ranges and defaults the commands have; None for the one that a file is loaded for, or the paper's.
     """
 
     label: str
     duration: Positive
     gait: Annotated[Gait, BeforeValidator(refusing(Gait.parse))] = Gait.STANDING
-    commands: Annotated[Mapping[str, float], AfterValidator(refusing(_commands))] = Field(
+    commands: Annotated[Mapping[str, float], AfterValidator(MappingProxyType)] = Field(
         default_factory=dict, validate_default=True
     )
     hands: HandMotion | None = None
     ramp: NotNegative = Field(default_factory=lambda given: min(DEFAULT_RAMP, given.get("duration", DEFAULT_RAMP)))
     motion: Annotated[ArmMotion | None, PlainValidator(refusing(_motion))] = None
+    robot: Annotated[Robot | None, AfterValidator(_robot)] = Field(default=None, validate_default=True, repr=False)
 
     def __post_init__(self) -> None:
+        try:
+            self.command().validate(self.robot)
+        except HugwbcError as error:
+            raise CommandError(f"segment '{self.label}': {error}", at=("commands", *error.at)) from None
         if self.ramp > self.duration:
             message = f"segment '{self.label}' ramps for {self.ramp} s; give up to its duration of {self.duration:g} s"
             raise ConfigError(message, at=("ramp",))
@@ -242,7 +238,7 @@ class Segment:
 
     def command(self) -> Command:
         """Return the command at the end of the ramp."""
-        return Command.from_mapping(self.commands, self.gait)
+        return Command.from_mapping(self.commands, self.gait, self.robot)
 
     def blend(self, elapsed: float) -> float:
         """Return the share of the ramp that is done after `elapsed` [s], in [0, 1]."""
@@ -267,14 +263,9 @@ class Script:
     segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
     about: str = ""
 
-    @model_validator(mode="after")
-    @refusing
-    def _fits(self, info: ValidationInfo) -> "Script":
-        """Refuse a segment that cannot follow the one before, by the ranges of the robot for which a file is read."""
-        robot = (info.context or {}).get("robot")
+    def __post_init__(self) -> None:
         for index, (before, after) in enumerate(itertools.pairwise(self.segments), start=1):
-            _check_transition(before, after, robot, at=("segments", index))
-        return self
+            _check_transition(before, after, at=("segments", index))
 
     @functools.cached_property
     def _ends(self) -> list[float]:
@@ -295,7 +286,8 @@ class Script:
     @functools.cached_property
     def _values(self) -> list[np.ndarray]:
         """Command values before the script and at the end of each segment's ramp."""
-        return [default_command(self.segments[0].gait).array(), *(s.command().array() for s in self.segments)]
+        first = self.segments[0]
+        return [default_command(first.gait, first.robot).array(), *(s.command().array() for s in self.segments)]
 
     @property
     def duration(self) -> float:
@@ -347,14 +339,14 @@ def _blended(start: np.ndarray | None, end: np.ndarray | None, blend: float) -> 
     return end if start is None or end is None else start + blend * (end - start)
 
 
-def _check_transition(before: Segment, after: Segment, robot: Robot | None, at: tuple[str, int]) -> None:
+def _check_transition(before: Segment, after: Segment, at: tuple[str, int]) -> None:
     """Refuse a segment that cannot follow another.
 
     Ranges are boxes and ramps are convex combinations: a ramp with a valid start in the new gait is valid throughout.
     What a gait allows like the one before, the segment before has kept.
     """
     start = before.command()
-    ranges, allowed = (command_ranges(segment.gait, robot) for segment in (after, before))
+    ranges, allowed = (command_ranges(segment.gait, segment.robot) for segment in (after, before))
     for name in COMMAND_NAMES:
         low, high = ranges[name].finishing
         value = getattr(start, name)

@@ -9,7 +9,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.errors import UnknownNameError
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 
@@ -122,6 +122,7 @@ class View:
         hand_force: force on each hand from outside, world frame [N], shape (2, 3); None where nothing tells.
         held: names of the objects that the left and the right idealised gripper hold; None for an open one.
         last: the request of the last tick.
+        robot: whose ranges and defaults commands have; None for the paper's.
     """
 
     time: float
@@ -131,6 +132,7 @@ class View:
     hand_force: np.ndarray | None = None
     held: tuple[str | None, str | None] = (None, None)
     last: Action = dataclasses.field(default_factory=Action)
+    robot: Robot | None = None
 
     @property
     def position(self) -> np.ndarray:

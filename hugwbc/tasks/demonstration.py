@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hugwbc.behaviours import Action, Course, View
+from hugwbc.behaviours import Action, Behaviour, Course, View
 from hugwbc.behaviours.hands import in_frame, points_in
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import Controller
@@ -19,7 +19,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Simulation
 from hugwbc.targets import HAND_FRAMES
 from hugwbc.tasks.run_task import run_task
-from hugwbc.tasks.task import Shapes, Task
+from hugwbc.tasks.task import Task
 from hugwbc.tasks.verdict import Verdict
 
 FPS = round(1.0 / RECORD_PERIOD)  # frames per second: the rate of the learned controller and of every other record
@@ -154,6 +154,7 @@ def demonstrate(
     simulation: Simulation,
     *,
     seed: int,
+    behaviour: Behaviour | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Demonstration:
     """Run one episode of a task and return it as a demonstration; recording does not change the episode.
@@ -163,14 +164,17 @@ def demonstrate(
         controller: any object with the members of `Controller`.
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
         seed: that of the simulation, to be noted.
+        behaviour: acts in place of the task's own; in the lengths of the simulated robot.
         on_progress: called with the fraction of the time limit.
     """
     watch = _Watch(simulation)
 
-    def watched(view: View, shapes: Shapes) -> Course:
-        return watch.course(task.behaviour(view, shapes), view)
+    def watched(view: View) -> Course:
+        assert simulation.scene is not None
+        acting = behaviour or task.behaviour_in(simulation.scene)
+        return watch.course(acting(view), view)
 
-    run = run_task(dataclasses.replace(task, behaviour=watched), controller, simulation, on_progress=on_progress)
+    run = run_task(task, controller, simulation, behaviour=watched, on_progress=on_progress)
     count = len(watch.actions)  # a fall or the time limit leaves a last frame without its action
     if not count:
         raise ConfigError(f"task '{task.name}', seed {seed}, has nothing to record: {run.verdict.words}")

@@ -17,7 +17,7 @@ from hugwbc.sim import Simulation
 from hugwbc.sim.scenes import REACH
 from hugwbc.targets import HAND_FRAMES
 from hugwbc.tasks.demonstration import ACTION_SIZES, Demonstration, demonstrate
-from hugwbc.tasks.task import Shapes, Task
+from hugwbc.tasks.task import Task
 
 Nearest = Callable[[str], tuple[str, bool] | None]
 """Returns the name of what the gripper of a side can take now, and whether that moves in a joint; None for nothing."""
@@ -124,7 +124,4 @@ def replay(
         frame = int(time / RECORD_PERIOD + 1e-6)
         return rows[frame] if frame < len(rows) else None
 
-    def behaviour(view: View, shapes: Shapes) -> Course:
-        return follow(view, row_at, nearest)
-
-    return demonstrate(dataclasses.replace(task, behaviour=behaviour), controller, simulation, seed=seed)
+    return demonstrate(task, controller, simulation, seed=seed, behaviour=lambda view: follow(view, row_at, nearest))

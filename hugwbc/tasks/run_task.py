@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 
-from hugwbc.behaviours import BehaviourSource, Status
+from hugwbc.behaviours import Behaviour, BehaviourSource, Status
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.runtime.estimation import StateEstimator
@@ -40,6 +40,7 @@ def run_task(
     simulation: Simulation,
     estimator: StateEstimator | None = None,
     *,
+    behaviour: Behaviour | None = None,
     on_progress: Callable[[float], None] | None = None,
     on_snapshot: Callable[[Snapshot], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
@@ -52,6 +53,7 @@ def run_task(
         controller: any object with the members of `Controller`.
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
         estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
+        behaviour: acts in place of the task's own; in the lengths of the simulated robot.
         on_progress: called with the fraction of the time limit.
         on_snapshot: called at each sample, with the state that pictures show.
         stop: whether to end the episode now.
@@ -59,7 +61,7 @@ def run_task(
     """
     if simulation.scene is None:
         raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
-    source = task.source(simulation.scene)
+    source = BehaviourSource(behaviour or task.behaviour_in(simulation.scene))
     watch, ended = TaskWatch(simulation), math.inf
 
     def sample(snapshot: Snapshot) -> None:

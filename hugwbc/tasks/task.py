@@ -19,7 +19,7 @@ from typing import Annotated, TypeAlias
 from pydantic import Field
 
 from hugwbc import extensions
-from hugwbc.behaviours import BehaviourSource, Course, View
+from hugwbc.behaviours import Behaviour, Course, View
 from hugwbc.behaviours.similar import similar
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
@@ -60,7 +60,8 @@ class Task:
         name: name on the command line and in tables.
         about: the task in a sentence.
         scene: the objects around the robot, with what varies from episode to episode.
-        behaviour: does the task, told the dimensions of the objects. It is the same for every controller.
+        behaviour: does the task, told the dimensions of the objects. It is the same for every controller; for every
+            size of robot and scene, `behaviour_in` returns it.
         limit: longest duration of an episode, at most 120 [s].
         milestones: what an episode must show, in order.
         idealised: what is not as on a robot, such as "attach"; empty for nothing.
@@ -82,7 +83,7 @@ class Task:
         Raises:
             ConfigError: if the arms are too short for that.
         """
-        made_for = load_robot(self.scene.robot or DEFAULT_ROBOT)
+        made_for = self._made_for
         size = (robot.nominal_height + robot.shoulder[2]) / (made_for.nominal_height + made_for.shoulder[2])
         reach = (robot.upper_arm + robot.forearm) / (made_for.upper_arm + made_for.forearm)
         if reach < _SHORTEST * size:
@@ -92,10 +93,14 @@ class Task:
             )
         return dataclasses.replace(self, scene=self.scene.scaled(size / self.size), size=size)
 
-    def source(self, scene: Scene) -> BehaviourSource:
-        """Return what commands the robot in a drawn scene."""
+    def behaviour_in(self, scene: Scene) -> Behaviour:
+        """Return the behaviour for a drawn scene, in the size of the robot."""
         shapes = shapes_of(scene.scaled(1.0 / self.size))
-        return BehaviourSource(similar(lambda view: self.behaviour(view, shapes), self.size))
+        return similar(lambda view: self.behaviour(view, shapes), self.size, self._made_for)
+
+    @property
+    def _made_for(self) -> Robot:
+        return load_robot(self.scene.robot or DEFAULT_ROBOT)
 
     def check(self, first: TaskRecord) -> None:
         """Refuse milestones that cannot be judged, by the first sample of an episode."""

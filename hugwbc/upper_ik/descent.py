@@ -102,8 +102,7 @@ class Descent:
         for elbow, pointing in zip(self._elbows, self._elbow_tasks, strict=True):
             pointing.configure(elbow, "soft", 0.0)
         self._pointing = np.zeros(2, dtype=bool)
-        self._turn_tasks: list[placo.OrientationTask] = []  # added by the first orientation
-        self._turning = [0.0, 0.0]  # their weights
+        self._turn_tasks: list[placo.OrientationTask | None] = [None, None]  # of hands with an orientation
         self._grip: placo.JointSpaceHalfSpacesConstraint | None = None
         self.residual = np.full(2, np.nan)
         self.stalled = np.zeros(2, dtype=bool)
@@ -217,22 +216,23 @@ class Descent:
     def _turn(self, goal: Goal, dt: float) -> None:
         """Set the hands' orientations, as far as they turn in a step."""
         config, weight = self.config, self.config.orientation_weight if goal.weight is None else goal.weight
-        if not self._turn_tasks and any(axes is not None for axes in goal.turns):
-            self._turn_tasks = [self._solver.add_orientation_task(frame, np.eye(3)) for frame in FRAMES]
-        for hand, task in enumerate(self._turn_tasks):
-            axes = goal.turns[hand]
-            wanted = 0.0 if axes is None else weight
-            if axes is not None:
-                now = self.placo.get_T_world_frame(FRAMES[hand])[:3, :3]
-                error = _to_level(now[:, 2], axes[:, 2]) if goal.level[hand] else pin.log3(axes @ now.T)
-                angle = math.sqrt(error @ error)
-                fastest = min(config.turn_speed, math.sqrt(2.0 * config.turn_deceleration * angle))
-                task.R_world_frame = pin.exp3(min(1.0, fastest * dt / max(angle, 1e-9)) * error) @ now
-                task.mask.set_axises("xy" if goal.level[hand] else "xyz", "custom")
-                task.mask.R_custom_world = axes.T
-            if wanted != self._turning[hand]:
-                task.configure(f"{FRAMES[hand]}_turn", "soft", wanted)
-                self._turning[hand] = wanted
+        for hand, axes in enumerate(goal.turns):
+            task = self._turn_tasks[hand]
+            if axes is None:
+                if task is not None:
+                    self._solver.remove_task(task)  # type: ignore[arg-type]
+                    self._turn_tasks[hand] = None
+                continue
+            if task is None:
+                task = self._turn_tasks[hand] = self._solver.add_orientation_task(FRAMES[hand], np.eye(3))
+            now = self.placo.get_T_world_frame(FRAMES[hand])[:3, :3]
+            error = _to_level(now[:, 2], axes[:, 2]) if goal.level[hand] else pin.log3(axes @ now.T)
+            angle = math.sqrt(error @ error)
+            fastest = min(config.turn_speed, math.sqrt(2.0 * config.turn_deceleration * angle))
+            task.R_world_frame = pin.exp3(min(1.0, fastest * dt / max(angle, 1e-9)) * error) @ now
+            task.mask.set_axises("xy" if goal.level[hand] else "xyz", "custom")
+            task.mask.R_custom_world = axes.T
+            task.configure(f"{FRAMES[hand]}_turn", "soft", weight)
 
     def elbow(self, hand: int) -> np.ndarray:
         """Return the position of an elbow [m], shape (3,)."""

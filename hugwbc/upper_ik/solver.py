@@ -80,8 +80,7 @@ class ArmIK:
         self._limiter = JointLimiter(self.lower, self.upper, self.velocity_limit, self.acceleration_limit)
         self._limiter.place(self._descent.q)
         self._path = PathAcceleration(self.config.hand_speed, self.acceleration_limit, self._descent.q.size)
-        self._body = self.robot.nominal.copy()
-        self._rest = self._descent.forward(self._limiter.q, self._body).copy()
+        self._rest = self._descent.forward(self._limiter.q, self.robot.nominal).copy()
         self.reset(self._limiter.q)
 
     @property
@@ -97,6 +96,7 @@ class ArmIK:
     def reset(self, q: np.ndarray) -> None:
         """Continue at rest from arm positions (k,) [rad], clamped to the limits; joints that are not finite stay."""
         self._limiter.place(np.clip(np.where(np.isfinite(q), q, self._limiter.q), self.lower, self.upper))
+        self._body = self.robot.nominal.copy()
         self._ddq = np.zeros_like(self._limiter.q)
         self._path.reset()
         self._residual = np.full(2, np.nan)

@@ -103,6 +103,7 @@ class UpperBodySource:
     """The arms' part of a control loop: hand targets in, external arm control out, once in every tick.
 
     Attributes:
+        robot: whose arms it moves.
         ik: the solver, with its counts of rejected targets and failures.
         takeover: the hand-over of the arms, with its phase.
         watch: the watch on the stream of targets, with the counts of unusable ones.
@@ -112,10 +113,10 @@ class UpperBodySource:
 
     def __init__(self, robot: Robot) -> None:
         """Build the solver for a robot."""
-        self.ik = ArmIK(robot)
+        self.robot, self.ik = robot, ArmIK(robot)
         self.takeover = Takeover(robot)
         self.watch, self._held = TargetWatch(robot), HeldTargets()
-        self._steady = SteadyHands(self.ik.robot)
+        self._steady = SteadyHands(robot)
         self.solution: IKSolution | None = None
         self.refusal = ""
         self._own: np.ndarray | None = None
@@ -176,7 +177,7 @@ class UpperBodySource:
             return self.takeover.release(self._own, dt)
         by_joints = hands.joints is not None
         if self.takeover.phase is not Phase.TAKEN or by_joints is not self._by_joints:
-            self.ik.reset(state.q[self.ik.robot.arms])
+            self.ik.reset(state.q[self.robot.arms])
             self.takeover.blend()
         self._by_joints = by_joints
         start = self._start(commanded) if self.takeover.phase is Phase.RELEASED else None
@@ -198,10 +199,9 @@ class UpperBodySource:
         if hands.frame != "steady":
             self._steady.reset()
             return hands
-        robot = self.ik.robot
         if not state.is_usable:  # the solver refuses it, and counts it
             return hands
-        measured = self.ik.hands(state.q[robot.arms], float(state.q[robot.waist]))
+        measured = self.ik.hands(state.q[self.robot.arms], float(state.q[self.robot.waist]))
         return self._steady.place(hands, measured, state, command, dt)
 
     def _whole_body(self, state: RobotState, hands: HandTargets | None, command: Command, dt: float) -> Command:
@@ -213,7 +213,7 @@ class UpperBodySource:
         if self._body_reach is None:
             if followed is None or not followed.whole_body:
                 return command
-            self._body_reach = BodyReach(robot=self.ik.robot)
+            self._body_reach = BodyReach(robot=self.robot)
         return self._body_reach.update(followed, state, command, dt)
 
     def _start(self, commanded: np.ndarray | None) -> np.ndarray:

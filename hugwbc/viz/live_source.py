@@ -105,7 +105,7 @@ class LiveSource:
             self._t = t
             return self._command
         if t < self._t:
-            self._t, self._command = 0.0, default_command(self.requested.gait)
+            self._t, self._command = 0.0, default_command(self.requested.gait, self.robot)
         dt, self._t = t - self._t, t
         requested, gait = self.requested.array(), self._command.gait
         requested_gait = Gait.STANDING if self._paused else self.requested.gait

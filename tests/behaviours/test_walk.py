@@ -9,6 +9,7 @@ from behaviour_helpers import view
 from hugwbc.behaviours import Behaviour, BehaviourSource, Status, face, walk_to
 from hugwbc.behaviours.walk import POSITION_TOLERANCE
 from hugwbc.gait import Gait
+from hugwbc.robot import load_robot
 
 DT = 0.02
 
@@ -38,6 +39,13 @@ def test_a_walk_aims_off_by_what_a_stop_has_moved_the_robot(jump: tuple[float, f
 
 def test_a_walk_whose_stops_move_nothing_stands_once() -> None:
     assert _walk((0.0, 0.0))[1] == 1
+
+
+@pytest.mark.parametrize(("robot", "swing"), [(None, 0.15), ("h1", 0.15), ("g1", 0.12)])
+def test_a_walk_has_the_swing_height_of_the_robot(robot: str | None, swing: float) -> None:
+    now = view(robot=None if robot is None else load_robot(robot))
+    action = next(walk_to(now, (0.4, 0.2)))
+    assert action.command.gait is Gait.WALKING and action.command.l == pytest.approx(swing)
 
 
 def _held(behaviour: Behaviour, times: tuple[float, float], felt: float = 0.0) -> tuple[BehaviourSource, float, float]:

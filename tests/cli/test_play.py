@@ -12,6 +12,7 @@ from hugwbc.robot import load_robot
 from hugwbc.runtime import Constant
 from hugwbc.scripts.motion import generate_motions
 from hugwbc.scripts.script import Script
+from hugwbc.sim import Arena
 
 
 def test_play_stands_up_again_after_a_fall(capsys):
@@ -111,6 +112,12 @@ def test_a_motion_moves_the_arms_and_the_command_the_rest(tmp_path, capsys):
     hands = source.hands_at(0.5)
     assert hands is not None and hands.joints is not None
     np.testing.assert_allclose(hands.joints, motion.at(0.5)[0])
+    (motion,) = generate_motions(load_robot("g1"), seed=3, count=1, duration=1.0)
+    motion.save(tmp_path / "g1.npz")
+    for swing, told in ((None, 0.12), (0.09, 0.09)):
+        command = play.CommandOptions(v_x=0.3, l=swing)
+        options = play.PlayOptions(motion=tmp_path / "g1.npz", command=command, arena=Arena(robot="g1"))
+        assert play._source(options)[0].command_at(1.0).l == pytest.approx(told), "of a G1"
     for words in (["--motion", str(tmp_path / "none.npz")], ["--motion", str(tmp_path)]):
         assert main(["play", "--viewer", "none", *words]) == 2
         assert str(tmp_path) in capsys.readouterr().err

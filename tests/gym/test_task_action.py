@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
 from hugwbc.behaviours import Action, BehaviourSource, Grip, View
 from hugwbc.gym.episode import HAND_SPEED, FollowWish
 from hugwbc.gym.task_action import GRIPS, ActionLayout, Wish
@@ -19,7 +19,7 @@ def view(time: float = 0.0, yaw: float = 0.0, held: tuple[str | None, str | None
 
 @pytest.mark.parametrize("grip", [*GRIPS, None])
 def test_what_is_asked_for_comes_back(grip):
-    layout = ActionLayout(grip)
+    layout = ActionLayout(grip, load_robot())
     wish = Wish(
         Command(v_x=0.3, v_y=-0.1, omega=0.5, h=-0.2, p=0.1, w=-0.4, gait=Gait.WALKING),
         np.array([True, False]),
@@ -38,18 +38,29 @@ def test_what_is_asked_for_comes_back(grip):
 
 
 def test_at_rest_the_robot_stands_upright_with_free_arms():
-    layout = ActionLayout(None)
+    layout = ActionLayout(None, load_robot())
     wish = layout.decode(layout.rest)
     assert wish.command == Command() and not wish.used.any()
 
 
+@pytest.mark.parametrize("robot", ["h1", "g1"])
 @pytest.mark.parametrize("seed", range(20))
-def test_every_action_is_a_valid_command(seed):
-    layout = ActionLayout("squeeze")
+def test_every_action_is_a_valid_command(seed, robot):
+    robot = load_robot(robot)
+    layout = ActionLayout("squeeze", robot)
     action = np.random.default_rng(seed).uniform(-1.0, 1.0, len(layout.names))
     wish = layout.decode(action)
-    assert wish.command.validate() is wish.command and wish.squeeze >= 0.0
+    assert wish.command.validate(robot) is wish.command and wish.squeeze >= 0.0
     assert layout.decode(layout.rest).squeeze == 0.0
+
+
+def test_a_g1_crouches_as_low_as_it_can_and_walks_with_its_own_swing_height():
+    """Its ranges and defaults are smaller than an H1's; 0 remains a velocity of 0."""
+    layout = ActionLayout(None, load_robot("g1"))
+    action = np.zeros(len(layout.names))
+    action[[layout.names.index("walk"), layout.names.index("h")]] = 1.0, -1.0
+    command = layout.decode(action).command
+    assert (command.v_x, command.h, command.l) == pytest.approx((0.0, -0.24, 0.12))
 
 
 def test_hands_go_to_their_targets_no_faster_than_they_may():

@@ -18,7 +18,7 @@ from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import load_task, shapes_of
-from hugwbc.tasks.demonstration import demonstrate
+from hugwbc.tasks.demonstration import demonstrate, state_names
 from hugwbc.tasks.replay import replay
 
 NEAR = Scene((Button(name="button", position=(0.62, Uniform(-0.25, -0.15)), height=1.1, force=15.0, travel=0.02),))
@@ -171,7 +171,7 @@ def test_what_cannot_be_rendered_and_a_step_before_a_reset_are_refused():
 def test_the_tasks_own_behaviour_presses_the_button_by_these_actions():
     env = press("learned", scene=NEAR)
     env.reset(seed=3)
-    behaviour = BehaviourSource(lambda view: env.task.behaviour(view, env.shapes))
+    behaviour = BehaviourSource(env.behaviour)
     total, over, info = 0.0, False, {}
     while not over:
         view = env.view
@@ -196,19 +196,23 @@ def reach_out(view):
     return view
 
 
-def test_recorded_actions_do_the_same_again():
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+def test_recorded_actions_do_the_same_again(robot):
     """An episode of 1 s is recorded, replayed, and played step by step in the environment: the same states."""
-    given = load_task("press_button")
+    given, arena = load_task("press_button"), Arena(robot=robot)
     task = dataclasses.replace(given, behaviour=lambda view, shapes: reach_out(view), limit=0.5)
-    controller, arena = ControllerSpec("learned").build(), Arena()
+    task = task.sized(arena.known_robot)
+    controller = ControllerSpec("learned").told(arena).build()
     simulation = arena.simulation(seed=5, scene=task.scene)
     told = demonstrate(task, controller, simulation, seed=5)
+    height = told.state[0, state_names(arena.known_robot).index("base.z")]
+    assert height == pytest.approx(arena.known_robot.nominal_height, abs=0.02), "in the robot's own lengths"
     rows = told.action.astype(np.float32)
     again = replay(task, controller, arena.simulation(seed=5, scene=task.scene), rows, seed=5)
     assert len(rows) >= 20 and again.verdict.reason == told.verdict.reason
     assert again.verdict.score == pytest.approx(told.verdict.score, abs=1e-6)
     np.testing.assert_allclose(again.state[: len(rows)], told.state, atol=1e-3)
-    env = TaskEnv(given, "learned", actions="recorded")
+    env = TaskEnv(given, "learned", actions="recorded", arena=arena)
     observation, _ = env.reset(seed=5)
     for row, state, objects in zip(rows, told.state, told.objects, strict=True):
         assert env.observation_space.contains(observation)

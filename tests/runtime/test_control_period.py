@@ -9,9 +9,12 @@ import pytest
 import torch
 
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, load_robot
-from hugwbc.errors import HugwbcError
+from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.lowering import LEANING
+from hugwbc.sim import Simulation
+from hugwbc.upper_ik import UpperBodySource
 from tests.conftest import ByHand, Recorder, make_state
 
 ROBOT = load_robot()
@@ -46,6 +49,12 @@ def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
     assert report.lowered == 1501 and report.readings_refused == {"imu": 1} and "kneeling" in " ".join(report.messages)
     period.start(state)
     np.testing.assert_array_equal(period.act(state, Command(), UpperBody.none()).q, ROBOT.nominal)
+
+
+def test_arm_targets_for_another_robot_are_refused():
+    message = r"moves the arms of h1, which has other joints than g1; give UpperBodySource\(load_robot\(\"g1\"\)\)"
+    with pytest.raises(ConfigError, match=message):
+        ControlLoop("hold", Command(), Simulation(robot="g1"), UpperBodySource(ROBOT))
 
 
 GRADIENT = torch.full((19,), 0.5, requires_grad=True)

@@ -94,11 +94,11 @@ def test_a_controller_is_told_the_drives_by_name():
         ControllerSpec("qp", drives="geared")
 
 
-@pytest.mark.parametrize("name", ["learned", "unitree-h1"])
-def test_a_policy_is_told_no_robot(name):
+@pytest.mark.parametrize(("name", "policy"), [("learned", "h1"), ("unitree-h1", None)])
+def test_a_policy_is_told_no_robot(name, policy):
     assert ControllerSpec(name).told(arena_of("h1-2023", "ideal")) == ControllerSpec(name)
     with pytest.raises(ConfigError, match=f"controller '{name}' is not told a robot: .* leave out 'h1-2023'"):
-        load_controller(name, robot="h1-2023")
+        load_controller(name, policy, robot="h1-2023")
     with pytest.raises(ConfigError, match=f"controller '{name}' is not told a robot: .* leave out 'ideal'"):
         load_controller(name, drives="ideal")
 
@@ -113,7 +113,8 @@ def test_a_policy_refuses_another_robot_by_name(name, policy):
 
 
 def test_the_learned_controller_of_a_robot_is_its_shipped_policy():
-    assert load_controller("learned", robot="g1").contract == load_controller("learned", "g1").contract
+    for robot, policy in (("h1", "h1"), ("h1-2023", "h1"), ("g1", "g1")):
+        assert load_controller("learned", robot=robot).contract == load_controller("learned", policy).contract
     with pytest.raises(ConfigError, match=r"is not told a robot: .* leave out 'ideal'"):
         load_controller("learned", robot="g1", drives="ideal")
 

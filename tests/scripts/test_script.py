@@ -76,6 +76,16 @@ def test_while_walking_puts_a_walk_under_a_script():
         while_walking(Script("test", (squat,)), 9.0)
 
 
+def test_segments_have_the_ranges_and_defaults_of_their_robot():
+    """A G1 lifts its feet by 0.12 m, and may lift them by 0.09 m, less than an H1."""
+    stand = Segment("stand", 1.0, robot=load_robot("g1"))
+    low = dataclasses.replace(stand, gait=Gait.WALKING, commands={"l": 0.09})
+    script = while_walking(Script("test", (stand, low)), 0.3)
+    assert [script.command_at(t).l for t in (0.0, 1.0, 2.0)] == pytest.approx([0.12, 0.12, 0.09])
+    with pytest.raises(CommandError, match=r"segment 'stand': command h = -0\.3 m .* valid: -0\.24 to 0 m"):
+        dataclasses.replace(stand, commands={"h": -0.3})
+
+
 RAISE = ArmMotion("raise", 10.0, np.linspace(0.0, 0.3, 21)[:, None] * np.ones(8), load_robot())
 LOWER = ArmMotion("lower", 10.0, np.full((21, 8), -0.2), load_robot())
 

@@ -59,6 +59,18 @@ def test_an_arm_of_seven_joints_brings_its_hand_to_a_place_and_an_orientation(or
         assert np.trace((axes @ rotations.to_matrix(TURN)).T @ hand) > 1.0 + 2.0 * math.cos(0.01)
 
 
+def test_an_orientation_is_for_one_hand_and_ends_with_its_targets():
+    robot = load_robot("g1")
+    state, points = make_state(robot.nominal), ((0.25, 0.2, 0.1), (0.25, -0.2, 0.1))
+    plain = converge(ArmIK(robot), HandTargets.of(*points), state, seconds=1.0)
+    ik = ArmIK(robot)
+    level = converge(ik, HandTargets.of(*points, left_orientation="level"), state, seconds=1.0)
+    assert level.q.reshape(2, -1)[1] == pytest.approx(plain.q.reshape(2, -1)[1], abs=1e-3), "the right arm"
+    ik.reset(robot.nominal[robot.arms])
+    again = converge(ik, HandTargets.of(*points), state, seconds=1.0)
+    assert again.q == pytest.approx(plain.q, abs=1e-9)
+
+
 @pytest.mark.parametrize("name", ["h1", "g1"])
 def test_hands_stay_where_they_are_while_the_trunk_turns_to_and_fro(name):
     """By 0.2 rad at 12 rad/s, as a trunk may in a walk: a braking hand alone lags by v^2 / (2 * 6 m/s^2), some 5 cm."""
@@ -397,6 +409,16 @@ def test_after_a_reset_nothing_is_left_of_the_searches_before(robot, nominal_sta
     before = used._detours.count
     assert np.array_equal(path(used), path(ArmIK(robot)))
     assert used._detours.count > before
+
+
+def test_after_a_reset_nothing_is_left_of_the_body_before():
+    """A G1's waist rolls and pitches, too, and carries the hands."""
+    robot = load_robot("g1")
+    q, new, used = robot.nominal.copy(), ArmIK(robot), ArmIK(robot)
+    q[robot.held] += 0.2
+    used.solve(HandTargets.of((0.25, 0.2, 0.1), None), make_state(q), DT)
+    used.reset(robot.nominal[robot.arms])
+    assert np.array_equal(used.hands(new.q, 0.0), new.hands(new.q, 0.0))
 
 
 def test_a_loop_that_paused_for_long_goes_on_at_once(ik, robot, nominal_state):

@@ -96,15 +96,15 @@ def hands_script(settings: HandsSettings, rng: np.random.Generator, index: int =
 
     The number of the episode, `index`, decides the foot where both hop in turn.
     """
-    gait = settings.gaits[index % 2]
+    gait, robot = settings.gaits[index % 2], settings.conditions.told_arena.known_robot
     count = math.ceil(settings.duration / (LEG_TIME + DWELL)) + 1
-    pairs = reachable_targets(count, rng, settings.conditions.told_arena.known_robot)
+    pairs = reachable_targets(count, rng, robot)
     left, right = (Line(tuple(tuple(p.tolist()) for p in pairs[:, hand]), LEG_TIME, DWELL) for hand in range(2))
     hands = HandMotion(left, right)
     if gait is Gait.STANDING:
-        return Script("hands", (Segment("stand", settings.duration, hands=hands, ramp=0.0),))
-    walk = Segment("go", settings.duration - STANDING_START, gait, {"v_x": WALK}, hands)
-    return Script("hands", (Segment("stand", STANDING_START, hands=hands), walk))
+        return Script("hands", (Segment("stand", settings.duration, hands=hands, ramp=0.0, robot=robot),))
+    walk = Segment("go", settings.duration - STANDING_START, gait, {"v_x": WALK}, hands, robot=robot)
+    return Script("hands", (Segment("stand", STANDING_START, hands=hands, robot=robot), walk))
 
 
 def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:

@@ -3,12 +3,13 @@
 import json
 import pickle
 
+import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.experiment import Section, frame_of, run_experiment
-from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
+from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of, hands
 from hugwbc.runtime.controllers import ControllerSpec
 
 HOLD = ControllerSpec("hold")
@@ -141,3 +142,10 @@ def test_motions_and_faults_are_taken_where_they_matter():
 def test_bad_settings_say_what_is_valid(name, changes, message):
     with pytest.raises(HugwbcError, match=message):
         EXPERIMENTS[name].settings(**changes)
+
+
+def test_hands_walk_with_the_swing_height_of_their_robot():
+    conditions = Conditions(robot="g1")
+    settings = hands.HandsSettings(gait="walking", duration=2.5, settle=2.0, conditions=conditions)
+    command = hands.hands_script(settings, np.random.default_rng(0)).command_at(2.4)
+    assert (command.v_x, command.l) == pytest.approx((0.5, 0.12))
