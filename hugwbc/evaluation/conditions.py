@@ -57,9 +57,8 @@ class Conditions:
     told: str | None = None
     # what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion (motion files)
     intervention: Annotated[str, one_of("intervention", lambda: INTERVENTIONS)] = "none"
-    motions: str | None = (
-        None  # folder of motion files (.npz, .csv) for the motion intervention; None for generated motions
-    )
+    # folder of motion files (.npz, .csv) for the motion intervention; None for generated motions
+    motions: str | None = None
     payload: float = 0.0  # mass added to the torso [kg]
     # friction coefficient between robot and ground; None for that of the robot description
     friction: float | None = None
