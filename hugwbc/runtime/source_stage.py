@@ -3,6 +3,7 @@
 import warnings
 
 from hugwbc.commands import Command
+from hugwbc.errors import ConfigError
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.view import CommandSource, SeeingSource, View
@@ -27,6 +28,9 @@ class SourceStage:
         """Connect a source; where nothing moves the hands, hand targets are ignored with a warning."""
         self._source, self._sight, self._log, self._moves_hands = source, sight, log, moves_hands
         self._seeing = source if isinstance(source, SeeingSource) else None
+        if self._seeing is None and hasattr(source, "see"):
+            lacking = ", ".join(name for name in ("restart", "grips") if not hasattr(source, name))
+            raise ConfigError(f"a source with see has restart and grips as well (SeeingSource); this lacks {lacking}")
         self._warned = False
         self.reset()
 

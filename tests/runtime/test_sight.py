@@ -8,6 +8,7 @@ import pytest
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.deploy.capture import Capture, CapturedWorld
+from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController, load_controller
 from hugwbc.runtime.loop import ControlLoop
@@ -100,6 +101,13 @@ def test_a_view_is_near_the_truth_in_a_scene() -> None:
     hands = np.array([simulation.hand_position(side) for side in ("left", "right")])
     assert np.linalg.norm(view.hands - hands, axis=1).max() < 0.03
     assert view.held == (None, None)
+
+
+def test_a_source_that_would_see_and_lacks_a_part_of_it_is_refused() -> None:
+    watcher = Watcher()
+    del watcher.grips
+    with pytest.raises(ConfigError, match="restart and grips as well .*lacks grips"):
+        ControlLoop(HoldController(load_robot()), watcher, Simulation())
 
 
 def test_objects_that_come_and_go_are_told_apart() -> None:
