@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from hugwbc.errors import HugwbcError, UnknownNameError
 
 VERBS = {
-    "report": "run all experiments with each controller and write all tables and figures",
-    "compare": "play one script with each controller and compare the results",
+    "report": "run the paper's experiments and some of ours with each controller, and write tables and figures",
+    "compare": "play a script or a task, or run an experiment, with each controller, and compare the results",
     "evaluate": "run one of the experiments and print its figures next to the paper's",
     "tasks": "list the tasks of loco-manipulation, or record demonstrations of them",
     "play": "drive or watch a robot in the browser",

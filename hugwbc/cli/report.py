@@ -15,7 +15,7 @@ from hugwbc.settings import REPORT_SEED
 
 @dataclasses.dataclass(frozen=True)
 class ReportOptions:
-    """Run all experiments with each controller and write the results together with the paper's figures."""
+    """Run the paper's experiments and some of ours with each controller; write figures beside the paper's."""
 
     # quick: few episodes, about 8 minutes on two cores. full: the paper's sizes; on two cores hours for a policy, days
     # for qp.
@@ -27,7 +27,7 @@ class ReportOptions:
     # what moved the arms in training, which a policy's file names. By default the H1's shipped policies of each
     # training that --controllers has no policy of.
     ablation: tuple[str, ...] | None = None
-    experiments: tuple[str, ...] = ()  # Run only these experiments; by default all
+    experiments: tuple[str, ...] = ()  # Run only these experiments; by default all of the report
     seed: int = REPORT_SEED  # Seed of all experiments
     workers: int = 2  # Number of processes that share the episodes
     cluster: str | None = None  # Address of a Dask scheduler that runs the episodes instead. Needs the extra [cluster].
