@@ -6,7 +6,6 @@ The log has a row of figures per iteration, and a record per session.
 import csv
 import dataclasses
 import importlib.metadata
-import io
 import itertools
 import json
 import math
@@ -103,15 +102,14 @@ def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
     path = folder / LOG_NAME
     if not path.exists():
         return
-    with path.open(newline="") as file:
-        header, *rows = list(csv.reader(file)) or [[]]
     if not resumed:
         path.rename(_free(path.with_stem(f"{path.stem}-before")))
         return
+    header, *rows = _rows(path)
     column = header.index("iteration") if "iteration" in header else None
     kept = [row for row in rows if column is not None and len(row) == len(header) and float(row[column]) <= iteration]
     if len(kept) < len(rows):
-        write_whole(path, "".join(",".join(row) + "\r\n" for row in [header, *kept]))
+        _write_rows(path, [header, *kept])
 
 
 def append_row(folder: pathlib.Path, row: dict[str, float]) -> None:
@@ -124,20 +122,23 @@ def append_row(folder: pathlib.Path, row: dict[str, float]) -> None:
         with path.open(newline="") as file:
             header = next(csv.reader(file), [])
     if new := [name for name in row if name not in header]:
-        _add_columns(path, header, new)
+        _, *rows = _rows(path)
+        _write_rows(path, [[*header, *new], *(cells + [""] * len(new) for cells in rows)])
     with path.open("a", newline="") as file:
         cells = {name: "" if math.isnan(value) else f"{value:.6g}" for name, value in row.items()}
         csv.DictWriter(file, [*header, *new]).writerow(cells)
 
 
-def _add_columns(path: pathlib.Path, header: list[str], new: list[str]) -> None:
-    rows: list[list[str]] = []
-    if header:
-        with path.open(newline="") as file:
-            _, *rows = csv.reader(file)
-    text = io.StringIO(newline="")
-    csv.writer(text).writerows([[*header, *new], *(row + [""] * len(new) for row in rows)])
-    write_whole(path, text.getvalue())
+def _rows(path: pathlib.Path) -> list[list[str]]:
+    """Return the cells of a log, its header first; an empty header without a log."""
+    if not path.exists():
+        return [[]]
+    with path.open(newline="") as file:
+        return list(csv.reader(file)) or [[]]
+
+
+def _write_rows(path: pathlib.Path, rows: list[list[str]]) -> None:
+    write_whole(path, "".join(",".join(row) + "\r\n" for row in rows))
 
 
 def append_session(folder: pathlib.Path, record: dict[str, Any]) -> None:

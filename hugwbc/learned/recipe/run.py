@@ -130,9 +130,9 @@ class _Work:
     def __post_init__(self) -> None:
         self.stage: Stage = self.recipe.stages[self.name]
         self.folder = self.out / self.name
+        self.seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}  # a calibration has its own
         settings = TypeAdapter(Stage).dump_python(self.stage, mode="json")
-        seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}
-        self.digest = digest(json.dumps(settings | seed, sort_keys=True))
+        self.digest = digest(json.dumps(settings | self.seed, sort_keys=True))
         self.inputs = {
             setting: self.out / str(path) / TAKEN[setting] if str(path) in self.recipe.stages else path
             for setting, path in self.stage.inputs().items()
@@ -151,8 +151,7 @@ class _Work:
         self.folder.mkdir(parents=True, exist_ok=True)
         processes = distributed.size() if self.stage.kind == "train" else 1
         spent = _Spent(self.folder, self.digest, processes) if leads else None
-        seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}
-        config = replaced(self.stage.config, {**self.inputs, **seed})
+        config = replaced(self.stage.config, {**self.inputs, **self.seed})
         if isinstance(config, TrainConfig):
             steps, discarded, figures = self._train(config, spent)
         elif isinstance(config, RecordConfig):
