@@ -5,7 +5,8 @@ import enum
 from collections.abc import Iterable
 
 from hugwbc.evaluation.intervals import CONFIDENCE, FEW, Estimate, wilson_percentage
-from hugwbc.evaluation.paper import ROBOTS
+from hugwbc.evaluation.paper import ROBOT
+from hugwbc.robot import load_robot
 
 FALLS = "falls"
 MOST_FALLS = 5.0  # [% of episodes]; above it, means lack too much of what fell early to be judged
@@ -107,10 +108,10 @@ def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figur
 def judged_fairly(figures: Iterable[Figure], robot: str) -> list[Figure]:
     """Return figures without unfair verdicts: in tables with more falls than `MOST_FALLS` no figure is judged.
 
-    Robots other than the paper's are not compared with it: their figures lose the paper's, and published ones are left
-    out.
+    Robots with other joints than the paper's are not compared with it: their figures lose the paper's, and published
+    ones are left out.
     """
-    figures, comparable = list(figures), robot in ROBOTS
+    figures, comparable = list(figures), load_robot(robot).joint_names == load_robot(ROBOT).joint_names
     fallen = {figure.table for figure in figures if figure.quantity == FALLS and (figure.value or 0.0) > MOST_FALLS}
     return [
         dataclasses.replace(figure, paper=figure.paper if comparable else None, judged=figure.table not in fallen)

@@ -22,7 +22,7 @@ ERROR_UNITS = {
     "E_w": "rad",
 }
 TRAININGS = ("noise", "motion", "none")  # what moved the arms in training, in the paper's ablation
-ROBOTS = ("h1", "h1-2023")  # that may stand beside the paper's H1
+ROBOT = "h1"  # of the paper
 HIGH_SPEED = 1.0  # [m/s]; a faster v_x counts towards E_vx_high
 
 

@@ -79,11 +79,11 @@ class ControlPeriod:
         estimator: StateEstimator | None,
         upper_body: UpperBodySource | None = None,
     ) -> None:
-        """Connect the parts; refuse a source of arm targets for a robot with other joints."""
-        moved = getattr(upper_body, "robot", robot)
-        if isinstance(moved, Robot) and moved.joint_names != robot.joint_names:
-            what = f"the source of arm targets moves the arms of {moved.name}, which has other joints than {robot.name}"
-            raise ConfigError(f'{what}; give UpperBodySource(load_robot("{robot.name}"))')
+        """Connect the parts; refuse a controller, or a source of arm targets, of a robot with other joints."""
+        advice = f"take a controller of {robot.name}, such as qp told it"
+        _refuse_another(controller, robot, f"{controller.name} controls the robot", advice)
+        advice = f'give UpperBodySource(load_robot("{robot.name}"))'
+        _refuse_another(upper_body, robot, "the source of arm targets moves the arms of", advice)
         self.estimator, self.upper_body = estimator, upper_body
         self._robot = robot
         self.log = SafetyLog()
@@ -192,3 +192,10 @@ class ControlPeriod:
             self.log.count("hands_refused", f"hand targets: {refusal}")
         arms, adapted = moved
         return arms, adapted
+
+
+def _refuse_another(part: object, robot: Robot, does: str, advice: str) -> None:
+    """Refuse a part that is of a robot with other joints; a part that names no robot is for any."""
+    own = getattr(part, "robot", robot)
+    if isinstance(own, Robot) and own.joint_names != robot.joint_names:
+        raise ConfigError(f"{does} {own.name}, which has other joints than {robot.name}; {advice}")

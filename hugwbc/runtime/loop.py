@@ -7,7 +7,6 @@ import numpy as np
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
-from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.runtime.estimation import StateEstimator, estimator_for
@@ -71,10 +70,6 @@ class ControlLoop:
             controller = spec.of_robot(name).build()
         source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
-        told = getattr(controller, "robot", robot)
-        if isinstance(told, Robot) and told.joint_names != robot.joint_names:
-            what = f"{controller.name} controls the robot {told.name}, which has other joints than {robot.name}"
-            raise ConfigError(f"{what}; simulate {told.name}, or take a controller of {robot.name}, such as qp told it")
         sight = Sight(
             SimulatedWorld(simulation),
             robot,
