@@ -126,13 +126,11 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ):
             env.update_curriculum()
         observation = env.observe()
-        done = result.done.numpy()
-        truncated = np.zeros(self.num_envs, dtype=bool)
-        truncated[result.timed_out.numpy()] = True
+        fell, truncated = result.terminated.numpy(), result.truncated.numpy()
         info: dict[str, Any] = {"critic": _rows(observation.critic)}
-        if done.any() and result.final is not None:
-            info |= self._last(result.final, done, truncated)
-        return _actor(observation), result.reward.numpy().astype(np.float64), done & ~truncated, truncated, info
+        if (fell | truncated).any():
+            info |= self._last(result.final, fell | truncated, truncated)
+        return _actor(observation), result.reward.numpy().astype(np.float64), fell, truncated, info
 
     def _admitted(self, actions: np.ndarray) -> np.ndarray:
         """Return finite actions within the space."""

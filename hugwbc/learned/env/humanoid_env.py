@@ -195,8 +195,8 @@ class HumanoidEnv:
         rewards = evaluate_terms(self._terms, transition, self.body, self.curriculum.penalty_scale)
         # A diverged state may hold NaN, and so may a term of a user's: neither must reach the sums of the others.
         reward = torch.nan_to_num(torch.stack(tuple(rewards.values())), nan=0.0, posinf=0.0, neginf=0.0).sum(0)
-        done = fallen | (self.age >= self.config.episode_steps)
-        timed_out = (done & ~fallen).nonzero().squeeze(1)
+        truncated = ~fallen & (self.age >= self.config.episode_steps)
+        done = fallen | truncated
         tracking = relative_tracking(rewards, self._terms, self.dt)
         self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
         self.statistics.note_gates(tracking, transition, self.agile)
@@ -214,7 +214,7 @@ class HumanoidEnv:
         if self.ground is not None:
             self.ground.advance(ended, fallen[ended], self.statistics.tracking[ended, 0])
         self.begin_episodes(ended)
-        return StepResult(reward, done, timed_out, final.critic[~fallen[ended]], final, disturbed)
+        return StepResult(reward, fallen, truncated, final, disturbed)
 
     def _outside(self) -> torch.Tensor:
         """Return what acts on the robots besides their policy: forces, and external control of the arms."""

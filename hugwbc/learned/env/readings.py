@@ -142,21 +142,23 @@ class StepResult:
 
     Attributes:
         reward: sum of the weighted terms, shape (n,).
-        done: whether the episode ended for any reason, shape (n,), bool.
-        timed_out: indices of the robots whose episode only ran out of time.
-        final_critic: critic observation of those robots before their reset, for bootstrapping.
-        final: observations of all robots that are done, in order, before their reset; None in a result that was not
-            made by an environment.
+        terminated: whether the episode ended with a fall, or with a simulation that diverged, shape (n,), bool.
+        truncated: whether it only ran out of time, shape (n,), bool.
+        final: observations of the robots whose episode ended, in order, before their reset.
         disturbed: whether something happened to each robot in the step that was not its doing (a new command, a push, a
-            force or an intervention that began or ended), shape (n,), bool; None for nothing.
+            force or an intervention that began or ended), shape (n,), bool.
     """
 
     reward: torch.Tensor
-    done: torch.Tensor
-    timed_out: torch.Tensor
-    final_critic: torch.Tensor
-    final: Observation | None = None
-    disturbed: torch.Tensor | None = None
+    terminated: torch.Tensor
+    truncated: torch.Tensor
+    final: Observation
+    disturbed: torch.Tensor
+
+    @property
+    def done(self) -> torch.Tensor:
+        """Whether the episode ended, shape (n,), bool."""
+        return self.terminated | self.truncated
 
 
 def _names(kind: type) -> list[str]:

@@ -200,10 +200,10 @@ class PPO:
         for the rewards that it no longer collects.
         """
         self.rollout.reward[t], self.rollout.done[t] = result.reward, result.done
-        self.rollout.disturbed[t] = False if result.disturbed is None else result.disturbed
-        if result.timed_out.numel():
-            final = self.value(result.final_critic)
-            self.rollout.reward[t, result.timed_out] += self.config.gamma * final
+        self.rollout.disturbed[t] = result.disturbed
+        if result.truncated.any():
+            final = self.value(result.final.critic[result.truncated[result.done]])
+            self.rollout.reward[t, result.truncated] += self.config.gamma * final
 
     @torch.no_grad()
     def value(self, critic_observation: torch.Tensor) -> torch.Tensor:

@@ -60,7 +60,7 @@ def test_a_fallen_robot_ends_as_a_failure_and_starts_anew(small_env: HumanoidEnv
     small_env.age[:] = 10
     small_env.simulation.qpos[2, 3:7] = torch.tensor([np.cos(0.6), 0.0, np.sin(0.6), 0.0])  # pitched by 1.2 rad
     result = small_env.step(torch.zeros(8, 19))
-    assert result.done[2] and 2 not in result.timed_out
+    assert result.terminated[2] and not result.truncated[2] and result.done[2]
     assert result.reward[2] < -3.0  # the paper's -200 times the period
     assert small_env.age[2] == 0
     assert small_env.readings.pitch[2].abs() < 0.2
@@ -70,8 +70,8 @@ def test_a_time_out_is_told_from_a_failure(small_env: HumanoidEnv) -> None:
     small_env.age[:] = 10
     small_env.age[5] = small_env.config.episode_steps - 1
     result = small_env.step(torch.zeros(8, 19))
-    assert result.timed_out.tolist() == [5]
-    assert result.final_critic.shape == (1, 121 + 1)
+    assert result.truncated.nonzero().tolist() == [[5]] and not result.terminated.any()
+    assert result.final.critic.shape == (1, 121 + 1)
     assert small_env.age[5] == 0
 
 

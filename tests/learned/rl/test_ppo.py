@@ -35,10 +35,25 @@ def test_nothing_limits_how_far_a_value_moves_in_an_update() -> None:
     before = float(learner.value(observation.critic).detach().mean())
     for t in range(4):
         learner.act(t, observation, GAIT[: len(observation.command)])
-        done, nobody = torch.ones(64, dtype=torch.bool), torch.empty(0, dtype=torch.long)
-        learner.record(t, StepResult(torch.full((64,), before + 4.0), done, nobody, torch.empty(0, CRITIC_SIZE)))
+        everybody = torch.ones(64, dtype=torch.bool)
+        reward = torch.full((64,), before + 4.0)
+        learner.record(t, StepResult(reward, everybody, ~everybody, observation, ~everybody))
     learner.update(observation, critic_only=True)
     assert 3.0 < float(learner.value(observation.critic).detach().mean()) - before < 5.0
+
+
+def test_only_robots_whose_time_was_over_get_the_value_of_what_they_would_have_collected() -> None:
+    torch.manual_seed(0)
+    config = PPOConfig(horizon=1, gamma=0.5)
+    learner = PPO(config, ROBOT, torch.Generator().manual_seed(0))
+    observation = Observation(*(torch.randn(4, size) for size in (315, 18, CRITIC_SIZE, 6)))
+    terminated, truncated = torch.tensor([False, True, False, False]), torch.tensor([True, False, False, True])
+    ended = Observation(*(values[[0, 1, 3]] for values in vars(observation).values()))
+    learner.act(0, observation, GAIT[:4])
+    learner.record(0, StepResult(torch.ones(4), terminated, truncated, ended, ~truncated))
+    expected = 1.0 + 0.5 * truncated * learner.value(observation.critic)
+    torch.testing.assert_close(learner.rollout.reward[0], expected)
+    assert learner.rollout.done[0].tolist() == [True, True, False, True]
 
 
 def test_explained_variance_of_perfect_and_constant_critics() -> None:
@@ -97,18 +112,16 @@ def test_updates_improve_policy_value_and_estimate_on_a_known_task() -> None:
     learner = PPO(config, ROBOT, torch.Generator().manual_seed(0))
     history, mixing = torch.randn(count, 315), torch.randn(6, 315) / 315**0.5
     observation = Observation(history, torch.zeros(count, 18), torch.zeros(count, CRITIC_SIZE), history @ mixing.T)
-    everything_done = torch.ones(count, dtype=torch.bool)
+    everybody = torch.ones(count, dtype=torch.bool)
     rewards, losses = [], []
     for _ in range(60):
         for t in range(horizon):
             action = learner.act(t, observation, GAIT[: len(observation.command)])
             reward = -(action - 0.5).square().mean(1)
-            learner.record(
-                t, StepResult(reward, everything_done, torch.empty(0, dtype=torch.long), torch.empty(0, CRITIC_SIZE))
-            )
+            learner.record(t, StepResult(reward, everybody, ~everybody, observation, ~everybody))
         rewards.append(float(learner.rollout.reward.mean()))
         losses.append(learner.update(observation))
-    noise_floor = -float(learner.network.exploration().exp().square().mean())
+    noise_floor = -float(learner.network.exploration().detach().exp().square().mean())
     assert rewards[0] < -0.45  # 0.25 from the mean, 0.25 from the noise
     assert rewards[-1] > noise_floor - 0.05
     assert losses[-1]["estimation_loss"] < 0.3 * losses[0]["estimation_loss"]
