@@ -114,8 +114,7 @@ class Locomotion:
             may_stop=self._may_stop(dynamics, command),
             landed=self._walking.loaded,
         )
-        # The leg of a hop leans inwards by 0.2 rad and stands on the edge of its sole: that is where the ground pushes.
-        dynamics.edge = float(dynamics.robot.sole_y[1]) if len(plan.legs) == 1 else 0.0
+        dynamics.edge = feet.hop_edge(dynamics.robot) if len(plan.legs) == 1 else 0.0  # where the ground pushes
         self.references.update(dynamics, command, dt)
         if plan.mode is Mode.WALKING:
             self._walk(dynamics, command, dt, lift_off)

@@ -202,6 +202,15 @@ def test_a_robot_with_ankle_rolls_and_held_joints_walks():
     assert robot.held.size == 2 and np.abs(held).max() < 0.1
 
 
+def test_a_foot_whose_ankle_rolls_hops_on_the_middle_of_its_sole():
+    """The G1: as if on the outer edge, as the H1 does, it drifts aside at 0.3 m/s and yaws."""
+    robot = load_robot("g1")
+    hop = Command(v_x=0.3, gait=Gait.HOPPING_LEFT)
+    trace = rollout(WholeBodyController(robot), hop, Simulation(sensing="exact", robot=robot), duration=4.0)
+    assert not trace.fell
+    assert trace.measured[len(trace.time) // 2 :, :2].mean(axis=0) == pytest.approx([0.3, 0.0], abs=0.06)
+
+
 def test_a_trunk_on_a_waist_of_little_torque_yields_to_the_push_off_of_a_jump():
     """The G1: with its trunk held level it takes off with too much pitch, which grows to 0.35 rad until it lands."""
     robot = load_robot("g1")
