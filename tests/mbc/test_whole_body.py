@@ -35,7 +35,7 @@ def _total_torque(joint_command, state):
     return joint_command.tau + gain
 
 
-@pytest.mark.parametrize("period", [0.0, -0.002, math.nan, math.inf])
+@pytest.mark.parametrize("period", [0.0, -0.002, math.nan, math.inf, 4.0])  # milliseconds
 def test_a_period_that_is_no_time_is_refused(period):
     with pytest.raises(ConfigError, match="give a finite time above 0"):
         WholeBodyController(load_robot(), period=period)
