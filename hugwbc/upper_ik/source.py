@@ -129,7 +129,7 @@ class UpperBodySource:
         self.watch.reset()
         self._held = HeldTargets()
         self._steady.reset()
-        self.solution = None
+        self.solution, self.refusal = None, ""
         self._own = None
         self._body_reach = None
 

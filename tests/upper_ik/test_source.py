@@ -254,6 +254,8 @@ def test_an_arm_without_wrists_refuses_an_orientation_and_goes_back(robot):
     assert source.takeover.phase.name == "RETURNING" and arms.indicator
     assert source.watch.tally.counts["bad"] == 60
     for word in ("left_orientation", "h1", "has 4", "left_elbow_joint", "5 joints"):
-        assert word in source.watch.refusal
+        assert word in source.refusal
+    source.reset()
+    assert source.refusal == "", "that of the episode before"
     source.update(state, good, Command(), 0.02)
     assert source.watch.refusal == "" and source.takeover.phase.name == "TAKEN"
