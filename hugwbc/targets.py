@@ -297,8 +297,9 @@ def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np
     Returns:
         Force on the left and on the right hand in that frame [N], shape (3,) each; their sum is zero.
     """
-    if not 0.0 <= newtons <= STRONGEST:
-        raise TargetError(f"squeezing force is {newtons}; give a number from 0 to {STRONGEST:g} N")
+    force = number(newtons)
+    if force is None or not 0.0 <= force <= STRONGEST:
+        raise TargetError(f"squeezing force is {_cut(newtons)}; give a number from 0 to {STRONGEST:g} N")
     between = position("right hand target", right) - position("left hand target", left)
-    inwards = newtons * direction("line between the hand targets", between)
+    inwards = force * direction("line between the hand targets", between)
     return -inwards, inwards

@@ -96,6 +96,8 @@ def test_squeezing_forces_point_at_each_other_and_balance():
         squeeze((0.3, 0.2, 0.1), (0.3, 0.2, 0.1), 30.0)
     with pytest.raises(TargetError, match="squeezing force is -1"):
         squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), -1.0)
+    with pytest.raises(TargetError, match="squeezing force is '30 N'"):
+        squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), "30 N")
 
 
 def test_a_target_out_of_any_reach_is_refused_with_its_distance() -> None:
