@@ -149,12 +149,6 @@ class Locomotion:
             trajectory.shift(offset)
 
     @property
-    def foothold(self) -> np.ndarray | None:
-        """Foothold of the only foot in the air, world [m], shape (2,); None if none or both are."""
-        planned = self.footholds[np.isfinite(self.footholds[:, 0])]
-        return planned[0] if len(planned) == 1 else None
-
-    @property
     def out_of_reach(self) -> int:
         """Number of ticks since the reset in which the foothold of a walk was out of reach."""
         return self._walking.out_of_reach
