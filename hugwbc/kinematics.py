@@ -117,7 +117,7 @@ class Kinematics:
         self.place_pelvis(state.orientation, state.angular_velocity, state.position, state.velocity)
 
     def place_joints(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Set positions [rad] and velocities [rad/s] of the joints, shapes (19,)."""
+        """Set positions [rad] and velocities [rad/s] of the joints, shapes (n,)."""
         self.q[self._q_joints], self.v[self._v_joints] = q, dq
 
     def place_pelvis(

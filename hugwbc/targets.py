@@ -1,6 +1,7 @@
 """Hand targets: the input of hand IK, produced by a script, a teleoperator or a planner."""
 
 import dataclasses
+import math
 import reprlib
 from collections.abc import Callable
 from typing import Literal, get_args
@@ -73,6 +74,10 @@ class HandTargets:
 
     def __post_init__(self) -> None:
         keep_floats(self, _SHAPES, _SHAPES)
+        if self.sequence is not None and type(self.sequence) is not int:  # the difference of unsigned ones wraps around
+            count = number(self.sequence)
+            whole = math.nan if count is None or not math.isfinite(count) else int(count)
+            object.__setattr__(self, "sequence", whole)
 
     @classmethod
     def of(
@@ -142,7 +147,9 @@ class HandTargets:
         """
         joints = robot.arms.size
         if not self.is_usable or (self.joints is not None and self.joints.size != joints):
-            raise TargetError(f"numbers that are not finite, or not three for a hand and {joints} for the joints")
+            raise TargetError(
+                f"numbers that are not finite, or not three for a hand, {joints} for the joints, one for the sequence"
+            )
         arm = robot.arm_names[: joints // 2]
         for name in ORIENTATIONS:
             if (turn := getattr(self, name)) is not None and len(arm) < (needed := 6 if turn.any() else 5):
@@ -186,13 +193,14 @@ class HandTargets:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the frame is known, all numbers that are given are finite, and a weight is above 0."""
+        """Whether the frame is known, all numbers that are given are finite, a weight is above 0, a sequence whole."""
         fields = vars(self)
         given = [value for name in _SHAPES if (value := fields[name]) is not None]
         finite = all(np.isfinite(value).all() for value in given)
         finite = finite and (self.wrench is FREE or (isinstance(self.wrench, HandWrench) and self.wrench.is_finite))
         weighed = self.orientation_weight is None or self.orientation_weight > 0.0
-        return finite and weighed and isinstance(self.frame, str) and self.frame in HAND_FRAMES
+        counted = self.sequence is None or type(self.sequence) is int
+        return finite and weighed and counted and isinstance(self.frame, str) and self.frame in HAND_FRAMES
 
 
 _SHAPES: dict[str, Shape] = {
@@ -289,8 +297,9 @@ def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np
     Returns:
         Force on the left and on the right hand in that frame [N], shape (3,) each; their sum is zero.
     """
-    if not 0.0 <= newtons <= STRONGEST:
-        raise TargetError(f"squeezing force is {newtons}; give a number from 0 to {STRONGEST:g} N")
+    force = number(newtons)
+    if force is None or not 0.0 <= force <= STRONGEST:
+        raise TargetError(f"squeezing force is {_cut(newtons)}; give a number from 0 to {STRONGEST:g} N")
     between = position("right hand target", right) - position("left hand target", left)
-    inwards = newtons * direction("line between the hand targets", between)
+    inwards = force * direction("line between the hand targets", between)
     return -inwards, inwards

@@ -77,6 +77,7 @@ NAN_POINT = np.array([0.3, math.nan, 0.1])
         ("frame", ["wolrd"]),
         ("wrench", [None, HandWrench(NAN_POINT), HandWrench(np.zeros(2)), HandWrench(np.full((2, 3), math.inf))]),
         ("wrench", [HandWrench(stiffness=wrong) for wrong in (math.inf, "soft", -1.0)]),
+        ("sequence", ["7", math.nan, True]),
         ("orientation_weight", [0.0, -1.0, math.nan, "much"]),
         ("wrench", [HandWrench(payload=wrong) for wrong in (np.array([1.0, math.nan]), np.zeros(3))]),
     ],
@@ -95,6 +96,8 @@ def test_squeezing_forces_point_at_each_other_and_balance():
         squeeze((0.3, 0.2, 0.1), (0.3, 0.2, 0.1), 30.0)
     with pytest.raises(TargetError, match="squeezing force is -1"):
         squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), -1.0)
+    with pytest.raises(TargetError, match="squeezing force is '30 N'"):
+        squeeze((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), "30 N")
 
 
 def test_a_target_out_of_any_reach_is_refused_with_its_distance() -> None:

@@ -69,6 +69,14 @@ def sole_about(pivot: np.ndarray, yaw: float, balance: float, robot: Robot) -> n
     return pivot + np.array([ahead * math.cos(yaw), ahead * math.sin(yaw)])
 
 
+def hop_edge(robot: Robot) -> float:
+    """Return how far outwards of its sole's centre line the foot of a hop stands [m].
+
+    The leg leans inwards, and the sole with it, onto its outer edge. An ankle that rolls keeps the sole level.
+    """
+    return 0.0 if "ankle_roll" in robot.pairs else float(robot.sole_y[1])
+
+
 def end_heights(dynamics: Dynamics, foot: int) -> list[float]:
     """Return the heights of heel and toe in the world [m]."""
     return [float(dynamics.point(end)[2]) for end in _ENDS[foot]]

@@ -17,7 +17,7 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.swing import SwingTrajectory
 from hugwbc.state import GRAVITY
 
-_LOWEST = 0.4  # [m], smallest height of the centre of mass above the foot, so that a fall does not divide by zero
+_LOWEST = 0.5  # of the leg, least height of the centre of mass above the foot, so that a fall does not divide by zero
 _CHOICES = 4  # number of shorter durations of a step to choose from, and of longer ones
 _PEAK = 5.77  # peak acceleration of a quintic from rest to rest over a distance of 1 in a time of 1: 10 / sqrt(3)
 _SHORTEST = 0.06  # [s], shortest remaining time of a step that is retimed; a foot needs that to come down
@@ -58,7 +58,7 @@ class Pendulum(NamedTuple):
         """
         x, y, z = (dynamics.com - pivot).tolist()
         along_x, along_y = (0.0, 0.0) if gradient is None else gradient.tolist()
-        height = max(z - along_x * x - along_y * y, _LOWEST)
+        height = max(z - along_x * x - along_y * y, _LOWEST * dynamics.robot.leg_length)
         omega = math.sqrt(GRAVITY / height)
         vx, vy, vz = dynamics.com_velocity.tolist()
         spin_x, spin_y, _ = dynamics.momentum.tolist()

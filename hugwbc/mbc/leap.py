@@ -217,9 +217,8 @@ class Leap:
         moving = dynamics.com_velocity[:2]
         wanted = rotations.rotation_z(yaw + command.omega * plan.remaining)[:2, :2] @ tick.velocity
         if len(plan.legs) == 1:
-            # The leg leans inwards, so that the foot stands on its outer edge: its centre is inwards of the contact.
             inwards = rotations.rotation_z(yaw)[:2, 1] * (-1.0 if foot == 0 else 1.0)
-            return self._single_foothold(dynamics, wanted) + dynamics.robot.sole_y[1] * inwards
+            return self._single_foothold(dynamics, wanted) + feet.hop_edge(dynamics.robot) * inwards
         middle = dynamics.com[:2] + moving * (plan.remaining + half) + params.leap_placement * (moving - wanted)
         sideways = rotations.rotation_z(self._landing_yaw(command))[:2, 1]
         return middle + sideways * (0.5 - foot) * params.leap_width

@@ -114,8 +114,7 @@ class Locomotion:
             may_stop=self._may_stop(dynamics, command),
             landed=self._walking.loaded,
         )
-        # The leg of a hop leans inwards by 0.2 rad and stands on the edge of its sole: that is where the ground pushes.
-        dynamics.edge = float(dynamics.robot.sole_y[1]) if len(plan.legs) == 1 else 0.0
+        dynamics.edge = feet.hop_edge(dynamics.robot) if len(plan.legs) == 1 else 0.0  # where the ground pushes
         self.references.update(dynamics, command, dt)
         if plan.mode is Mode.WALKING:
             self._walk(dynamics, command, dt, lift_off)
@@ -148,12 +147,6 @@ class Locomotion:
         self.ground.shift(offset)
         for trajectory in (self._walking.trajectory, *self._leap.trajectories):
             trajectory.shift(offset)
-
-    @property
-    def foothold(self) -> np.ndarray | None:
-        """Foothold of the only foot in the air, world [m], shape (2,); None if none or both are."""
-        planned = self.footholds[np.isfinite(self.footholds[:, 0])]
-        return planned[0] if len(planned) == 1 else None
 
     @property
     def out_of_reach(self) -> int:

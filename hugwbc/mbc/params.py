@@ -7,8 +7,9 @@ from pydantic import Field
 
 from hugwbc.commands import PAPER_LEG
 from hugwbc.robot import Robot
-from hugwbc.settings import Count, Positive, settings
+from hugwbc.settings import Count, NotNegative, Positive, settings
 
+_Triple = tuple[NotNegative, NotNegative, NotNegative]
 _Gains = tuple[Positive, Positive]  # stiffness and damping, or the largest rate and the largest acceleration
 
 
@@ -30,7 +31,7 @@ class ControllerParams:
     """Share of every joint's torque limit that the QP may use."""
     max_normal_force: Positive = 2000.0
     """Largest normal force of one contact point [N]."""
-    joint_margin: float = 0.02
+    joint_margin: NotNegative = 0.02
     """Distance that is kept from a joint's position limit [rad]."""
     joint_brake: Positive = 400.0
     """Deceleration with which a joint is assumed to stop before its limit [rad/s^2]."""
@@ -48,74 +49,74 @@ class ControllerParams:
     """Largest number of outer iterations of one solve."""
 
     # --- tasks: weights, stiffness [1/s^2], damping [1/s]
-    contact_weight: float = 2000.0
+    contact_weight: NotNegative = 2000.0
     """Weight of a standing foot's line contact: far above all other tasks, yet soft enough for the QP to stay feasible
     on any ground."""
-    contact_damping: float = 30.0
+    contact_damping: NotNegative = 30.0
     """Damping of the velocity of a standing foot [1/s]."""
-    contact_pitch_stiffness: float = 100.0
+    contact_pitch_stiffness: NotNegative = 100.0
     """Stiffness with which a standing sole turns to the slope of the ground [1/s^2]."""
-    height_weight: float = 300.0
+    height_weight: NotNegative = 300.0
     """Weight of the pelvis's height. It dominates, so that the QP never raises the pelvis to gain normal force for a
     fast swing."""
-    height_gains: tuple[float, float] = (120.0, 22.0)
+    height_gains: _Gains = (120.0, 22.0)
     """Gains of the pelvis's height [1/s^2], [1/s]."""
-    orientation_weight: tuple[float, float, float] = (4.0, 20.0, 10.0)
+    orientation_weight: _Triple = (4.0, 20.0, 10.0)
     """Weights of the pelvis's roll, pitch and yaw. Roll is low: the line-shaped feet cannot hold it while a leg swings
     fast."""
-    orientation_gains: tuple[float, float] = (300.0, 30.0)
+    orientation_gains: _Gains = (300.0, 30.0)
     """Gains of the pelvis's orientation [1/s^2], [1/s]."""
-    com_weight: float = 300.0
+    com_weight: NotNegative = 300.0
     """Weight of the centre of mass when standing: balance comes before posture."""
-    travel_weight: float = 10.0
+    travel_weight: NotNegative = 10.0
     """Weight of the pelvis's motion along the heading when walking."""
-    com_gains: tuple[float, float] = (30.0, 11.0)
+    com_gains: _Gains = (30.0, 11.0)
     """Gains of the centre of mass when standing [1/s^2], [1/s]."""
-    swing_weight: tuple[float, float, float] = (40.0, 40.0, 40.0)
+    swing_weight: _Triple = (40.0, 40.0, 40.0)
     """Weights of a swinging foot's position, world x, y and z."""
-    swing_gains: tuple[float, float] = (700.0, 50.0)
+    swing_gains: _Gains = (700.0, 50.0)
     """Gains of that position [1/s^2], [1/s]."""
-    swing_rotation_weight: tuple[float, float] = (2.0, 10.0)
+    swing_rotation_weight: tuple[NotNegative, NotNegative] = (2.0, 10.0)
     """Weights of a swinging foot's pitch and yaw. Pitch is low: a high swing turns the sole where the range of the
     ankle ends."""
-    swing_rotation_gains: tuple[float, float] = (300.0, 30.0)
+    swing_rotation_gains: _Gains = (300.0, 30.0)
     """Gains of pitch and yaw [1/s^2], [1/s]."""
-    waist_weight: float = 2.0
+    waist_weight: NotNegative = 2.0
     """Weight of the waist joint."""
     waist_gains: _Gains = (100.0, 20.0)
     """Gains of the waist joint [1/s^2], [1/s]."""
-    held_weight: float = 20.0
+    held_weight: NotNegative = 20.0
     """Weight of joints that hold their nominal position, such as the roll of a waist; with the waist's gains."""
-    arm_weight: float = 0.5
+    arm_weight: NotNegative = 0.5
     """Weight of arm joints without external control: they hold the nominal pose, but yield."""
     arm_gains: _Gains = (100.0, 20.0)
     """Gains of arm joints without external control [1/s^2], [1/s]."""
-    takeover_weight: float = 20.0
+    takeover_weight: NotNegative = 20.0
     """Weight of arm joints under external control: a prescribed motion that the rest of the body balances."""
     takeover_gains: _Gains = (1600.0, 80.0)
     """Gains of arm joints under external control [1/s^2], [1/s]; lower if the control period is long."""
     takeover_speed: Positive = 8.0
     """Largest speed with which an arm joint closes a gap to an external target [rad/s]."""
-    momentum_weight: tuple[float, float, float] = (0.002, 0.002, 0.002)
+    momentum_weight: _Triple = (0.002, 0.002, 0.002)
     """Weights of the rate of the angular momentum about the world's x, y and z [1/(kg m^2)^2]."""
-    momentum_damping: float = 5.0
+    momentum_damping: NotNegative = 5.0
     """Damping of the angular momentum without a force plan [1/s]."""
 
     # --- walking
-    step_width: float = 0.20
+    step_width: NotNegative = 0.20
     """Distance between the centre lines of the feet when walking in place [m]."""
-    min_foot_distance: float = 0.08
+    min_foot_distance: NotNegative = 0.08
     """Smallest lateral distance between the feet [m]."""
-    max_foot_distance: float = 0.75
+    max_foot_distance: NotNegative = 0.75
     """Largest lateral distance between the feet [m], which the roll of the hips and a crouch allow."""
     max_step: tuple[float, float] = (-0.60, 0.75)
     """Reach of a step along the heading, backward and forward from the stance foot [m]."""
-    cop_gain: float = 1.5
+    cop_gain: NotNegative = 1.5
     """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 the latter
     converges."""
-    long_step: float = 0.4
+    long_step: NotNegative = 0.4
     """Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]."""
-    long_step_clearance: float = 0.05
+    long_step_clearance: NotNegative = 0.05
     """Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`."""
     leg_reserve: Positive = 0.04
     """Length that a straight leg keeps in reserve between hip and ankle in such a step [m]. It lands with a bent knee:
@@ -125,68 +126,74 @@ class ControllerParams:
     rise_rate: _Gains = (0.2, 2.0)
     """Largest rate and acceleration with which it rises again [m/s], [m/s^2]: slow, because a foot that is far away
     still has to be lifted."""
-    max_crouch: float = 0.25
+    max_crouch: NotNegative = 0.25
     """Largest such lowering of the pelvis [m]."""
     step_timing: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.2
     """Share of the frequency by which a step that cannot reach its foothold may be faster or slower; 0 keeps time."""
-    step_timing_tolerance: float = 0.02
+    step_timing_tolerance: NotNegative = 0.02
     """Distance by which a foothold may be missed before the step is retimed [m]."""
-    step_timing_weight: float = 0.005
+    step_timing_weight: NotNegative = 0.005
     """Cost of a relative change of a step's duration by 1, compared with a squared missed distance [m^2]."""
     swing_acceleration: Positive = 120.0
     """Largest acceleration along the ground of a swing that is hurried [m/s^2]."""
     landing_height: float = -0.001
     """Height relative to the ground at which a swing ends [m]; a little below, so that the foot touches."""
-    landing_speed: float = 0.05
+    landing_speed: NotNegative = 0.05
     """Downward speed at which a swing ends [m/s]."""
-    search_speed: float = 0.4
+    search_speed: NotNegative = 0.4
     """Downward speed of a foot that has not found the ground where it should be [m/s]."""
-    early_contact_phase: float = 0.6
+    early_contact_phase: NotNegative = 0.6
     """Share of the swing after which touching the ground counts as landing."""
     early_contact_height: float = 0.0005
     """Height of heel or toe below which a descending foot counts as landed [m]."""
-    shift_time: float = 0.22
+    shift_time: NotNegative = 0.22
     """Shortest shift of the weight in double support before the first step [s]."""
-    max_shift_time: float = 0.6
+    max_shift_time: NotNegative = 0.6
     """Longest shift of the weight [s]."""
-    capture_distance: float = 0.11
+    capture_distance: NotNegative = 0.11
     """Distance of the divergent component from the middle of the feet along the heading, beyond which a standing robot
     steps to catch itself [m]."""
-    capture_margin: float = 0.01
+    capture_margin: NotNegative = 0.01
     """Distance inside the centre line of the outer foot, beyond which the same holds across the heading [m]."""
-    capture_time: float = 1.0
+    capture_time: NotNegative = 1.0
     """Shortest time for which the robot then steps in place [s]."""
-    settle_time: float = 0.6
+    settle_time: NotNegative = 0.6
     """Time of standing after the last step before the limits of walking on h are lifted [s]."""
-    velocity_integral: float = 0.25
+    velocity_integral: NotNegative = 0.25
     """Share of the velocity error of a stride that is added to the velocity plan at each step."""
-    velocity_integral_bound: float = 0.15
+    velocity_integral_bound: NotNegative = 0.15
     """Velocity error at which the error of a step is clipped for that [m/s]."""
-    velocity_integral_change: float = 0.05
+    velocity_integral_change: NotNegative = 0.05
     """Change of the commanded velocity within a step beyond which the error of the step does not count [m/s]."""
-    max_velocity_trim: float = 0.3
+    max_velocity_trim: NotNegative = 0.3
     """Largest correction of the velocity plan [m/s]."""
 
     # --- jumping and hopping
-    motion_weight: tuple[float, float, float] = (10.0, 10.0, 100.0)
+    motion_weight: _Triple = (10.0, 10.0, 100.0)
     """Weights of the centre of mass in a leap, which follows the force plan, world x, y and z."""
-    planned_momentum_weight: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    planned_momentum_weight: _Triple = (1.0, 1.0, 1.0)
     """Weights of the rate of the angular momentum in a leap, which follows the force plan, about the world's x, y and z
     [1/(kg m^2)^2]."""
-    planned_force_weight: float = 1e-4
+    planned_force_weight: NotNegative = 1e-4
     """Weight of the departure of every contact force from the force plan [1/kg^2]."""
-    leap_orientation_weight: tuple[float, float, float] = (0.02, 0.02, 0.5)
+    leap_orientation_weight: _Triple = (0.02, 0.02, 0.5)
     """Weights of the pelvis's roll, pitch and yaw in the stance of a leap: the plan of the angular momentum comes
     first. About the vertical axis the waist can take that momentum."""
-    leap_waist_weight: float = 0.2
+    leap_waist_weight: NotNegative = 0.2
     """Weight of the waist joint in a leap that turns: the trunk takes up what the legs need in flight."""
-    leap_held_weight: float = 2.0
+    leap_held_weight: NotNegative = 2.0
     """Weight of joints that hold their nominal position in a leap: a push-off asks a trunk that must not move for more
     torque than they have."""
-    flight_orientation_weight: tuple[float, float, float] = (4.0, 6.0, 6.0)
+    flight_orientation_weight: _Triple = (4.0, 6.0, 6.0)
     """Weights of the pelvis's roll, pitch and yaw in flight. Angular momentum is conserved there, so that turning the
     pelvis moves the legs from their places."""
-    flight_swing_weight: tuple[float, float, float, float, float] = (40.0, 40.0, 40.0, 2.0, 10.0)
+    flight_swing_weight: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (
+        40.0,
+        40.0,
+        40.0,
+        2.0,
+        10.0,
+    )
     """Weights of a foot's x, y, z, pitch and yaw in flight, where no other foot has to bear the reaction."""
     mpc_intervals: Count = 6
     """Number of intervals of constant force in the rest of a stance."""
@@ -194,53 +201,53 @@ class ControllerParams:
     """Time between two force plans [s]."""
     mpc_shortest_stance: Positive = 0.03
     """Time to take-off below which the plan does not become shorter [s]."""
-    mpc_velocity_weight: float = 100.0
+    mpc_velocity_weight: NotNegative = 100.0
     """Force plan: weight of the horizontal velocity at take-off [s^2/m^2]."""
-    mpc_rise_weight: float = 1000.0
+    mpc_rise_weight: NotNegative = 1000.0
     """Force plan: weight of the vertical velocity at take-off [s^2/m^2]."""
-    mpc_height_weight: float = 10000.0
+    mpc_height_weight: NotNegative = 10000.0
     """Force plan: weight of the height at take-off [1/m^2]."""
-    mpc_sway_weight: float = 30.0
+    mpc_sway_weight: NotNegative = 30.0
     """Force plan: weight of the horizontal velocity on the way, per time [s/m^2]."""
-    mpc_tilt_weight: float = 20.0
+    mpc_tilt_weight: NotNegative = 20.0
     """Force plan: weight of the mean squared tilt on the way [1/rad^2]."""
-    mpc_landing_tilt_weight: float = 300.0
+    mpc_landing_tilt_weight: NotNegative = 300.0
     """Force plan: weight of the tilt at the landing [1/rad^2]."""
-    mpc_spin_weight: float = 10.0
+    mpc_spin_weight: NotNegative = 10.0
     """Force plan: weight of the angular velocity at take-off [s^2/rad^2]."""
-    mpc_force_weight: float = 5.0
+    mpc_force_weight: NotNegative = 5.0
     """Force plan: weight of the forces' departure from an even vertical push, in units of the robot's weight, per time
     [1/s]."""
-    gather_time: float = 0.3
+    gather_time: NotNegative = 0.3
     """Time by which the first and the last stance of a series of leaps are longer [s]."""
     jump_speed: Positive = 0.85
     """Share of the highest speed of a walk that jumps may have: both legs swing at once."""
-    leap_width: float = 0.36
+    leap_width: NotNegative = 0.36
     """Distance between the centre lines of the feet when jumping in place [m]."""
-    leap_placement: float = 0.12
+    leap_placement: NotNegative = 0.12
     """Distance by which the feet land further out per m/s that the robot leaps too fast [s]."""
-    jump_calm: float = 0.04
+    jump_calm: NotNegative = 0.04
     """Distance of the divergent component from the middle of the feet at which a series of jumps may start [m]."""
     hop_shift_time: Positive = 0.5
     """Time in which the weight moves onto the hopping leg [s]."""
-    hop_shift_gain: float = 12.0
+    hop_shift_gain: NotNegative = 12.0
     """Rate at which the divergent component of motion moves to where the first hop needs it [1/s]."""
-    hop_shift_tolerance: float = 0.012
+    hop_shift_tolerance: NotNegative = 0.012
     """Distance of the divergent component from the hopping foot at which the first hop may start [m]."""
-    hop_inward_speed: float = 0.33
+    hop_inward_speed: NotNegative = 0.33
     """Fastest sideways hop towards the leg that does not hop [m/s]: the hip's roll ends at 0.43 rad."""
-    hop_side_rate: float = 0.5
+    hop_side_rate: NotNegative = 0.5
     """Largest rate of v_y in a series of hops [m/s^2]."""
-    hop_overshoot: float = 0.07
+    hop_overshoot: NotNegative = 0.07
     """Distance beyond the hopping foot that the divergent component may reach before the robot steps [m]."""
-    hop_lowering: float = 0.06
+    hop_lowering: NotNegative = 0.06
     """Lowering of the pelvis for a hop, and for a jump that travels fast [m]: a leg that leans must still push."""
-    jump_lowering: float = 0.1
+    jump_lowering: NotNegative = 0.1
     """Largest lowering of the pelvis for a jump that travels or turns [m]."""
     leap_squat_speed: Positive = 0.3
     """Speed [m/s] or rate of turning [rad/s] from which on a leap is no lower than these two: the legs cannot push off
     from a squat and travel as well."""
-    free_leg_weight: float = 2.0
+    free_leg_weight: NotNegative = 2.0
     """Weight of the joints of the leg that does not hop."""
     free_leg_gains: _Gains = (100.0, 20.0)
     """Gains of these joints [1/s^2], [1/s]."""
@@ -248,30 +255,30 @@ class ControllerParams:
     """Lowest h at the bottom of the stance of a jump [m]."""
     hop_depth: float = -0.17
     """Lowest h at the bottom of the stance of a hop [m]."""
-    leap_reserve: float = 0.0615
+    leap_reserve: NotNegative = 0.0615
     """Length that the legs keep in reserve between hip and ankle at the take-off of a leap [m]: what the push-off
     needs, whatever the size of the robot. An H1 has as much in its nominal pose."""
-    leap_tuck: float = 0.95
+    leap_tuck: NotNegative = 0.95
     """Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]."""
 
     # --- posture
     balance_ahead: float = 0.02
     """Centre of pressure, and of mass when standing, forward of the ankles [m]: in the middle of what the ankle torque
     can reach."""
-    balance_margin: tuple[float, float] = (0.012, 0.03)
+    balance_margin: tuple[NotNegative, NotNegative] = (0.012, 0.03)
     """Distance of that point from the foremost one that the range of the ankle allows, standing and walking [m]."""
-    speed_lowering: float = 0.1
+    speed_lowering: NotNegative = 0.1
     """Lowering of the pelvis per m/s of speed above `lowering_from` [s]."""
-    lowering_from: float = 0.9
+    lowering_from: NotNegative = 0.9
     """Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]."""
     swing_torque: Positive = 0.63
     """Share of the hips' torque limit that swinging a leg along the ground may take; the rest holds the trunk upright
     and folds the leg. It bounds the speed of a walk."""
-    clearance_reserve: float = 0.04
+    clearance_reserve: NotNegative = 0.04
     """Part of the highest swing that the legs allow (`commands.highest_swing`) which is left to rounder swings [m]."""
-    clearance_speed: float = 1.0
+    clearance_speed: NotNegative = 1.0
     """Speed above which the apex is lowered [m/s]."""
-    clearance_per_speed: float = 0.08
+    clearance_per_speed: NotNegative = 0.08
     """Lowering of the apex that the leg reaches, per m/s above that speed [s]."""
     lift_torque: Positive = 0.85
     """Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
@@ -283,19 +290,19 @@ class ControllerParams:
     foot may land late in place; one that travels lets the body run ahead."""
     fall_travel: Positive = 0.53
     """Speed from which the second share counts [m/s]."""
-    swing_reaction_per_speed: float = 0.3
+    swing_reaction_per_speed: NotNegative = 0.3
     """Share of `SWING_REACTION` that is lost per m/s above `clearance_speed` [s/m]."""
-    min_clearance: float = 0.04
+    min_clearance: NotNegative = 0.04
     """Lowest swing apex [m]; it is kept even where the height command leaves less room."""
-    walking_room: float = 0.045
+    walking_room: NotNegative = 0.045
     """Forward travel of the centre of mass from the ankle that the stance leg must allow even in place [m]."""
-    backward_room: float = 0.1
+    backward_room: NotNegative = 0.1
     """Additional room per m/s of backward speed [s]."""
 
     # --- command filter: largest rates and accelerations
-    velocity_rate: tuple[float, float, float] = (1.5, 1.5, 2.0)
+    velocity_rate: _Triple = (1.5, 1.5, 2.0)
     """Largest rates of v_x, v_y [m/s^2] and omega [rad/s^2]."""
-    frequency_rate: float = 2.0
+    frequency_rate: NotNegative = 2.0
     """Largest rate of f [Hz/s]."""
     height_rate: _Gains = (0.35, 2.0)
     """Largest rate and acceleration of h [m/s], [m/s^2]."""
@@ -317,11 +324,11 @@ class ControllerParams:
     """Force on a hand up to which none is assumed [N]: what friction of the drives and swinging arms look like."""
 
     # --- output
-    joint_stiffness: float = 0.1
+    joint_stiffness: NotNegative = 0.1
     """Stiffness of the joint PD between two ticks, as a share of the robot's nominal kp."""
-    joint_damping: float = 0.3
+    joint_damping: NotNegative = 0.3
     """Damping of the joint PD between two ticks, as a share of the robot's nominal kd."""
-    hold_time: float = 0.06
+    hold_time: NotNegative = 0.06
     """Time for which the last good command is held when no new one can be found, before the joints are only damped
     [s]."""
 

@@ -70,8 +70,7 @@ class Standing:
             # The weight goes over the outer foot and may pass it a little.
             self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
             foot, outwards = (0, to_heading[1]) if plan.gait.feet == (0,) else (1, -to_heading[1])
-            # The leg of a hop leans inwards and stands on the outer edge of its sole.
-            edge = pivots[foot][:2] + dynamics.robot.sole_y[1] * outwards
+            edge = pivots[foot][:2] + feet.hop_edge(dynamics.robot) * outwards
             self._shift_onto(edge, middle[:2], pendulum)
             self.com.target = self.com.target + lean
 

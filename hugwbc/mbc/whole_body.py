@@ -23,6 +23,7 @@ from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
 from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
 from hugwbc.state import RobotState
 
+_LONGEST_PERIOD = 0.05  # [s], with which a robot still stands; a longer one is in another unit
 _STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
 
@@ -89,8 +90,10 @@ class WholeBodyController:
                 defaults.
             period: time between two calls of `act` [s]: 0.002 to 0.01, or 0.02 with reduced tracking.
         """
-        if not 0.0 < period < math.inf:
-            raise ConfigError(f"period is {period} s; give a finite time above 0 s, such as 0.002 s")
+        if not 0.0 < period <= _LONGEST_PERIOD:
+            raise ConfigError(
+                f"period is {period} s; give a finite time above 0 s, up to {_LONGEST_PERIOD} s, such as 0.004 s"
+            )
         self.params = (params or ControllerParams()).of_size(robot)
         self.period = period
         self.dynamics = Dynamics(robot)

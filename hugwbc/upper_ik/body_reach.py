@@ -45,6 +45,8 @@ class BodyReach:
         for name, fastest in zip(self._body, SPEED, strict=True):
             self.placo.set_velocity_limit(name, fastest)
         self._columns = np.array([self.placo.get_joint_offset(name) for name in self._body])
+        for joint in robot.held:
+            self.placo.set_joint(robot.joint_names[joint], float(robot.nominal[joint]))
         self._body_task = self._solver.add_joints_task()
         self._body_task.set_joints(dict.fromkeys(self._body, 0.0))
         self._body_task.configure("body", "soft", BODY_WEIGHT)

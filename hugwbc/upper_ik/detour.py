@@ -12,11 +12,13 @@ import itertools
 import numpy as np
 
 from hugwbc import rotations
+from hugwbc.errors import ModelError
 from hugwbc.robot import SIDES, Robot, load_mirror
 from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
-COUNT = 2000  # random postures in the table
+COUNT = 2000  # random postures in the table, at most
+TRIES = 20_000  # to find so many that are free of collisions; an H1 takes 2171, a G1 3209
 TRAVEL_COST = 0.02  # [m/rad]; a posture farther away must bring the hand nearer by this much
 APART = 0.8  # [rad], the least difference of two postures that are both worth trying
 
@@ -100,12 +102,19 @@ def posture_table(robot: Robot) -> PostureTable:
     postures, hands = [], []
     q = robot.nominal[robot.arms].copy()
     left = own(0, q)
-    while len(postures) < COUNT:
+    for _ in range(TRIES):
         q[left] = rng.uniform(descent.lower[left], descent.upper[left])
         hand = descent.forward(q, robot.nominal)[0]
         if descent.clearance()[0] > descent.config.collision_margin:
             postures.append(q[left].copy())
             hands.append(hand)
+        if len(postures) == COUNT:
+            break
+    if not postures:
+        raise ModelError(
+            f"the left arm of {robot.name} touches something in all of {TRIES} random postures; give smaller "
+            "collision_boxes or capsules, or fewer collision_pairs, to its table"
+        )
     return PostureTable(np.array(postures), np.array(hands), arm_mirror(robot))
 
 

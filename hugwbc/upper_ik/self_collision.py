@@ -52,9 +52,19 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
             link.remove(collision)
     wrapper = placo.RobotWrapper(robot.name, 0, ElementTree.tostring(root, encoding="unicode"))
     place_frames(wrapper.model, robot)
+    _turn_hands(wrapper.model)
     boxes = pin.buildGeomFromUrdfString(wrapper.model, described, pin.GeometryType.COLLISION)
     _set_shapes(wrapper, robot, boxes.geometryObjects)
     return wrapper
+
+
+def _turn_hands(model: pin.Model) -> None:
+    """Give hands the axes of the pelvis with all joints at 0, however the frames of their links are turned."""
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    for side in SIDES:
+        frame = model.frames[model.getFrameId(f"{side}_hand", pin.FrameType.BODY)]
+        frame.placement.rotation = data.oMi[frame.parentJoint].rotation.T
 
 
 def _put_on_column(root: ElementTree.Element, base: str) -> None:

@@ -129,7 +129,7 @@ class UpperBodySource:
         self.watch.reset()
         self._held = HeldTargets()
         self._steady.reset()
-        self.solution = None
+        self.solution, self.refusal = None, ""
         self._own = None
         self._body_reach = None
 
@@ -166,6 +166,8 @@ class UpperBodySource:
             self._held = HeldTargets()
         else:
             hands = self._held.follow(hands, dt)
+        if hands is None or hands.joints is not None or hands.frame != "steady":
+            self._steady.reset()  # after a pause, what was learned would be out of phase
         arms = self._arms(state, hands, command, dt, commanded)
         return arms, self._whole_body(state, hands, command, dt)
 
@@ -196,10 +198,7 @@ class UpperBodySource:
 
     def _placed(self, hands: HandTargets, state: RobotState, command: Command, dt: float) -> HandTargets:
         """Return the targets in a frame of the solver: those of the steady frame in that of the pelvis."""
-        if hands.frame != "steady":
-            self._steady.reset()
-            return hands
-        if not state.is_usable:  # the solver refuses it, and counts it
+        if hands.frame != "steady" or not state.is_usable:  # the solver refuses such a state, and counts it
             return hands
         measured = self.ik.hands(state.q[self.robot.arms], float(state.q[self.robot.waist]))
         return self._steady.place(hands, measured, state, command, dt)

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
-from hugwbc import rotations
+from hugwbc import load_robot, rotations
+from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.footsteps import Pendulum, StepRequest, nominal_offset, plan_step, time_step
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.swing import SwingTrajectory
+from tests.conftest import make_state
 
 OMEGA, STEP_TIME, COP_REACH = 3.2, 0.25, 0.065
 PARAMS = ControllerParams()
@@ -108,6 +110,15 @@ def test_pendulum_velocity_of_pure_translation_is_the_velocity(dynamics_of):
     pendulum = Pendulum.about(np.zeros(3), dynamics)
     assert (pendulum.dcm - pendulum.com) * pendulum.omega == pytest.approx([0.3, -0.2], abs=1e-9)
     assert pendulum.omega == pytest.approx(np.sqrt(9.81 / dynamics.com[2]))
+
+
+def test_the_pendulum_of_shorter_legs_may_be_lower():
+    """A squat of the G1, and then a fall."""
+    dynamics = Dynamics(load_robot("g1"))
+    dynamics.update(make_state(dynamics.robot.nominal, dq=np.zeros(29)))
+    for height, counts in ((0.35, 0.35), (0.1, 0.5 * dynamics.robot.leg_length)):
+        pendulum = Pendulum.about(dynamics.com - [0.0, 0.0, height], dynamics)
+        assert pendulum.omega == pytest.approx(np.sqrt(9.81 / counts))
 
 
 def test_on_a_slope_the_pendulum_moves_as_on_level_ground(dynamics_of):

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from hugwbc import load_robot
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.mbc.params import ControllerParams
 
 
@@ -35,3 +35,5 @@ def test_a_robots_table_has_the_last_word_on_defaults_only():
     assert ControllerParams(arm_weight=0.9).of_size(robot).arm_weight == 0.9, "a user's own"
     with pytest.raises(UnknownNameError, match="arm_weight"):
         ControllerParams().of_size(dataclasses.replace(robot, qp={"arm_wait": 0.3}))
+    with pytest.raises(ConfigError, match=r"arm_weight is -0\.3; it should be greater than or equal to 0"):
+        ControllerParams().of_size(dataclasses.replace(robot, qp={"arm_weight": -0.3}))

@@ -35,7 +35,7 @@ def _total_torque(joint_command, state):
     return joint_command.tau + gain
 
 
-@pytest.mark.parametrize("period", [0.0, -0.002, math.nan, math.inf])
+@pytest.mark.parametrize("period", [0.0, -0.002, math.nan, math.inf, 4.0])  # milliseconds
 def test_a_period_that_is_no_time_is_refused(period):
     with pytest.raises(ConfigError, match="give a finite time above 0"):
         WholeBodyController(load_robot(), period=period)
@@ -200,6 +200,15 @@ def test_a_robot_with_ankle_rolls_and_held_joints_walks():
     assert not trace.fell and trace.measured[len(trace.time) // 2 :, 0].mean() == pytest.approx(0.5, abs=0.03)
     held = trace.qpos[:, 7:][:, robot.held] - robot.nominal[robot.held]
     assert robot.held.size == 2 and np.abs(held).max() < 0.1
+
+
+def test_a_foot_whose_ankle_rolls_hops_on_the_middle_of_its_sole():
+    """The G1: as if on the outer edge, as the H1 does, it drifts aside at 0.3 m/s and yaws."""
+    robot = load_robot("g1")
+    hop = Command(v_x=0.3, gait=Gait.HOPPING_LEFT)
+    trace = rollout(WholeBodyController(robot), hop, Simulation(sensing="exact", robot=robot), duration=4.0)
+    assert not trace.fell
+    assert trace.measured[len(trace.time) // 2 :, :2].mean(axis=0) == pytest.approx([0.3, 0.0], abs=0.06)
 
 
 def test_a_trunk_on_a_waist_of_little_torque_yields_to_the_push_off_of_a_jump():

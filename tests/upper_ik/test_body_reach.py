@@ -45,6 +45,18 @@ def test_a_low_target_makes_the_body_come_down_to_where_the_arms_reach_it(robot,
     assert np.all(residual["after"] < 0.005)
 
 
+def test_joints_in_no_chain_are_where_the_robot_holds_them():
+    """A G1 that leans from the waist: its hands are 3 cm from where they are with the waist upright."""
+    g1 = load_robot("g1")
+    nominal = g1.nominal.copy()
+    nominal[g1.index("waist_pitch_joint")] = 0.2
+    leaning = dataclasses.replace(g1, nominal=nominal)
+    reach = BodyReach(leaning)
+    reach.solve(np.zeros((2, 3)), np.zeros(2, dtype=bool), np.zeros(3), np.zeros(3), DT)
+    hands = ArmIK(leaning).hands(nominal[leaning.arms], 0.0)
+    assert reach.hands() == pytest.approx(hands, abs=1e-6)
+
+
 def test_within_reach_of_the_arms_the_body_hardly_moves(standing):
     near = HandTargets.of((0.3, 0.25, 1.15), (0.3, -0.25, 1.1), "world", whole_body=True)
     _, path = run(BodyReach(load_robot()), near, standing, Command())

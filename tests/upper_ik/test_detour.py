@@ -1,11 +1,14 @@
 """Looking ahead: postures to start from, the search for a better one, and the detour of an arm to it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.robot import load_robot
-from hugwbc.upper_ik import ArmIK
+from hugwbc.errors import ModelError
+from hugwbc.robot import Capsule, load_robot
+from hugwbc.upper_ik import ArmIK, detour
 from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent
 from hugwbc.upper_ik.detour import Detours, Scout, posture_table, seeds, ways
@@ -160,3 +163,10 @@ def test_a_detour_is_left_when_the_other_arm_has_come_into_its_way():
     assert not detours.active.any() and np.abs(path[-1] - posture).max() > 0.2
     detours.look(0, path[-1], posture, BODY)
     assert not detours.active.any(), "and is not taken again"
+
+
+def test_arms_that_always_touch_something_are_refused_instead_of_tried_without_end(monkeypatch):
+    monkeypatch.setattr(detour, "TRIES", 50)
+    vast = {"torso_link": (Capsule((0.0, 0.0, 0.3), 0.9, 0.1),)}
+    with pytest.raises(ModelError, match="h1 touches something in all of 50 random postures; give smaller"):
+        posture_table(dataclasses.replace(load_robot(), capsules=vast))

@@ -105,6 +105,16 @@ def test_what_moves_is_arms_waist_and_hips_and_on_a_column_height_and_pitch(robo
     assert set(upper_body(robot, on_column=True).joint_names()) == {*moving, HEIGHT_JOINT, PITCH_JOINT}
 
 
+@pytest.mark.parametrize("on_column", [False, True])
+def test_hands_have_the_axes_of_the_pelvis_with_all_joints_at_0(on_column):
+    """The links that carry a G1's hands are turned by 0.01 degrees; those of other robots may be by 90."""
+    wrapper = upper_body(load_robot("g1"), on_column=on_column)
+    wrapper.state.q = pin.neutral(wrapper.model)
+    wrapper.update_kinematics()
+    for side in ("left", "right"):
+        assert wrapper.get_T_world_frame(f"{side}_hand")[:3, :3] == pytest.approx(np.eye(3), abs=1e-9)
+
+
 def test_only_the_arm_that_comes_near_has_less_room(robot):
     wrapper = upper_body(robot)
     clearance = Clearance(wrapper, robot)

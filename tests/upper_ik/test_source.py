@@ -48,8 +48,9 @@ def test_targets_without_a_stamp_are_always_new(watch):
     assert not +watch.tally.counts
 
 
-def test_what_goes_wrong_on_the_way_is_counted_by_kind(watch):
-    first, second, fourth, fifth = (message(n, 0.02 * n) for n in (1, 2, 4, 5))
+@pytest.mark.parametrize("number", [int, np.uint32])  # unsigned differences wrap around
+def test_what_goes_wrong_on_the_way_is_counted_by_kind(watch, number):
+    first, second, fourth, fifth = (message(number(n), 0.02 * n) for n in (1, 2, 4, 5))
     for now, arrived, followed in (
         (0.03, first, first),
         (0.05, first, first),  # repeated
@@ -253,6 +254,8 @@ def test_an_arm_without_wrists_refuses_an_orientation_and_goes_back(robot):
     assert source.takeover.phase.name == "RETURNING" and arms.indicator
     assert source.watch.tally.counts["bad"] == 60
     for word in ("left_orientation", "h1", "has 4", "left_elbow_joint", "5 joints"):
-        assert word in source.watch.refusal
+        assert word in source.refusal
+    source.reset()
+    assert source.refusal == "", "that of the episode before"
     source.update(state, good, Command(), 0.02)
     assert source.watch.refusal == "" and source.takeover.phase.name == "TAKEN"

@@ -138,3 +138,15 @@ def test_the_source_takes_the_frame():
     lost = dataclasses.replace(state, q=np.full(19, np.nan))
     arms, _ = source.update(lost, TARGETS, Command(), 0.01)
     assert np.isfinite(arms.q).all()
+
+
+@pytest.mark.parametrize("between", [None, HandTargets(None, None, joints=np.zeros(8))], ids=["nothing", "joints"])
+def test_what_was_learned_before_a_pause_is_forgotten(between):
+    """Nobody knows where in the stride the robot is when the targets come back."""
+    source, still = UpperBodySource(load_robot()), swaying(0.0)
+    for tick in range(300):
+        source.update(swaying(0.01 * tick), TARGETS, WALK, 0.01)
+    source.update(still, between, WALK, 0.01)
+    for _ in range(40):  # less than a stride: nothing is learned yet
+        source.update(still, TARGETS, WALK, 0.01)
+    assert source.ik.hands(source.ik.q, 0.0) == pytest.approx(POINTS, abs=0.005)
