@@ -97,7 +97,6 @@ class Simulation(Engine):
         # The control input is the constant part of the PD torque. Stiffness and damping go into the bias, so that the
         # implicit integrator knows the derivatives of the torque.
         self.model.actuator_gainprm[self._layout.ctrl, 0] = self.variation.strength
-        self._described_bias = self.model.actuator_biasprm.copy()
         if self.scene is not None:
             self._take_objects(self.scene, seed)
         self.reset()
@@ -152,7 +151,8 @@ class Simulation(Engine):
             joints[self.robot.pair("ankle_pitch")] -= math.atan(rise)
         if self._scene_objects is not None and self.gripper is not None:
             self.gripper.reset()
-        self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
+        # The drives give no torque before the first command: not by the last gains, nor by the keyframe's target.
+        self.data.ctrl[self._layout.ctrl], self.model.actuator_biasprm[self._layout.ctrl] = 0.0, 0.0
         self._gains: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self._clear(joints.copy())
         if self._footing is not None:
