@@ -123,8 +123,8 @@ class Engine(abc.ABC):
         self._delay = self.actuators.delay_steps(self.robot, timestep)
         # Commands on the way to the drives, oldest first: stiffness, damping, and the constant part of the torque.
         self._pending: collections.deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = collections.deque()
-        self._sensors = Sensors(profile, seed, self.robot)
-        self._faults = FaultInjector(faults, self.robot, seed) if faults else None
+        self._declared_faults = faults
+        self._seed_errors(seed)
         # Readings of the physics steps that the latency spans, oldest first, and the current one.
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._force_until: dict[int, float] = {}
@@ -303,6 +303,11 @@ class Engine(abc.ABC):
             or qpos[2] - self.ground_height(qpos[:2]) < FALL_HEIGHT * self.robot.nominal_height
             or self._trunk_on_ground()
         )
+
+    def _seed_errors(self, seed: int) -> None:
+        """Let the errors of the sensors, and what is random of the faults, be those of a seed."""
+        self._sensors = Sensors(self.sensing, seed, self.robot)
+        self._faults = FaultInjector(self._declared_faults, self.robot, seed) if self._declared_faults else None
 
     def _clear(self, q: np.ndarray) -> None:
         """Forget forces and commands before a new run that starts with joint positions `q` [rad]."""

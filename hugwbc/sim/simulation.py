@@ -15,7 +15,7 @@ from hugwbc.sim.robot_model import link_names, load_model, robot_layout
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import SceneObjects
 from hugwbc.sim.scenes.scene import OVERLAP, Scene
-from hugwbc.sim.sensors import Reading, Sensors
+from hugwbc.sim.sensors import Reading
 from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import GRAVITY, RobotState
 
@@ -132,7 +132,7 @@ class Simulation(Engine):
         The episode is that of a new `Simulation` with this seed, bit for bit. The model is compiled again.
         """
         check_seed(seed)
-        self._sensors = Sensors(self.sensing, seed, self.robot)
+        self._seed_errors(seed)
         self._install(seed)
         return self.state()
 
