@@ -63,6 +63,7 @@ def test_a_draw_is_within_its_bounds_and_the_same_for_a_seed() -> None:
     assert {scene.objects[2].mass for scene in drawn} == {1.0, 2.0}
     assert not any(scene.varies for scene in drawn) and VARIED.varies
     assert VARIED.draw(7) == drawn[7] != drawn[8]
+    assert Scene((Table(name="a", height=Uniform(0.8, 0.8)),)).draw(0).objects[0].height == 0.8
 
 
 def test_a_draw_does_not_depend_on_other_objects() -> None:
