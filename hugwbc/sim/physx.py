@@ -134,7 +134,7 @@ class PhysxSimulation(Engine):
             maker = makers[name] = builder.create_link_builder(None if joint is None else makers[joint["parent"]])
             maker.set_name(name)
             frame, moments = _principal(link)
-            mass = link["mass"] + (self.variation.payload if name == self.robot.trunk else 0.0)
+            mass = self.variation.loaded(link["mass"]) if name == self.robot.trunk else link["mass"]
             maker.set_mass_and_inertia(mass, sapien.Pose(frame), moments)
             maker.collision_groups = groups.of(name)
             if box := link.get("collision_box"):
