@@ -103,6 +103,8 @@ class PhysxSimulation(Engine):
         return robot, Ground.named("firm")
 
     def _build(self, seed: int, scene: Scene | None) -> None:
+        if self.variation.hand_payload:
+            raise ConfigError("engine physx has no payload in the hands; leave it out, or run it with mujoco")
         self._sapien, self._physx = load_sapien()
         self._substeps = max(1, int(np.ceil(self.timestep / _INNER_STEP - 1e-9)))
         self._dt = self.timestep / self._substeps
