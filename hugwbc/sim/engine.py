@@ -57,7 +57,7 @@ class Engine(abc.ABC):
         external_force: forces at the links' centres of mass and torques, world frame [N, N*m], shape (links, 6);
             writable, and kept until it is changed.
         rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
-        diverged: whether the physics has failed since the last reset. The robot then restarts in the nominal pose.
+        diverged: whether the physics has failed since the last reset. What the robot does from then on means nothing.
         scene: the objects around the robot, as drawn for this episode; None without a scene.
         objects: their states, by name; empty without a scene.
         gripper: the idealised grippers of both hands; None without a scene.

@@ -269,7 +269,7 @@ class PhysxSimulation(Engine):
         self._accelerometer = ((self._imu_velocity - velocity) / self.timestep + [0.0, 0.0, GRAVITY]) @ turn
 
     def _restart(self) -> None:
-        """Stand the robot up again after the physics has failed, as MuJoCo does."""
+        """Stand the robot up again after the physics has failed, so that all numbers are finite."""
         self.diverged = True
         self._build_world()
         height = self.robot.nominal_height + _START_HEIGHT
