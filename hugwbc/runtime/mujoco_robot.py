@@ -43,7 +43,7 @@ class MujocoRobot:
         prefix: what the model puts before the names of the joints.
         extra_joints: the robot's joints that the description does not have, such as fingers; they count as rigid.
         names: names of the bodies that are not the robot's.
-        actuators: places of the joints' inputs in `data.ctrl`, in the order of `Robot.joint_names`, shape (19,).
+        actuators: places of the joints' inputs in `data.ctrl`, in the order of `Robot.joint_names`, shape (n,).
         clipped: how often the actuator of a joint could not give the torque that a command asked for.
         problems: what was asked of grippers, of which there are none.
     """
@@ -137,7 +137,7 @@ class MujocoRobot:
         )
 
     def controls(self, command: JointCommand) -> np.ndarray:
-        r"""Return the inputs of the joints' actuators that give the torques of a command, shape (19,).
+        r"""Return the inputs of the joints' actuators that give the torques of a command, shape (n,).
 
         A command asks for :math:`\tau = \tau_{ff} + k_p (q^* - q) + k_d (\dot q^* - \dot q)`. An actuator with the
         input u and the gear g gives :math:`g (a u + b_0 + b_1 g q + b_2 g \dot q)`; a motor has a = 1 and no b, a
@@ -231,7 +231,7 @@ class MujocoRobot:
         self._force_range = _ranges(model.actuator_forcerange, model.actuator_forcelimited, rows)
 
     def _torque_limit(self, described: Robot) -> np.ndarray:
-        """Return the torque that each joint can get in both directions [N*m], shape (19,)."""
+        """Return the torque that each joint can get in both directions [N*m], shape (n,)."""
         by_input = np.where(self._bias.any(axis=0), np.inf, np.abs(self._gain * self._input_range).min(axis=0))
         force = np.minimum(np.abs(self._force_range).min(axis=0), by_input)
         at_joint = _ranges(self._model.jnt_actfrcrange, self._model.jnt_actfrclimited, self._joints)

@@ -185,12 +185,12 @@ class Engine(abc.ABC):
     @property
     @abc.abstractmethod
     def qpos(self) -> np.ndarray:
-        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,)."""
+        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (7 + n,)."""
 
     @property
     @abc.abstractmethod
     def qvel(self) -> np.ndarray:
-        """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,)."""
+        """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (6 + n,)."""
 
     @property
     @abc.abstractmethod

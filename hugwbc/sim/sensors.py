@@ -116,8 +116,8 @@ class Reading:
 
     Attributes:
         time: [s].
-        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,).
-        qvel: pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,).
+        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (7 + n,).
+        qvel: pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (6 + n,).
         imu_orientation: IMU to world, unit quaternion, shape (4,).
         imu_gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
         foot_force: ground reaction on the left and the right foot in the world [N], shape (2, 3).
