@@ -79,11 +79,13 @@ class ControlPeriod:
         estimator: StateEstimator | None,
         upper_body: UpperBodySource | None = None,
     ) -> None:
-        """Connect the parts; refuse a controller, or a source of arm targets, of a robot with other joints."""
+        """Connect the parts; refuse controller, source of arm targets or estimator of a robot with other joints."""
         advice = f"take a controller of {robot.name}, such as qp told it"
         _refuse_another(controller, robot, f"{controller.name} controls the robot", advice)
         advice = f'give UpperBodySource(load_robot("{robot.name}"))'
         _refuse_another(upper_body, robot, "the source of arm targets moves the arms of", advice)
+        advice = f'give StateEstimator(load_robot("{robot.name}"))'
+        _refuse_another(estimator, robot, "the estimator knows", advice)
         self.estimator, self.upper_body = estimator, upper_body
         self._robot = robot
         self.log = SafetyLog()

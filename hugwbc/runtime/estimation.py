@@ -147,6 +147,7 @@ class StateEstimator:
     controller plans.
 
     Attributes:
+        robot: that it knows.
         contact: which feet stand, shape (2,), bool.
         gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
         guard: refuses readings that cannot be true, and fills the gaps.
@@ -154,9 +155,9 @@ class StateEstimator:
 
     def __init__(self, robot: Robot, base_weight: float = BASE_WEIGHT) -> None:
         """Set up for a robot; call `reset` before `update`. The weight is `ContactObserver`'s."""
-        self._robot = robot
-        self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
-        self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
+        self.robot = robot
+        self._kinematics = kinematics = Kinematics(self.robot)  # of the estimate
+        self._waist_column = int(kinematics.columns[self.robot.waist]) - 6
         self._pelvis_frame = kinematics.frame_id(robot.base)
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
         self._imu_in_link = kinematics.model.frames[self._imu].placement.translation.copy()
@@ -171,9 +172,9 @@ class StateEstimator:
         self._drive = np.zeros(_SIZE)
         self._drive[_GYRO_BIAS], self._drive[_ACCELEROMETER_BIAS] = _GYRO_BIAS_WALK**2, _ACCELEROMETER_BIAS_WALK**2
         self._observer = ContactObserver(kinematics, base_weight)
-        self._joints = JointFilter(self._robot)
-        self.guard = ReadingGuard(self._robot)
-        self._weight = self._robot.weight
+        self._joints = JointFilter(self.robot)
+        self.guard = ReadingGuard(self.robot)
+        self._weight = self.robot.weight
         self.contact = np.ones(_FEET, dtype=bool)
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
 
@@ -197,7 +198,7 @@ class StateEstimator:
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
         soles = np.array([self._placement(frame) for frame in self._sole_frames])
-        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), self._robot.imu_turn(state.q, state.dq)[0])
+        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), self.robot.imu_turn(state.q, state.dq)[0])
         self._R = rotations.to_matrix(rotations.multiply(state.orientation, torso))
         # Velocity, position and feet are rows of one array, since all corrections turn them alike.
         self._rows = np.zeros((2 + _FEET, 3))
@@ -308,7 +309,7 @@ class StateEstimator:
         soles = np.array([places[frame].translation for frame in self._sole_frames])
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
         # The waist turns an IMU on the trunk: seen from there, the foot turns the other way about the pelvis's z axis.
-        for foot in range(_FEET if self._robot.imu_link == self._robot.trunk else 0):
+        for foot in range(_FEET if self.robot.imu_link == self.robot.trunk else 0):
             jacobians[foot, :, self._waist_column] = rotations.cross(soles[foot] - turned_at, waist)
         self._soles = (soles - places[self._imu].translation).dot(self._R)
         noise = ENCODER_NOISE**2
@@ -374,7 +375,7 @@ class StateEstimator:
 
     def _see_waist(self) -> None:
         """Note how the joints turn the IMU against the pelvis, and where it is seen from there, in its own axes."""
-        angle, self._waist_rate = self._robot.imu_turn(self._joints.q, self._joints.dq)
+        angle, self._waist_rate = self.robot.imu_turn(self._joints.q, self._joints.dq)
         self._to_pelvis = rotations.rotation_z(angle)
         joint = self._turned_at.dot(self._to_pelvis)
         self._arm = joint + self._imu_in_link
