@@ -88,6 +88,7 @@ class MujocoRobot:
         self.extra_joints = tuple(model.joint(i).name for i in own if i != free and i not in self._joints)
         self._find_actuators()
         self.robot = self._told(described, mover)
+        self._standing = described.nominal_height + described.sole_z - self.robot.sole_z  # of the nominal pose [m]
         self._role = np.where(mover == count, _OBJECT, _LINK)
         for side, (foot, hand) in enumerate(zip(_last(described.legs), _last(described.arms), strict=True)):
             self._role[mover == foot], self._role[mover == hand] = side, _HANDS + side
@@ -116,7 +117,7 @@ class MujocoRobot:
     def stand(self, x: float = 0.0, y: float = 0.0, ground: float = 0.0, yaw: float = 0.0) -> None:
         """Place the robot at rest in the nominal pose: on ground of a height [m], with a heading [rad]."""
         data, turn = self._data, rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
-        data.qpos[self._pose] = (x, y, ground + self.robot.nominal_height, *turn)
+        data.qpos[self._pose] = (x, y, ground + self._standing, *turn)
         data.qpos[self._q], data.qvel[self._twist], data.qvel[self._dq] = self.robot.nominal, 0.0, 0.0
         mujoco.mj_forward(self._model, data)
 
