@@ -13,6 +13,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.faults import Fault, FaultInjector
@@ -225,11 +226,12 @@ class Engine(abc.ABC):
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state."""
-        self.advance(command, max(1, round(duration / self.timestep)))
+        # Of an object that is given again the numbers may be others.
+        self.advance(changed(command), max(1, round(duration / self.timestep)))
         return self._sensors.truth(self._readings[-1])
 
     def advance(self, command: JointCommand, steps: int = 1) -> None:
-        """Apply a joint command for some physics steps.
+        """Apply a joint command for some physics steps; the same object as before is taken to be the same command.
 
         With a delay, the drives follow the command that many physics steps later; only the first command after a reset
         acts at once. A command that is not finite is counted, and the previous command is held instead.

@@ -112,6 +112,16 @@ def test_a_command_that_is_not_finite_is_held_off_and_counted() -> None:
     assert not faulty.diverged
 
 
+def test_a_command_whose_numbers_change_acts_with_the_new_ones() -> None:
+    plane = Simulation(sensing="exact", actuators=Actuators.ideal())
+    q, elbow = ROBOT.nominal.copy(), ROBOT.index("left_elbow_joint")
+    command = JointCommand.position(ROBOT, q)
+    plane.step(command, 0.002)
+    q[elbow] += 0.5
+    plane.step(command, 0.002)
+    assert plane.torque[elbow] == pytest.approx(0.5 * ROBOT.kp[elbow], rel=0.05)
+
+
 def test_push_changes_the_velocity_at_once(plane: Simulation) -> None:
     plane.reset()
     plane.push(np.array([0.3, -0.2, 0.0]))
