@@ -21,7 +21,7 @@ _Latency = Annotated[float, Field(ge=0.0, le=LONGEST_LATENCY)]
 class SensorProfile:
     """Which sensors a robot has, and how good they are.
 
-    White noise is drawn at every physics step, a bias and an offset once for an episode; a walk lets a bias drift. All
+    White noise is drawn for every reading, a bias and an offset once for an episode; a walk lets a bias drift. All
     are standard deviations. A value of 0 means a perfect reading.
 
     Attributes:
