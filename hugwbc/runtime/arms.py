@@ -61,8 +61,6 @@ class ArmDrive:
 
     def _admitted(self, upper_body: UpperBody) -> UpperBody:
         """Return the targets within the joint limits, or the last good ones."""
-        if upper_body is self._last:  # free arms, or a source that repeats itself
-            return upper_body
         low, high = self._limits
         known = isinstance(upper_body, UpperBody) and upper_body.is_finite
         if not known or (upper_body.indicator and upper_body.q.shape != low.shape):
@@ -78,9 +76,10 @@ class ArmDrive:
         q = np.minimum(np.maximum(upper_body.q, low), high)
         if ((q != upper_body.q) & upper_body.mask).any():
             self._log.count("upper_body_limited", "external arm targets outside the joint limits: clamped")
-            upper_body = changed(upper_body, q=q)
-        self._last = upper_body
-        return upper_body
+        # A source may give the same object again, with other numbers in it: what was good is kept apart.
+        kept = {name: getattr(upper_body, name).copy() for name in ("dq", "mask", "ddq", "tau")}
+        self._last = changed(upper_body, q=q, **kept)
+        return self._last
 
 
 class PayloadObserver:

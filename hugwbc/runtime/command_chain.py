@@ -82,12 +82,11 @@ class CommandChain:
 
     def __init__(self, log: SafetyLog, robot: Robot) -> None:
         self._log, self._robot = log, robot
-        self.command = Command()
         self.reset()
 
     def reset(self) -> None:
         """Start from a standing robot."""
-        self._braking = Braking()
+        self.command, self._braking = Command(), Braking()
         self._given: Command | None = None
         self._asked: Command | None = None
 

@@ -89,7 +89,7 @@ class HandForceObserver:
         """Take in the residual of one reading.
 
         Args:
-            residual: generalised external force [N, N*m], shape (25,).
+            residual: generalised external force [N, N*m], shape (6 + n,).
             dt: since the last reading [s].
         """
         model, data = self._kinematics.model, self._kinematics.data
@@ -164,12 +164,12 @@ class ContactObserver:
     """Estimate both feet's ground reactions and contacts from joint torques and motion.
 
     Attributes:
-        residual: generalised external force [N, N*m], shape (25,): base force and moment in the pelvis frame, joints.
+        residual: generalised external force [N, N*m], shape (6 + n,): on the base in the pelvis frame, then on joints.
         force: ground reaction on each foot, world frame [N], shape (2, 3).
         contact: which feet stand, shape (2,), bool.
         hands: the observer of the forces on the hands.
         inertia: what it learns of the legs.
-        sole_jacobians: of the last reading, linear, then angular velocity in world axes, shape (2, 6, 25).
+        sole_jacobians: of the last reading, linear, then angular velocity in world axes, shape (2, 6, 6 + n).
         sole_velocity: of the last reading [m/s, rad/s], shape (2, 6).
     """
 
@@ -263,7 +263,7 @@ class ContactObserver:
                 self.inertia.learn(foot, acceleration, self.residual, planned)
 
     def _move(self, acceleration: np.ndarray) -> np.ndarray:
-        """Return the generalised forces of a motion [N, N*m], shape (25,), and compute frames, Jacobians and soles."""
+        """Return the generalised forces of a motion [N, N*m], shape (6 + n,); compute frames, Jacobians and soles."""
         kinematics = self._kinematics
         model, data, q, v = kinematics.model, kinematics.data, kinematics.q, kinematics.v
         forces = pin.rnea(model, data, q, v, acceleration).copy()
@@ -275,5 +275,5 @@ class ContactObserver:
         return forces
 
     def _wrench_jacobians(self) -> np.ndarray:
-        """Rows that turn the wrenches of both feet into generalised forces, shape (10, 25)."""
+        """Rows that turn the wrenches of both feet into generalised forces, shape (10, 6 + n)."""
         return self.sole_jacobians.reshape(-1, self._tau.size)[_TRANSMITTED]

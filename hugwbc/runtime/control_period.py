@@ -21,7 +21,7 @@ from hugwbc.scripts.view import CommandSource, View
 from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
-LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator, if the controller's period is longer
+LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator; a longer period of a controller has several
 _ROUNDING = 1e-9  # [s]
 
 
@@ -79,11 +79,13 @@ class ControlPeriod:
         estimator: StateEstimator | None,
         upper_body: UpperBodySource | None = None,
     ) -> None:
-        """Connect the parts; refuse a controller, or a source of arm targets, of a robot with other joints."""
+        """Connect the parts; refuse controller, source of arm targets or estimator of a robot with other joints."""
         advice = f"take a controller of {robot.name}, such as qp told it"
         _refuse_another(controller, robot, f"{controller.name} controls the robot", advice)
         advice = f'give UpperBodySource(load_robot("{robot.name}"))'
         _refuse_another(upper_body, robot, "the source of arm targets moves the arms of", advice)
+        advice = f'give StateEstimator(load_robot("{robot.name}"))'
+        _refuse_another(estimator, robot, "the estimator knows", advice)
         self.estimator, self.upper_body = estimator, upper_body
         self._robot = robot
         self.log = SafetyLog()
@@ -95,7 +97,8 @@ class ControlPeriod:
         self.guard = Guard(controller, self._check, self._limit, self.log)
         self._handover = Handover(robot.arms)
         self.period = self.guard.period
-        self._update_due = Due(min(self.period, LONGEST_UPDATE))
+        # An update whenever the controller acts, and as many between as there must be.
+        self._update_due = Due(self.period / max(1, math.ceil(self.period / LONGEST_UPDATE - _ROUNDING)))
         self._unseen: list[RobotState] = []  # by the estimator
         self._free_arms, self._started = UpperBody.none(), False
 
@@ -121,7 +124,7 @@ class ControlPeriod:
             self.upper_body.reset()
 
     def observe(self, reading: RobotState, now: float, *, driven: bool = True, behind: bool = False) -> None:
-        """Take a reading. The estimator is updated once a period, or every `LONGEST_UPDATE`.
+        """Take a reading. The estimator is updated once a period, or at equal times within one (`LONGEST_UPDATE`).
 
         Args:
             reading: newer than all before.

@@ -246,14 +246,17 @@ class ControllerSpec:
         robot = None if self.robot is None else pathlib.Path(self.robot).stem
         return " ".join(word for word in (name, policy, robot, drives) if word is not None)
 
-    def build(self) -> Controller:
+    def build(self, robot: Robot | None = None) -> Controller:
         """Build the controller, ready to `reset`.
+
+        Args:
+            robot: told to one that takes a robot; None for that of `robot` and `drives`.
 
         Raises:
             PolicyFileError: if a policy file is missing, damaged or of another version.
         """
         factory, entry = self._factory, plugins().get(self.name)
-        told = {"policy": self.policy, "robot": self._known_robot}
+        told = {"policy": self.policy, "robot": robot or self._known_robot}
         given = {name: value for name, value in told.items() if _takes(factory, name)}
         origin = self.name if entry is None else f"controller '{entry.name}' ({entry.value})"
         try:

@@ -147,6 +147,7 @@ class StateEstimator:
     controller plans.
 
     Attributes:
+        robot: that it knows.
         contact: which feet stand, shape (2,), bool.
         gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
         guard: refuses readings that cannot be true, and fills the gaps.
@@ -154,13 +155,15 @@ class StateEstimator:
 
     def __init__(self, robot: Robot, base_weight: float = BASE_WEIGHT) -> None:
         """Set up for a robot; call `reset` before `update`. The weight is `ContactObserver`'s."""
-        self._robot = robot
-        self._kinematics = kinematics = Kinematics(self._robot)  # of the estimate
-        self._waist_column = int(kinematics.columns[self._robot.waist]) - 6
+        self.robot = robot
+        self._kinematics = kinematics = Kinematics(self.robot)  # of the estimate
+        self._waist_column = int(kinematics.columns[self.robot.waist]) - 6
         self._pelvis_frame = kinematics.frame_id(robot.base)
         self._imu, *self._sole_frames = (kinematics.frame_id(n) for n in ("imu", *(f"{s}_sole" for s in SIDES)))
-        self._imu_in_torso = kinematics.model.frames[self._imu].placement.translation.copy()
-        self._lever = pin.skew(self._imu_in_torso)
+        self._imu_in_link = kinematics.model.frames[self._imu].placement.translation.copy()
+        # Where the joint is in the pelvis that turns the IMU's link, if one does [m].
+        carrier = kinematics.model.frames[self._imu].parentJoint
+        self._turned_at = kinematics.model.jointPlacements[carrier].translation.copy()
         # Filled in place by every prediction; the entries that never change stay.
         self._transition, self._lever_arms = np.eye(_SIZE), np.vstack([np.eye(3)] * (2 + _FEET + 1))
         self._model_noise = _FOOT_MODEL**2 * np.eye(3)
@@ -169,9 +172,9 @@ class StateEstimator:
         self._drive = np.zeros(_SIZE)
         self._drive[_GYRO_BIAS], self._drive[_ACCELEROMETER_BIAS] = _GYRO_BIAS_WALK**2, _ACCELEROMETER_BIAS_WALK**2
         self._observer = ContactObserver(kinematics, base_weight)
-        self._joints = JointFilter(self._robot)
-        self.guard = ReadingGuard(self._robot)
-        self._weight = self._robot.weight
+        self._joints = JointFilter(self.robot)
+        self.guard = ReadingGuard(self.robot)
+        self._weight = self.robot.weight
         self.contact = np.ones(_FEET, dtype=bool)
         self.gyro_bias, self.accelerometer_bias = np.zeros(3), np.zeros(3)
 
@@ -195,7 +198,7 @@ class StateEstimator:
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
         soles = np.array([self._placement(frame) for frame in self._sole_frames])
-        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), self._robot.imu_turn(state.q, state.dq)[0])
+        torso = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), self.robot.imu_turn(state.q, state.dq)[0])
         self._R = rotations.to_matrix(rotations.multiply(state.orientation, torso))
         # Velocity, position and feet are rows of one array, since all corrections turn them alike.
         self._rows = np.zeros((2 + _FEET, 3))
@@ -273,7 +276,7 @@ class StateEstimator:
             Covariance, shape (6, 6).
         """
         rate = self._rate
-        velocity = self._v + self._R.dot(self._lever.dot(rate))
+        velocity = self._v + self._R.dot(self._lever.dot(rate) - self._arm_velocity)
         to_pelvis = np.zeros((6, _SIZE))
         to_pelvis[:3, _ORIENTATION] = np.eye(3)
         to_pelvis[3:, _ORIENTATION] = -pin.skew(velocity)
@@ -300,13 +303,14 @@ class StateEstimator:
 
     def _measure_legs(self) -> None:
         """Read the sole centres seen from the IMU [m], shape (2, 3), and in the world their covariances and turning."""
-        places, pelvis = self._kinematics.data.oMf, self._kinematics.q[:3]
-        waist = places[self._pelvis_frame].rotation[:, 2]
+        places = self._kinematics.data.oMf
+        pelvis = places[self._pelvis_frame]
+        turned_at, waist = pelvis.act(self._turned_at), pelvis.rotation[:, 2]
         soles = np.array([places[frame].translation for frame in self._sole_frames])
         jacobians = self._observer.sole_jacobians[:, :3, 6:].copy()
         # The waist turns an IMU on the trunk: seen from there, the foot turns the other way about the pelvis's z axis.
-        for foot in range(_FEET if self._robot.imu_link == self._robot.trunk else 0):
-            jacobians[foot, :, self._waist_column] = rotations.cross(soles[foot] - pelvis, waist)
+        for foot in range(_FEET if self.robot.imu_link == self.robot.trunk else 0):
+            jacobians[foot, :, self._waist_column] = rotations.cross(soles[foot] - turned_at, waist)
         self._soles = (soles - places[self._imu].translation).dot(self._R)
         noise = ENCODER_NOISE**2
         self._soles_noise = noise * jacobians @ jacobians.transpose(0, 2, 1) + self._model_noise
@@ -370,9 +374,13 @@ class StateEstimator:
         self._P = 0.5 * (corrected + corrected.T)
 
     def _see_waist(self) -> None:
-        """Note how the joints turn the IMU against the pelvis."""
-        angle, self._waist_rate = self._robot.imu_turn(self._joints.q, self._joints.dq)
+        """Note how the joints turn the IMU against the pelvis, and where it is seen from there, in its own axes."""
+        angle, self._waist_rate = self.robot.imu_turn(self._joints.q, self._joints.dq)
         self._to_pelvis = rotations.rotation_z(angle)
+        joint = self._turned_at.dot(self._to_pelvis)
+        self._arm = joint + self._imu_in_link
+        self._lever = pin.skew(self._arm)
+        self._arm_velocity = self._waist_rate * np.array([joint[1], -joint[0], 0.0])
 
     def _pelvis(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return orientation, angular velocity, position and velocity of the pelvis below the IMU (`RobotState`)."""
@@ -380,9 +388,9 @@ class StateEstimator:
         self._rate = gyro = self._gyro - self.gyro_bias
         angular = self._to_pelvis.dot(gyro)
         angular[2] -= self._waist_rate
-        # The torso's origin, on the waist's axis, is the pelvis's.
-        position = self._p - self._R.dot(self._imu_in_torso)
-        return np.array([w, x, y, z]), angular, position, self._v + self._R.dot(self._lever.dot(gyro))
+        position = self._p - self._R.dot(self._arm)
+        velocity = self._v + self._R.dot(self._lever.dot(gyro) - self._arm_velocity)
+        return np.array([w, x, y, z]), angular, position, velocity
 
     def _estimate(self, state: RobotState) -> RobotState:
         """Return the estimate at the time of a reading."""

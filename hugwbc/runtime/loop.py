@@ -1,7 +1,5 @@
 """The control loop of one robot in simulation: sensors, arms, controller, joints."""
 
-import dataclasses
-
 import numpy as np
 
 from hugwbc.commands import Command
@@ -14,7 +12,6 @@ from hugwbc.runtime.sight import Sight, SimulatedWorld
 from hugwbc.runtime.trace import CONTACT_FORCE, Snapshot
 from hugwbc.scripts.view import CommandSource, Constant, View
 from hugwbc.sim import Engine
-from hugwbc.sim.arena import DRIVES
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik import UpperBodySource
@@ -63,11 +60,7 @@ class ControlLoop:
                 where the sensors tell the state.
         """
         if isinstance(controller, str):
-            spec, name = ControllerSpec(controller), simulation.robot.name
-            if spec.takes_robot:
-                drives = next((drives for drives, kind in DRIVES.items() if kind == simulation.actuators), None)
-                spec = dataclasses.replace(spec, robot=name, drives=drives)
-            controller = spec.of_robot(name).build()
+            controller = ControllerSpec(controller).of_robot(simulation.robot.name).build(simulation.known_robot)
         source = Constant(source) if isinstance(source, Command) else source
         robot, sensing = simulation.known_robot, simulation.sensing
         sight = Sight(

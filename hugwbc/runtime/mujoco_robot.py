@@ -43,7 +43,7 @@ class MujocoRobot:
         prefix: what the model puts before the names of the joints.
         extra_joints: the robot's joints that the description does not have, such as fingers; they count as rigid.
         names: names of the bodies that are not the robot's.
-        actuators: places of the joints' inputs in `data.ctrl`, in the order of `Robot.joint_names`, shape (19,).
+        actuators: places of the joints' inputs in `data.ctrl`, in the order of `Robot.joint_names`, shape (n,).
         clipped: how often the actuator of a joint could not give the torque that a command asked for.
         problems: what was asked of grippers, of which there are none.
     """
@@ -88,6 +88,7 @@ class MujocoRobot:
         self.extra_joints = tuple(model.joint(i).name for i in own if i != free and i not in self._joints)
         self._find_actuators()
         self.robot = self._told(described, mover)
+        self._standing = described.nominal_height + described.sole_z - self.robot.sole_z  # of the nominal pose [m]
         self._role = np.where(mover == count, _OBJECT, _LINK)
         for side, (foot, hand) in enumerate(zip(_last(described.legs), _last(described.arms), strict=True)):
             self._role[mover == foot], self._role[mover == hand] = side, _HANDS + side
@@ -116,7 +117,7 @@ class MujocoRobot:
     def stand(self, x: float = 0.0, y: float = 0.0, ground: float = 0.0, yaw: float = 0.0) -> None:
         """Place the robot at rest in the nominal pose: on ground of a height [m], with a heading [rad]."""
         data, turn = self._data, rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
-        data.qpos[self._pose] = (x, y, ground + self.robot.nominal_height, *turn)
+        data.qpos[self._pose] = (x, y, ground + self._standing, *turn)
         data.qpos[self._q], data.qvel[self._twist], data.qvel[self._dq] = self.robot.nominal, 0.0, 0.0
         mujoco.mj_forward(self._model, data)
 
@@ -137,7 +138,7 @@ class MujocoRobot:
         )
 
     def controls(self, command: JointCommand) -> np.ndarray:
-        r"""Return the inputs of the joints' actuators that give the torques of a command, shape (19,).
+        r"""Return the inputs of the joints' actuators that give the torques of a command, shape (n,).
 
         A command asks for :math:`\tau = \tau_{ff} + k_p (q^* - q) + k_d (\dot q^* - \dot q)`. An actuator with the
         input u and the gear g gives :math:`g (a u + b_0 + b_1 g q + b_2 g \dot q)`; a motor has a = 1 and no b, a
@@ -231,7 +232,7 @@ class MujocoRobot:
         self._force_range = _ranges(model.actuator_forcerange, model.actuator_forcelimited, rows)
 
     def _torque_limit(self, described: Robot) -> np.ndarray:
-        """Return the torque that each joint can get in both directions [N*m], shape (19,)."""
+        """Return the torque that each joint can get in both directions [N*m], shape (n,)."""
         by_input = np.where(self._bias.any(axis=0), np.inf, np.abs(self._gain * self._input_range).min(axis=0))
         force = np.minimum(np.abs(self._force_range).min(axis=0), by_input)
         at_joint = _ranges(self._model.jnt_actfrcrange, self._model.jnt_actfrclimited, self._joints)

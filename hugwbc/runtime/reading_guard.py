@@ -147,7 +147,7 @@ class ReadingGuard:
         return self._time, False
 
     def _judge(self, raw: np.ndarray, timely: bool) -> np.ndarray:
-        """Return whether to refuse each device: the IMU, then the joints' encoders; shape (20,), bool."""
+        """Return whether to refuse each device: the IMU, then the joints' encoders; shape (1 + n,), bool."""
         last, before = self._last, self._raw
         assert last is not None and before is not None
         bad = np.zeros(self._gone.size, dtype=bool)

@@ -24,7 +24,7 @@ class SafetyReport:
         hands_refused: hand targets that are not finite, or that the arms cannot follow (`HandTargets.check`).
         upper_body_rejected: arm targets that were not a finite number for each joint: the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
-        bad_states: states with NaN or infinity, or with an orientation that is not a unit quaternion.
+        bad_states: states that no controller can use: not finite, fallen, or too fast (`StateCheck.fault`).
         bad_outputs: joint commands of the controller with NaN or infinity, or of a wrong size.
         failures: exceptions of the controller, and return values that are not joint commands or its plans.
         source_failures: exceptions of the sources of commands and arm targets, and what is not theirs to return.

@@ -33,7 +33,7 @@ class Snapshot:
     """One robot at one time, in the world frame.
 
     Attributes:
-        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,).
+        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (7 + n,).
         gait: value of `Gait`.
         phase: the controller's common gait phase in [0, 1); NaN without one.
         foot_contact: whether the left and the right foot are on the ground, shape (2,), bool.
@@ -42,7 +42,7 @@ class Snapshot:
         foothold: where the controller plans to put the centre of each sole next, x and y [m], shape (2, 2); NaN for a
             foot without a plan.
         hand_target_world: targets of both hands [m], shape (2, 3); NaN without one.
-        arm_target: arm joint positions that the inverse kinematics or a motion asks for [rad], shape (8,); NaN where
+        arm_target: arm joint positions that the inverse kinematics or a motion asks for [rad], shape (k,); NaN where
             the controller moves the arms.
         hand_force: force on each hand from outside [N], shape (2, 3).
         object_pose: position [m] and quaternion (w, x, y, z) of every body of the scene, in the order of
@@ -86,8 +86,8 @@ class Trace:
         foot_force: ground reaction on each foot, world frame [N], shape (T, 2, 3).
         pressure_centre: point where that force acts [m], shape (T, 2, 3); NaN for a foot in the air.
         foothold: where the controller plans to put each sole next, x and y [m], shape (T, 2, 2); NaN without a plan.
-        qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 26).
-        qvel: pelvis velocity [m/s], its angular velocity in its own frame and joint velocities [rad/s], shape (T, 25).
+        qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 7 + n).
+        qvel: pelvis velocity [m/s], angular velocity in its own frame and joint velocities [rad/s], shape (T, 6 + n).
         target: joint position targets of the joint command at this time [rad], shape (T, n).
         hand_target_world: targets of both hands [m], shape (T, 2, 3); NaN without one.
         arm_target: arm positions that the inverse kinematics asks for [rad], shape (T, k); NaN where it does not move

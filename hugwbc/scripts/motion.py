@@ -137,8 +137,11 @@ def check_motion(what: str, motion: ArmMotion) -> str:
     fps, positions, robot = motion.fps, np.asarray(motion.positions), motion.robot
     if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
         raise MotionFileError(f"{what} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
-    if positions.shape != (len(positions), len(robot.arm_names)) or not np.all(np.isfinite(positions)):
-        raise MotionFileError(f"{what} has positions that are not finite, or not of the arms; repair or cut the motion")
+    if positions.shape != (max(1, len(positions)), len(robot.arm_names)) or not np.all(np.isfinite(positions)):
+        raise MotionFileError(
+            f"{what} has positions that are not finite, or not one frame or more of {len(robot.arm_names)} arm "
+            f"joints, but of shape {positions.shape}; repair or cut the motion"
+        )
     if (largest := np.abs(positions).max()) > 2.0 * np.pi:
         raise MotionFileError(
             f"{what} has angles up to {largest:.1f}, more than a full turn in radians; if they are degrees, convert "

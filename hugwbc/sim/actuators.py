@@ -9,6 +9,8 @@ and likewise downwards. Braking torque, against the motion, is available in full
 of its drives has the same form (`UnitreeActuator` in unitree_rl_lab), but limits braking as well.
 """
 
+import dataclasses
+import functools
 from typing import Annotated
 
 import mujoco
@@ -52,8 +54,14 @@ class Actuators:
         return cls(torque_speed=False, friction=0.0, armature=1.0, delay=0.0)
 
     def known_robot(self, robot: Robot) -> Robot:
-        """Return the robot as known to a controller or estimator that is told these drives."""
-        return robot if self.friction > 0.0 else robot.with_ideal_drives
+        """Return the robot as known to a controller or estimator that is told these drives, always the same one.
+
+        The limit of the torque by speed stays that of the robot's table.
+        """
+        drives = self.friction, self.armature, robot.command_delay if self.delay is None else self.delay
+        if drives == (1.0, 1.0, robot.command_delay):
+            return robot
+        return robot.with_ideal_drives if drives == (0.0, 1.0, 0.0) else _told(robot, *drives)
 
     def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set friction and reflected inertia of the joints of a newly compiled model."""
@@ -73,6 +81,16 @@ class Actuators:
         """Return the delay in physics steps of `timestep` [s]."""
         delay = robot.command_delay if self.delay is None else self.delay
         return max(1, round(delay / timestep)) if delay > 0.0 else 0
+
+
+@functools.lru_cache(maxsize=64)  # the models of a robot are kept for each
+def _told(robot: Robot, friction: float, armature: float, delay: float) -> Robot:
+    """Return a robot with factors on friction and reflected inertia, and a delay [s]."""
+    factors = {"friction": friction, "viscous": friction, "armature": armature}
+    vectors = {name: factor * getattr(robot, name) for name, factor in factors.items()}
+    for vector in vectors.values():
+        vector.setflags(write=False)
+    return dataclasses.replace(robot, command_delay=delay, **vectors)
 
 
 class TorqueSpeedLimit:

@@ -13,6 +13,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.faults import Fault, FaultInjector
@@ -57,7 +58,7 @@ class Engine(abc.ABC):
         external_force: forces at the links' centres of mass and torques, world frame [N, N*m], shape (links, 6);
             writable, and kept until it is changed.
         rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
-        diverged: whether the physics has failed since the last reset. The robot then restarts in the nominal pose.
+        diverged: whether the physics has failed since the last reset. What the robot does from then on means nothing.
         scene: the objects around the robot, as drawn for this episode; None without a scene.
         objects: their states, by name; empty without a scene.
         gripper: the idealised grippers of both hands; None without a scene.
@@ -123,8 +124,8 @@ class Engine(abc.ABC):
         self._delay = self.actuators.delay_steps(self.robot, timestep)
         # Commands on the way to the drives, oldest first: stiffness, damping, and the constant part of the torque.
         self._pending: collections.deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = collections.deque()
-        self._sensors = Sensors(profile, seed, self.robot)
-        self._faults = FaultInjector(faults, self.robot, seed) if faults else None
+        self._declared_faults = faults
+        self._seed_errors(seed)
         # Readings of the physics steps that the latency spans, oldest first, and the current one.
         self._readings: collections.deque[Reading] = collections.deque(maxlen=1 + round(profile.latency / timestep))
         self._force_until: dict[int, float] = {}
@@ -185,12 +186,12 @@ class Engine(abc.ABC):
     @property
     @abc.abstractmethod
     def qpos(self) -> np.ndarray:
-        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,)."""
+        """Pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (7 + n,)."""
 
     @property
     @abc.abstractmethod
     def qvel(self) -> np.ndarray:
-        """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,)."""
+        """Pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (6 + n,)."""
 
     @property
     @abc.abstractmethod
@@ -225,11 +226,12 @@ class Engine(abc.ABC):
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state."""
-        self.advance(command, max(1, round(duration / self.timestep)))
+        # Of an object that is given again the numbers may be others.
+        self.advance(changed(command), max(1, round(duration / self.timestep)))
         return self._sensors.truth(self._readings[-1])
 
     def advance(self, command: JointCommand, steps: int = 1) -> None:
-        """Apply a joint command for some physics steps.
+        """Apply a joint command for some physics steps; the same object as before is taken to be the same command.
 
         With a delay, the drives follow the command that many physics steps later; only the first command after a reset
         acts at once. A command that is not finite is counted, and the previous command is held instead.
@@ -303,6 +305,11 @@ class Engine(abc.ABC):
             or qpos[2] - self.ground_height(qpos[:2]) < FALL_HEIGHT * self.robot.nominal_height
             or self._trunk_on_ground()
         )
+
+    def _seed_errors(self, seed: int) -> None:
+        """Let the errors of the sensors, and what is random of the faults, be those of a seed."""
+        self._sensors = Sensors(self.sensing, seed, self.robot)
+        self._faults = FaultInjector(self._declared_faults, self.robot, seed) if self._declared_faults else None
 
     def _clear(self, q: np.ndarray) -> None:
         """Forget forces and commands before a new run that starts with joint positions `q` [rad]."""

@@ -66,7 +66,7 @@ class Disturber:
 
         Args:
             t: time [s].
-            qpos: positions of the robot, shape (26,); its yaw turns forces in the heading frame.
+            qpos: positions of the robot, shape (7 + n,); its yaw turns forces in the heading frame.
             external_force: forces and torques on the links in the world [N, N*m], shape (links, 6); written in place.
         """
         acting = {i for i, force in enumerate(self._forces) if force.acts_at(t)}

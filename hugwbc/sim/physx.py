@@ -103,6 +103,8 @@ class PhysxSimulation(Engine):
         return robot, Ground.named("firm")
 
     def _build(self, seed: int, scene: Scene | None) -> None:
+        if self.variation.hand_payload:
+            raise ConfigError("engine physx has no payload in the hands; leave it out, or run it with mujoco")
         self._sapien, self._physx = load_sapien()
         self._substeps = max(1, int(np.ceil(self.timestep / _INNER_STEP - 1e-9)))
         self._dt = self.timestep / self._substeps
@@ -134,7 +136,7 @@ class PhysxSimulation(Engine):
             maker = makers[name] = builder.create_link_builder(None if joint is None else makers[joint["parent"]])
             maker.set_name(name)
             frame, moments = _principal(link)
-            mass = link["mass"] + (self.variation.payload if name == self.robot.trunk else 0.0)
+            mass = self.variation.loaded(link["mass"]) if name == self.robot.trunk else link["mass"]
             maker.set_mass_and_inertia(mass, sapien.Pose(frame), moments)
             maker.collision_groups = groups.of(name)
             if box := link.get("collision_box"):
@@ -267,7 +269,7 @@ class PhysxSimulation(Engine):
         self._accelerometer = ((self._imu_velocity - velocity) / self.timestep + [0.0, 0.0, GRAVITY]) @ turn
 
     def _restart(self) -> None:
-        """Stand the robot up again after the physics has failed, as MuJoCo does."""
+        """Stand the robot up again after the physics has failed, so that all numbers are finite."""
         self.diverged = True
         self._build_world()
         height = self.robot.nominal_height + _START_HEIGHT

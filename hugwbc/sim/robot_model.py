@@ -181,7 +181,7 @@ class Variation:
     """Differences of one robot from its description; by default there are none.
 
     Attributes:
-        payload: mass added at the trunk's centre of mass [kg]; negative to remove mass.
+        payload: mass added at the trunk's centre of mass [kg]; negative to remove mass, less than the trunk's.
         friction: coefficient of sliding friction between robot and ground; None for that of the description.
         gain: factor on the stiffness and damping that a controller commands.
         strength: factor on the torque that the motors deliver, including their limit.
@@ -194,6 +194,14 @@ class Variation:
     strength: Positive = 1.0
     hand_payload: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
 
+    def loaded(self, mass: float) -> float:
+        """Return the mass of a trunk with the payload [kg], from that without; refuse to leave nothing of it."""
+        if not mass + self.payload > 0.0:
+            raise ConfigError(
+                f"payload is {self.payload:g} kg, and the trunk weighs {mass:g} kg; remove less than that"
+            )
+        return mass + self.payload
+
     def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Change a newly compiled model of a robot.
 
@@ -201,7 +209,8 @@ class Variation:
         """
         root = model.body(robot.base).id
         if self.payload:
-            model.body_mass[model.body(robot.trunk).id] += self.payload
+            trunk = model.body(robot.trunk).id
+            model.body_mass[trunk] = self.loaded(float(model.body_mass[trunk]))
             mujoco.mj_setConst(model, mujoco.MjData(model))
         if self.hand_payload:
             for link, hand in zip(robot.hand_links, robot.hands, strict=True):

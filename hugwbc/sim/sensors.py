@@ -21,7 +21,7 @@ _Latency = Annotated[float, Field(ge=0.0, le=LONGEST_LATENCY)]
 class SensorProfile:
     """Which sensors a robot has, and how good they are.
 
-    White noise is drawn at every physics step, a bias and an offset once for an episode; a walk lets a bias drift. All
+    White noise is drawn for every reading, a bias and an offset once for an episode; a walk lets a bias drift. All
     are standard deviations. A value of 0 means a perfect reading.
 
     Attributes:
@@ -116,8 +116,8 @@ class Reading:
 
     Attributes:
         time: [s].
-        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (26,).
-        qvel: pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (25,).
+        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (7 + n,).
+        qvel: pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (6 + n,).
         imu_orientation: IMU to world, unit quaternion, shape (4,).
         imu_gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
         foot_force: ground reaction on the left and the right foot in the world [N], shape (2, 3).

@@ -15,7 +15,7 @@ from hugwbc.sim.robot_model import link_names, load_model, robot_layout
 from hugwbc.sim.scenes.gripper import Gripper
 from hugwbc.sim.scenes.objects import SceneObjects
 from hugwbc.sim.scenes.scene import OVERLAP, Scene
-from hugwbc.sim.sensors import Reading, Sensors
+from hugwbc.sim.sensors import Reading
 from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import GRAVITY, RobotState
 
@@ -97,7 +97,6 @@ class Simulation(Engine):
         # The control input is the constant part of the PD torque. Stiffness and damping go into the bias, so that the
         # implicit integrator knows the derivatives of the torque.
         self.model.actuator_gainprm[self._layout.ctrl, 0] = self.variation.strength
-        self._described_bias = self.model.actuator_biasprm.copy()
         if self.scene is not None:
             self._take_objects(self.scene, seed)
         self.reset()
@@ -133,7 +132,7 @@ class Simulation(Engine):
         The episode is that of a new `Simulation` with this seed, bit for bit. The model is compiled again.
         """
         check_seed(seed)
-        self._sensors = Sensors(self.sensing, seed, self.robot)
+        self._seed_errors(seed)
         self._install(seed)
         return self.state()
 
@@ -152,7 +151,8 @@ class Simulation(Engine):
             joints[self.robot.pair("ankle_pitch")] -= math.atan(rise)
         if self._scene_objects is not None and self.gripper is not None:
             self.gripper.reset()
-        self.model.actuator_biasprm[:] = self._described_bias  # forget the gains of the last command
+        # The drives give no torque before the first command: not by the last gains, nor by the keyframe's target.
+        self.data.ctrl[self._layout.ctrl], self.model.actuator_biasprm[self._layout.ctrl] = 0.0, 0.0
         self._gains: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self._clear(joints.copy())
         if self._footing is not None:

@@ -30,6 +30,11 @@ def test_external_arm_targets_are_checked():
     np.testing.assert_array_equal(driven(UpperBody.targets(np.zeros(14))), 0.1)
     np.testing.assert_array_equal(driven(UpperBody.targets(np.full(8, 9.0))), ROBOT.upper[ROBOT.arms])
     assert (log.report().upper_body_rejected, log.report().upper_body_limited) == (3, 1)
+    again = UpperBody.targets(np.full(8, 0.2))
+    driven(again)
+    again.q[0] = again.dq[0] = np.nan
+    np.testing.assert_array_equal(driven(again), 0.2)
+    assert log.report().upper_body_rejected == 4
 
 
 def test_free_arms_have_as_many_targets_as_joints():

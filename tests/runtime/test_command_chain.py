@@ -93,6 +93,8 @@ def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explain
     assert passed[-1] == dataclasses.replace(asked, f=2.0, l=0.15)
     assert chain.command == asked, "errors are measured against what was asked"
     assert report.commands_guarded == {"f": 2, "l": 2} and report.commands_clamped == {}
+    chain.reset()
+    assert chain.command == Command(), "a robot that has been stood up again is not asked for anything yet"
     assert any("f = 1.5 is not possible at 1.5 m/s" in message for message in report.messages)
 
 

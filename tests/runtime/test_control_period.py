@@ -11,6 +11,7 @@ import torch
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, load_robot
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.runtime.lowering import LEANING
 from hugwbc.sim import Simulation
@@ -51,10 +52,12 @@ def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
     np.testing.assert_array_equal(period.act(state, Command(), UpperBody.none()).q, ROBOT.nominal)
 
 
-def test_arm_targets_for_another_robot_are_refused():
+def test_arm_targets_and_estimates_for_another_robot_are_refused():
     message = r"moves the arms of h1, which has other joints than g1; give UpperBodySource\(load_robot\(\"g1\"\)\)"
     with pytest.raises(ConfigError, match=message):
         ControlLoop("hold", Command(), Simulation(robot="g1"), UpperBodySource(ROBOT))
+    with pytest.raises(ConfigError, match="the estimator knows h1, which has other joints than g1"):
+        ControlLoop("hold", Command(), Simulation(robot="g1"), estimator=StateEstimator(ROBOT))
 
 
 GRADIENT = torch.full((19,), 0.5, requires_grad=True)

@@ -10,10 +10,12 @@ from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import SIDES
+from hugwbc.robot_tables import table_file
 from hugwbc.runtime import Constant, estimation, reading_guard
 from hugwbc.runtime.estimation import JointFilter, StateEstimator
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.sim import Actuators, Ground, Simulation
+from hugwbc.runtime.rollout import rollout
+from hugwbc.sim import Actuators, Ground, SensorProfile, Simulation
 
 ROBOT = load_robot()
 
@@ -99,6 +101,22 @@ def test_a_robot_at_rest_stays_where_it_is(waist):
     assert _angle(estimate.orientation, orientation) < 1e-6
     assert estimate.q == pytest.approx(reading.q, abs=1e-9)
     assert estimator.contact.all()
+
+
+def test_the_waist_may_turn_an_imu_about_an_axis_beside_the_pelvis_origin(tmp_path):
+    table = table_file("h1").read_text()
+    table = table.replace("child: torso_link, xyz: [0, 0, 0]", "child: torso_link, xyz: [-0.04, 0, 0.05]")
+    (tmp_path / "high").mkdir()
+    (tmp_path / "high" / "high.yaml").write_text(table)
+    simulation = Simulation(robot=str(tmp_path / "high"), sensing=SensorProfile("clean"))
+    assert simulation.model.body("torso_link").pos == pytest.approx([-0.04, 0.0, 0.05])
+    errors = []
+
+    def compare(truth, estimate):
+        errors.append(np.concatenate((estimate.position - truth.position, estimate.velocity - truth.velocity)))
+
+    rollout("qp", Command(w=0.6), simulation, duration=1.0, on_step=compare)
+    np.testing.assert_array_less(np.sqrt(np.mean(np.square(errors), axis=0)), [0.005] * 3 + [0.012, 0.002, 0.012])
 
 
 def test_gravity_and_still_feet_correct_a_wrong_tilt_but_not_the_heading():

@@ -66,6 +66,15 @@ def test_an_exception_or_a_nan_of_the_controller_is_contained(guarded):
     assert "RuntimeError: no solution" in report.messages[0]
 
 
+def test_a_command_that_is_given_again_is_looked_at_again(guarded):
+    recorder, guard, log = guarded
+    recorder.answer = JointCommand.position(ROBOT, ROBOT.nominal.copy())
+    first = guard.act(make_state(), Command(), UpperBody.none()).q
+    recorder.answer.q[3] = np.nan
+    np.testing.assert_array_equal(guard.act(make_state(), Command(), UpperBody.none()).q, first)
+    assert log.report().bad_outputs == 1
+
+
 def test_overruns_are_counted(monkeypatch):
     times = iter([0.0, 0.03, 1.0, 1.01])
     guard, log = make_guard(Recorder())

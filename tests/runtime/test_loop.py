@@ -14,7 +14,7 @@ from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop, substeps_of, world_targets
 from hugwbc.runtime.safety import target_limits
 from hugwbc.scripts.view import Constant
-from hugwbc.sim import Simulation
+from hugwbc.sim import SensorProfile, Simulation
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
@@ -83,6 +83,17 @@ def test_a_controller_reads_the_estimate_where_there_is_an_estimator():
     loop.decide(5 * loop.period)
     assert controller.seen.position == pytest.approx(true.position, abs=0.02)
     assert np.abs(controller.seen.position - true.position).max() > 0.0, "an estimate, not the truth"
+
+
+@pytest.mark.parametrize("period", [0.004, 0.012, 0.02, 0.026])
+def test_a_controller_of_any_period_gets_an_estimate_of_now(period):
+    controller = HoldController(ROBOT)
+    controller.period = period
+    loop = ControlLoop(controller, Command(), Simulation(sensing=SensorProfile("clean")))
+    loop.reset()
+    for tick in range(6):
+        assert loop.control.estimate.time == pytest.approx(tick * period)
+        loop.step(loop.decide(tick * period), period)
 
 
 def test_hand_targets_of_every_frame_in_the_world():

@@ -175,6 +175,20 @@ def test_short_feet_are_told() -> None:
     assert np.linalg.norm(kinematics.position("left_toe") - kinematics.position("left_heel")) == pytest.approx(0.15)
 
 
+def test_thick_soles_stand_on_the_ground_and_not_in_it() -> None:
+    def thicker(robot: mujoco.MjSpec) -> None:
+        for geom in robot.geoms:
+            if geom.parent.name.endswith("ankle_link") and geom.classname.name == "foot":
+                geom.pos = geom.pos - [0.0, 0.0, 0.02]
+
+    model, data = lab(change=thicker)
+    robot = MujocoRobot(model, data)
+    robot.stand(x=1.0, ground=0.3)
+    kinematics = Kinematics(robot.robot)
+    kinematics.update(robot.state())
+    assert kinematics.position("left_sole")[2] == pytest.approx(0.3, abs=2e-3)
+
+
 def _lacking(robot: mujoco.MjSpec) -> None:
     robot.delete(robot.joint("left_knee"))
 

@@ -219,6 +219,11 @@ def as_table(path: pathlib.Path, motion: ArmMotion, times: np.ndarray) -> pathli
     return table(path, ",".join(["t", *ARMS]), *rows)
 
 
+def test_a_motion_without_frames_is_refused() -> None:
+    with pytest.raises(HugwbcError, match=r"not one frame or more of 8 arm joints, but of shape \(0, 8\)"):
+        Segment("wave", 1.0, motion=ArmMotion("none", 50.0, np.zeros((0, 8)), ROBOT))
+
+
 def test_a_table_may_have_any_clock_but_is_in_seconds(tmp_path: pathlib.Path) -> None:
     motion = waving(fps=125.0)
     times = np.arange(len(motion.positions)) / motion.fps

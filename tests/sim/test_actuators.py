@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hugwbc import JointCommand, load_robot
+from hugwbc import Command, JointCommand, load_robot
+from hugwbc.runtime.loop import ControlLoop
 from hugwbc.sim import Actuators, Simulation
 from hugwbc.sim.actuators import TorqueSpeedLimit
 from hugwbc.sim.batch import BatchSimulation
@@ -150,6 +151,18 @@ def test_reflected_inertia_adds_to_the_mass_matrix() -> None:
         diagonals.append(np.diag(matrix)[6:])
     np.testing.assert_allclose(diagonals[1] - diagonals[0], 0.5 * ROBOT.armature)
     np.testing.assert_allclose(diagonals[2] - diagonals[1], ROBOT.armature)
+
+
+def test_what_is_told_of_the_drives_is_what_they_are() -> None:
+    told = Actuators(friction=0.5, armature=2.0, delay=0.01).known_robot(ROBOT)
+    speed = np.linspace(-3.0, 3.0, 19)
+    np.testing.assert_allclose(told.friction_torque(speed), 0.5 * ROBOT.friction_torque(speed))
+    np.testing.assert_allclose(told.armature, 2.0 * ROBOT.armature)
+    assert told.command_delay == 0.01 and Actuators().known_robot(ROBOT) is ROBOT
+    frictionless = Simulation(actuators=Actuators(friction=0.0))
+    loop = ControlLoop("qp", Command(), frictionless)
+    assert loop.control.guard.controller.robot is frictionless.known_robot
+    assert not frictionless.known_robot.friction.any() and frictionless.known_robot.command_delay == 0.002
 
 
 @pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.0005, 1), (None, 1), (0.006, 3)])

@@ -248,9 +248,11 @@ def test_a_used_robot_runs_as_a_new_one_to_the_last_bit(plane: PhysxSimulation) 
     np.testing.assert_array_equal(*ends)
 
 
-def test_ground_that_is_not_level_and_firm_is_refused() -> None:
+def test_what_it_does_not_have_is_refused() -> None:
     with pytest.raises(ConfigError, match="level ground only; use --engine mujoco"):
         PhysxSimulation(sensing="exact", terrain=HeightField(np.zeros((3, 3)), (4.0, 4.0)))
+    with pytest.raises(ConfigError, match="no payload in the hands"):
+        PhysxSimulation(variation=Variation(hand_payload=3.0))
     with pytest.raises(ConfigError, match="firm ground only; use --ground firm"):
         PhysxSimulation(sensing="exact", ground=Ground.named("soft"))
 

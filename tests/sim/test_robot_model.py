@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from hugwbc import JointCommand
-from hugwbc.errors import ModelError
+from hugwbc.errors import ConfigError, ModelError
 from hugwbc.robot import load_robot
 from hugwbc.robot_tables import robot_names
 from hugwbc.sim import Simulation, Variation, rough_terrain
+from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.robot_model import robot_layout
 
 ROBOT = load_robot()
@@ -78,6 +79,12 @@ def test_feet_carry_the_weight_and_a_payload(payload):
             forces.append(state.foot_force[:, 2].sum())
     # The robot settles into its soft joints: the feet bear the weight, and what slows it down.
     assert np.mean(forces[1:]) == pytest.approx(mass * 9.81 + (momenta[-1] - momenta[0]) / 0.1, rel=0.02)
+
+
+@pytest.mark.parametrize("engine", [Simulation, PhysxSimulation])
+def test_a_trunk_cannot_lose_more_than_its_mass(engine):
+    with pytest.raises(ConfigError, match=r"payload is -10 kg, and the trunk weighs 7\.817 kg; remove less"):
+        engine(robot="g1", variation=Variation(payload=-10.0))
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.6, 1.2])

@@ -114,10 +114,10 @@ def scaled(value: Any, factor: float) -> Any:  # noqa: ANN401  numbers, and tupl
 
 
 def varies(value: Any) -> bool:  # noqa: ANN401  as for `drawn`
-    """Return whether a value differs from episode to episode."""
+    """Return whether a value is drawn for every episode, perhaps from equal bounds."""
     if isinstance(value, tuple | list):
         return any(varies(entry) for entry in value)
-    return isinstance(value, Choice) or (isinstance(value, Uniform) and value.low != value.high)
+    return isinstance(value, Uniform | Choice)
 
 
 def settled(value: Number) -> float:

@@ -11,6 +11,7 @@ import pytest
 from hugwbc import JointCommand, load_robot
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.sim import Arena, Ground, Scene, Simulation, Variation, load_scene
+from hugwbc.sim.faults import Fault
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.sim.scenes import SCENE_NAMES, Box, Choice, Door, Mjcf, Shelf, Table, Uniform, Wall
 from hugwbc.sim.scenes.scene import KINDS
@@ -62,6 +63,7 @@ def test_a_draw_is_within_its_bounds_and_the_same_for_a_seed() -> None:
     assert {scene.objects[2].mass for scene in drawn} == {1.0, 2.0}
     assert not any(scene.varies for scene in drawn) and VARIED.varies
     assert VARIED.draw(7) == drawn[7] != drawn[8]
+    assert Scene((Table(name="a", height=Uniform(0.8, 0.8)),)).draw(0).objects[0].height == 0.8
 
 
 def test_a_draw_does_not_depend_on_other_objects() -> None:
@@ -91,10 +93,11 @@ def roll(simulation: Simulation, steps: int = 60) -> np.ndarray:
 def test_a_seed_is_an_episode_bit_for_bit_and_so_is_a_redraw() -> None:
     first, again = (Simulation(scene=VARIED, seed=4) for _ in range(2))
     np.testing.assert_array_equal(roll(first), roll(again))
-    other = Simulation(scene=VARIED, seed=5)
+    noisy = (Fault.parse("encoder-noise@0"),)
+    other = Simulation(scene=VARIED, seed=5, faults=noisy)
     roll(other)
     other.redraw(4)
-    np.testing.assert_array_equal(roll(other), roll(Simulation(scene=VARIED, seed=4)))
+    np.testing.assert_array_equal(roll(other), roll(Simulation(scene=VARIED, seed=4, faults=noisy)))
     assert other.scene == VARIED.draw(4)
     assert (roll(Simulation(scene=VARIED, seed=5))[-1] != roll(Simulation(scene=VARIED, seed=4))[-1]).any()
 
