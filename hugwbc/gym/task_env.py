@@ -179,7 +179,8 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
 
     def _observation(self, episode: Episode) -> Any:  # noqa: ANN401  of the observation space
         if isinstance(episode.behaviour, FollowRow):
-            seen = {STATE: state_vector(episode.view), OBJECTS: objects_array(episode.view).ravel()}
+            view, bodies = episode.view, self._scene.body_names
+            seen = {STATE: state_vector(view), OBJECTS: objects_array(view, bodies).ravel()}
             return {key: value.astype(np.float32) for key, value in seen.items()}
         gone = episode.time / self._limit
         return self.observations.row(episode.view, episode.shapes, episode.behaviour.points, gone)

@@ -5,7 +5,7 @@ verdict is the truth.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -85,9 +85,14 @@ def state_vector(view: View) -> np.ndarray:
     )
 
 
-def objects_array(view: View) -> np.ndarray:
-    """Return the poses of the objects as they are seen: positions [m] and quaternions, shape (objects, 7)."""
-    return np.array([np.concatenate((thing.position, thing.orientation)) for thing in view.objects.values()])
+def objects_array(view: View, bodies: Sequence[str]) -> np.ndarray:
+    """Return the poses of bodies as they are seen: positions [m] and quaternions, shape (bodies, 7); 0 if unseen."""
+    poses = np.zeros((len(bodies), 7))
+    for row, name in enumerate(bodies):
+        if name in view.objects:
+            thing = view.objects[name]
+            poses[row] = *thing.position, *thing.orientation
+    return poses
 
 
 def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
@@ -236,6 +241,6 @@ class _Watch:
             return
         self._open = view
         self.states.append(state_vector(view))
-        self.objects.append(objects_array(view))
+        self.objects.append(objects_array(view, self._simulation.objects.names))
         self.positions.append(self._simulation.data.qpos.copy())
         self.steps.append(doing)

@@ -17,6 +17,7 @@ from hugwbc.cli import USAGE_ERROR, main
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime.sight import Sight
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Arena
 from hugwbc.sim.scenes import Box, Scene, Table
@@ -145,6 +146,18 @@ def test_the_time_limit_leaves_whole_frames():
     parts = (found.state, found.action, found.objects, found.steps)
     assert {len(part) for part in parts} == {round(0.3 / RECORD_PERIOD) - 1}
     assert not found.verdict.success
+
+
+def test_objects_that_are_no_longer_seen_are_zeros(monkeypatch):
+    look = Sight._objects
+
+    def lost(self, picture, age):
+        return look(self, None if picture is None or picture.time > 0.05 else picture, age)
+
+    monkeypatch.setattr(Sight, "_objects", lost)
+    objects = told(lambda view: stand(view, 0.2)).objects
+    assert objects[0, :, 3].all()  # unit quaternions
+    assert not objects[-1].any()
 
 
 def test_a_behaviour_that_fails_at_once_has_nothing_to_record():
