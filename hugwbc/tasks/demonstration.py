@@ -12,7 +12,7 @@ import numpy as np
 from hugwbc.behaviours import Action, Behaviour, Course, View
 from hugwbc.behaviours.hands import in_frame, points_in
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.controller import Controller
+from hugwbc.controller import Controller, check_controller
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.trace import RECORD_PERIOD
@@ -166,12 +166,18 @@ def demonstrate(
 
     Args:
         task: the task.
-        controller: any object with the members of `Controller`.
+        controller: any object with the members of `Controller`, with a period of a frame or less.
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
         seed: that of the simulation, to be noted.
         behaviour: acts in place of the task's own; in the lengths of the simulated robot.
         on_progress: called with the fraction of the time limit.
     """
+    name, period = check_controller(controller, "the controller")
+    if period > RECORD_PERIOD + 1e-9:
+        raise ConfigError(
+            f"the period of controller '{name}' is {period:g} s; a demonstration has {FPS} frames per second: take one "
+            f"with {RECORD_PERIOD:g} s or less"
+        )
     watch = _Watch(simulation)
 
     def watched(view: View) -> Course:

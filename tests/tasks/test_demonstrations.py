@@ -160,6 +160,13 @@ def test_objects_that_are_no_longer_seen_are_zeros(monkeypatch):
     assert not objects[-1].any()
 
 
+def test_a_controller_slower_than_the_frames_is_refused():
+    slow = HoldController(ROBOT)
+    slow.period = 0.04  # every other frame would be missing, and the times of the others wrong
+    with pytest.raises(ConfigError, match="a demonstration has 50 frames per second"):
+        demonstrate(small(stand_and_reach), slow, EXACT.simulation(scene=SCENE, seed=4), seed=4)
+
+
 def test_a_behaviour_that_fails_at_once_has_nothing_to_record():
     with pytest.raises(ConfigError, match=r"seed 4, has nothing to record: not done: it is not over .walk to: object"):
         told(lambda view: walk_to(view, before="what is not there"))
