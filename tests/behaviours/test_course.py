@@ -21,11 +21,13 @@ from hugwbc.behaviours import (
     lift,
     parallel,
     press,
+    pull,
     reach,
     release,
     retry,
     seen,
     squeeze,
+    stand,
     step,
     wait,
     wait_until,
@@ -137,12 +139,15 @@ def test_an_object_that_is_not_there() -> None:
         (lambda view: walk_to(view, (1.0, 0.0), timeout=0.0), "walk_to.timeout is 0"),
         (lambda view: squeeze(view, "box", force=-1.0), "squeeze.force is -1"),
         (lambda view: lift(view, "box", math.nan), "lift.height is nan"),
+        (lambda view: pull(view, "box", -0.3), "pull.distance is -0.3"),
+        (lambda view: wait(view, math.nan), "seconds is nan"),
+        (lambda view: retry(view, stand, times=0), "times is 0"),
         (lambda view: release(view, apart=math.inf), "release.apart is inf"),
         (lambda view: press(view, "bell", "both"), "Valid: left, right"),
     ],
 )
 def test_arguments_out_of_range_are_refused_before_the_first_tick(begin, words: str) -> None:
-    with pytest.raises(HugwbcError, match=words):
+    with pytest.raises((HugwbcError, TypeError), match=words):
         next(begin(view()))
 
 
