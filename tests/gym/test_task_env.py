@@ -18,7 +18,7 @@ from hugwbc.scripts.view import SeenObjects
 from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
 from hugwbc.targets import HandTargets
-from hugwbc.tasks import load_task, shapes_of
+from hugwbc.tasks import Milestone, load_task, shapes_of
 from hugwbc.tasks.demonstration import OBJECTS, demonstrate, state_names
 from hugwbc.tasks.replay import replay
 
@@ -95,6 +95,17 @@ def test_the_time_limit_truncates():
     assert [(terminated, truncated) for _, terminated, truncated, _ in ends] == [(False, False)] * 2 + [(False, True)]
     assert ends[-1][3]["reason"] == "the time was over: no hand touched the button"
     assert ends[-1][3]["time"] == 0.3
+
+
+def test_a_success_just_before_the_time_limit_says_so():
+    late = dataclasses.replace(
+        load_task("press_button"), milestones=(Milestone("not yet", lambda record: float(record.time[-1] > 0.15)),)
+    )
+    env = TaskEnv(late, "hold", limit=0.2)
+    env.reset(seed=3)
+    *_, truncated, info = [env.step(env.actions.rest) for _ in range(2)][-1]
+    assert truncated and info["score"] == 1.0 and not info["success"]
+    assert info["reason"] == "the time was over: done for less than 1 s"
 
 
 def test_an_observation_is_what_a_robot_has():
