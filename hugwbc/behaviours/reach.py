@@ -152,7 +152,7 @@ def press(
     ahead = thing.direction(direction("axis", axis))
     point = thing.position + sum(part * thing.direction(unit) for part, unit in zip(at, np.eye(3), strict=True))
     way = (ahead, None) if row == 0 else (None, ahead)
-    posture = crouch(float(point[2]) + 0.05)
+    posture = crouch(float(point[2]) + 0.05, view.robot)
 
     def before(gap: float) -> np.ndarray:
         """Return the points of hands whose forearm ends this far before the point."""
