@@ -209,6 +209,15 @@ def test_the_layout_is_that_of_lerobot(tmp_path):
     np.testing.assert_array_equal(rows["index"], range(65))
 
 
+@pytest.mark.parametrize(("name", "kind"), [("h1", "unitree_h1"), ("/my/robots/mini/mini.yaml", "mini")])
+def test_the_type_of_a_robot_is_its_makers_or_ones_own(name, kind, tmp_path):
+    with DatasetWriter(
+        tmp_path / "demos", [load_task("press_button")], dataclasses.replace(ROBOT, name=name)
+    ) as writer:
+        writer.add(dataclasses.replace(made_up("press_button", 3), robot=name))
+    assert read_info(tmp_path / "demos")["robot_type"] == kind
+
+
 def test_words_are_looked_up_with_pandas(tmp_path):
     episodes = (made_up("press_button", 4), made_up("press_button", 4, steps=("walk", "wait")))
     folder = written(tmp_path / "demos", *episodes)
