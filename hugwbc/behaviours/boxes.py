@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.behaviours.course import Course, Failure, Name, doing, seen
-from hugwbc.behaviours.hands import HALF_WIDTH, LEVEL, Directions, glide, hands_in, squat
+from hugwbc.behaviours.hands import HALF_WIDTH, LEVEL, Directions, glide, hands_in, squat, stature
 from hugwbc.behaviours.hold import TOE_IN, from_hands
 from hugwbc.behaviours.reach import grip
 from hugwbc.behaviours.walk import walk_to
@@ -22,7 +22,7 @@ from hugwbc.targets import HandFrame
 DISTANCE = 0.41  # [m], from the pelvis to the middle of a box in front of it
 CHEST = np.array([0.36, 0.0, 0.27])  # [m], where a box is carried, in the heading frame
 _BESIDE = 0.07  # [m], between a hand and the box before the grasp
-_STANDING = 0.98  # [m], height of the pelvis
+_STANDING = 0.98  # [m], height of an H1's pelvis
 _RISEN = 0.03  # [m], of a box that is lifted
 _LOST = 0.25  # [m], from the middle of a box to the middle of the hands that have lost it
 _HUNG = 0.015  # [m], between a hand and the box that hangs from it
@@ -84,7 +84,7 @@ class BoxGrip:
             goal: where it is held, in the heading frame [m], shape (3,). The box leans with the forearms: an H1's are
                 level, and so is the box, at a height of 0.17 m; higher, it may land on its side when it is put down.
         """
-        posture = posture or squat(float(seen(view, name).position[2]) + self.at[1])
+        posture = posture or squat(float(seen(view, name).position[2]) + self.at[1], view.robot)
         nearest = distance - _NEARER
         while True:
             view = yield from doing("walk to the box", self._spread(view, name))
@@ -140,7 +140,7 @@ class BoxGrip:
 
     def put(self, view: View, name: Name, goal: np.ndarray, yaw: float, posture: Command | None = None) -> Course:
         """Put the box down: its middle to a point of the world [m], its heading to a yaw [rad]."""
-        posture = posture or squat(float(goal[2]) + self.at[1])
+        posture = posture or squat(float(goal[2]) + self.at[1], view.robot)
         ahead = rotations.rotation_z(yaw)
         _check_held(view, name)
         for height, speed in ((0.05, 0.12), (-0.005, 0.05)):
@@ -173,7 +173,7 @@ class BoxGrip:
 
     def _spread(self, view: View, name: str) -> Course:
         """Stand upright, and hold the hands apart and high enough to come near with."""
-        height = float(seen(view, name).position[2]) + self.at[1] - _STANDING
+        height = float(seen(view, name).position[2]) + self.at[1] - _STANDING * stature(view.robot)
         points = self._sides(_BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
         return glide(view, points, posture=Command())
 

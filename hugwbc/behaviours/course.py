@@ -23,6 +23,7 @@ from pydantic import Field
 
 from hugwbc import rotations
 from hugwbc.commands import Command
+from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.reference import plain_signature
 from hugwbc.scripts.view import Action, SeenObject, View
@@ -38,6 +39,7 @@ Behaviour: TypeAlias = Callable[[View], Course]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Hold = Annotated[float, Field(ge=0, le=60)]  # [s]
 Metres = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Way = Annotated[float, Field(gt=0, le=FARTHEST)]  # [m]
 Place = tuple[Metres, Metres]  # x and y
 Point = tuple[Metres, Metres, Metres]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]  # [rad], so that one in degrees is refused
@@ -162,7 +164,9 @@ def _advance(course: Course, view: View | None) -> Action | None:
 
 
 def retry(view: View, behaviour: Behaviour, times: int = 3) -> Course:
-    """Try a behaviour until it succeeds, at most so many times."""
+    """Try a behaviour until it succeeds, at most so many times, 1 or more."""
+    if times < 1:
+        raise ConfigError(f"retry: times is {times}; give 1 or more")
     for attempt in range(1, times + 1):
         course = behaviour(view)
         try:
@@ -180,7 +184,7 @@ def retry(view: View, behaviour: Behaviour, times: int = 3) -> Course:
 
 def wait(view: View, seconds: float) -> Course:
     """Keep the last hand targets and the posture for a time [s]."""
-    if not isinstance(seconds, Real):
+    if not isinstance(seconds, Real) or math.isnan(seconds):
         raise TypeError(f"wait: seconds is {seconds!r}; give a time [s]")
     begin = view.time
     while view.time - begin < seconds:

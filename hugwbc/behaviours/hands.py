@@ -10,7 +10,7 @@ from hugwbc.behaviours.course import Course, Failure, seen, standing
 from hugwbc.commands import Command
 from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import smooth_step
-from hugwbc.robot import SIDES
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.scripts.view import Action, View
 from hugwbc.targets import FARTHEST_HAND, HAND_FRAMES, HandFrame, HandTargets, frame_axes
 
@@ -19,6 +19,7 @@ SHORTEST = 0.4  # [s], of a motion
 ARRIVED = 0.03  # [m]
 HALF_WIDTH = 0.03  # [m], of a forearm: from the hand's axis to its surface
 TIP = 0.04  # [m], from the hand's origin to the end of the forearm
+# Of an H1; those of other robots are in proportion (`stature`).
 LEVEL = 1.13  # [m], height of the hands at which the forearms of a robot that stands upright are about level
 LOWEST = -0.25  # [m], of the commanded h
 COMFORTABLE = 1.05  # [m], height at which single hands work while the robot stands upright
@@ -126,23 +127,33 @@ def one_hand(row: int, point: np.ndarray, others: np.ndarray | None = None) -> n
     return points
 
 
+def stature(robot: Robot | None) -> float:
+    """Return the height of a robot's shoulders relative to the H1's, whose heights are above; 1 for None."""
+    if robot is None:
+        return 1.0
+    height, made_for = (float(one.nominal_height + one.shoulder[2]) for one in (robot, load_robot()))
+    return height / made_for
+
+
 def levelled(view: View, hands: HandTargets) -> Command:
     """Return the standing command with which the forearms are level at these targets."""
-    return squat(float(np.nanmean(points_of(view, hands)[:, 2])))
+    return squat(float(np.nanmean(points_of(view, hands)[:, 2])), view.robot)
 
 
-def squat(height: float) -> Command:
+def squat(height: float, robot: Robot | None = None) -> Command:
     """Return the standing command with which the forearms are level while the hands are at a height [m].
 
     The legs lift and lower what both hands hold: a forearm that rises turns up, and the object turns with it.
     """
-    return Command(h=float(np.clip(height - LEVEL, LOWEST, 0.0)))
+    size = stature(robot)
+    return Command(h=size * float(np.clip(height / size - LEVEL, LOWEST, 0.0)))
 
 
-def crouch(height: float) -> Command:
+def crouch(height: float, robot: Robot | None = None) -> Command:
     """Return the standing command with which hands work comfortably at a height [m]: lower and leaning for low ones."""
-    h = float(np.clip(height - COMFORTABLE, LOWEST, 0.0))
-    return Command(h=h, p=float(np.clip(-h, 0.0, 0.25)))
+    size = stature(robot)
+    h = float(np.clip(height / size - COMFORTABLE, LOWEST, 0.0))
+    return Command(h=size * h, p=float(np.clip(-h, 0.0, 0.25)))
 
 
 def frame_of(name: str) -> HandFrame:

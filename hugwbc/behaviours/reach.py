@@ -152,7 +152,7 @@ def press(
     ahead = thing.direction(direction("axis", axis))
     point = thing.position + sum(part * thing.direction(unit) for part, unit in zip(at, np.eye(3), strict=True))
     way = (ahead, None) if row == 0 else (None, ahead)
-    posture = crouch(float(point[2]) + 0.05)
+    posture = crouch(float(point[2]) + 0.05, view.robot)
 
     def before(gap: float) -> np.ndarray:
         """Return the points of hands whose forearm ends this far before the point."""
@@ -164,16 +164,17 @@ def press(
         course = glide(view, before(gap), frame="world", directions=way, posture=posture, settle=0.4)
         view = yield from doing(f"reach for '{object}'", course)
     begin = last = view.time
-    start, held = seen(view, object).position, 0.0
-    while held < hold:
+    start, pressed, held = seen(view, object).position, False, 0.0
+    while not pressed or held < hold:
         gone = float((seen(view, object).position - start) @ ahead)
         felt = 0.0 if view.hand_force is None else -float(view.hand_force[row] @ ahead)
         deep = (view.time - begin) * speed - approach
         asked = [value > wanted for value, wanted in ((gone, travel), (felt, force)) if wanted is not None]
-        held = held + view.time - last if (any(asked) if asked else deep >= depth) else 0.0
+        pressed = any(asked) if asked else deep >= depth
+        held = held + view.time - last if pressed else 0.0
         last = view.time
         progress = f"'{object}' has given way by {1000 * gone:.0f} mm under {felt:.0f} N"
-        if asked and deep > depth + 0.5 * speed:
+        if asked and not pressed and deep > depth + 0.5 * speed:
             wanted = [f"{1000 * travel:.0f} mm"] if travel is not None else []
             wanted += [f"{force:.0f} N"] if force is not None else []
             raise Failure(f"{progress} instead of {' or '.join(wanted)}")

@@ -130,9 +130,8 @@ class BehaviourSource:
                     action = next(self._course)
                 else:
                     action = self._course.send(view)
-                if isinstance(action, Action):
-                    return action
-                raise Failure(f"it yielded a {type(action).__name__} instead of an Action{_RUN}")
+                _check(action)
+                return action
             except StopIteration:
                 self.status = Status.SUCCESS
                 lost = [f"a force broke the grip of the {side} hand on '{name}'" for side, name in self._lost.items()]
@@ -177,6 +176,20 @@ class BehaviourSource:
     def done(self) -> bool:
         """Whether the behaviour has ended and the robot stands."""
         return self.status is not Status.RUNNING and self.action.command.gait is Gait.STANDING
+
+
+def _check(action: object) -> None:
+    """Let a behaviour fail that yields anything but an action, or one with parts of other kinds."""
+    if not isinstance(action, Action):
+        raise Failure(f"it yielded a {type(action).__name__} instead of an Action{_RUN}")
+    grips = action.grips
+    fits = {
+        "command is no Command": isinstance(action.command, Command),
+        "hands are neither HandTargets nor None": isinstance(action.hands, HandTargets | None),
+        "grips are no tuple of Grip": isinstance(grips, tuple | list) and all(isinstance(one, Grip) for one in grips),
+    }
+    if wrong := [what for what, right in fits.items() if not right]:
+        raise Failure(f"it yielded an Action whose {wrong[0]}")
 
 
 _SHIPPED: dict[str, Behaviour] = {"fetch_cup": fetch_cup}

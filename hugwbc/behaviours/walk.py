@@ -22,6 +22,7 @@ from hugwbc.behaviours.course import (
     Seconds,
     Tolerance,
     WalkSpeed,
+    Way,
     kept,
     seen,
     standing,
@@ -147,7 +148,7 @@ def face(
 
 
 @step
-def push(view: View, object: Name, distance: Metres, *, speed: WalkSpeed = 0.2, timeout: Seconds = 40.0) -> Course:
+def push(view: View, object: Name, distance: Way, *, speed: WalkSpeed = 0.2, timeout: Seconds = 40.0) -> Course:
     """Walk ahead on a straight line, with the hands as they are, until an object has moved by a distance.
 
     Args:
@@ -161,7 +162,7 @@ def push(view: View, object: Name, distance: Metres, *, speed: WalkSpeed = 0.2, 
 
 
 @step
-def pull(view: View, object: Name, distance: Metres, *, speed: WalkSpeed = 0.2, timeout: Seconds = 40.0) -> Course:
+def pull(view: View, object: Name, distance: Way, *, speed: WalkSpeed = 0.2, timeout: Seconds = 40.0) -> Course:
     """Walk back on a straight line, with the hands as they are, until an object has moved by a distance; as `push`."""
     return _haul(view, object, distance, speed, sign=-1.0)
 

@@ -29,6 +29,7 @@ from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.script import load_script
 from hugwbc.scripts.view import CommandSource
 from hugwbc.sim.arena import Arena
+from hugwbc.sim.engine import check_seed
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.tasks import load_task
 from hugwbc.upper_ik import UpperBodySource
@@ -189,6 +190,7 @@ def _check_replay(options: DeployOptions, header: dict[str, Any]) -> None:
 def _source(script: str | None, task: str | None, seed: int, robot: Robot) -> CommandSource:
     """Return the source of commands: a task's behaviour, a script, or the sticks."""
     if task is not None:
+        check_seed(seed)
         sized = load_task(task).sized(robot)
         return BehaviourSource(sized.behaviour_in(sized.scene.draw(seed)))
     return Sticks(robot) if script is None else load_script(script, robot)

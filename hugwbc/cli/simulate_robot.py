@@ -88,20 +88,22 @@ class Judge:
     """Judges a task while the joints are driven: not before, and not when they are damped at the end."""
 
     def __init__(self, task: Task, simulation: Simulation) -> None:
-        """Begin to watch a simulation."""
-        self._task, self._simulation, self._watch = task, simulation, TaskWatch(simulation)
-        self._start: float | None = None
+        """Wait for the first command that drives the joints of a simulation."""
+        self._task, self._simulation = task, simulation
+        self._watch: TaskWatch | None = None
+        self._start = 0.0
 
     def __call__(self, command: JointCommand) -> None:
         """Look at the world after a physics step with a command."""
         if command.kp.any():
-            self._start = self._simulation.time if self._start is None else self._start
+            if self._watch is None:
+                self._watch, self._start = TaskWatch(self._simulation), self._simulation.time
             self._watch.look()
             self._watch.sample(self._simulation.time - self._start)
 
     def words(self) -> str:
         """Return the verdict, for people."""
-        if self._start is None:
+        if self._watch is None:
             return f"{self._task.name}: the joints were never driven"
         return f"{self._task.name}: {self._task.judge(self._watch.record(Ending(True))).words}"
 

@@ -65,6 +65,8 @@ class Messages:
         self._robot = robot
         blank, modes = record(self.command), table["modes"]
         motors = blank["motor_cmd"]
+        if len(modes) > motors.size:
+            raise ModelError(f"{robot.name} has {len(modes)} motor slots; a {self.command} has {motors.size}")
         self._begin(blank)
         motors["mode"][: len(modes)] = modes
         self.modes = motors["mode"].copy()

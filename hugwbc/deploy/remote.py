@@ -97,6 +97,7 @@ class Sticks:
     def __init__(self, robot: Robot) -> None:
         """Begin standing; the ranges are the robot's."""
         self._ranges, self._walk = command_ranges(Gait.WALKING, robot), default_command(Gait.WALKING, robot)
+        self._stand = default_command(Gait.STANDING, robot)
         self._requested = dict.fromkeys(_SLOPE, 0.0)
         self._used = dict.fromkeys(_SLOPE, 0.0)
         self._time: float | None = None
@@ -120,7 +121,7 @@ class Sticks:
     def command_at(self, t: float) -> Command:
         """Return the command now; `t` does not matter."""
         if self._time is None or self._time - self._moved > _STILL:
-            return Command(gait=Gait.STANDING)
+            return self._stand
         return dataclasses.replace(self._walk, **self._used)
 
     def hands_at(self, t: float) -> HandTargets | None:

@@ -90,10 +90,12 @@ class Timing:
             skipped: periods before it without a command of their own.
         """
         self._latency.append(seconds)
-        missed = skipped + (seconds > limit)
-        self.missed += missed
-        self._missed_in_a_row = self._missed_in_a_row + missed if missed else 0
+        late = seconds > limit
+        self.missed += skipped + late
+        self._missed_in_a_row += skipped + late
         self.longest_miss = max(self.longest_miss, self._missed_in_a_row)
+        if not late:  # those left out came before it
+            self._missed_in_a_row = 0
 
     def published(self, now: float) -> None:
         """Note when the publishing thread has sent a message [s]."""

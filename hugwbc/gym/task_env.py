@@ -24,6 +24,7 @@ from hugwbc.tasks.demonstration import OBJECTS, STATE, objects_array, state_name
 from hugwbc.upper_ik import UpperBodySource
 
 SUCCESS_TIME = 1.0  # [s], for which everything has to stay as it should be, since things may still tip over
+_TOO_LATE = f"done for less than {SUCCESS_TIME:g} s"
 _FIRST_SEED, _LAST_SEED = 3000, 2**31 - 1  # of episodes without a seed of their own: neither for choice nor for reports
 
 
@@ -179,7 +180,8 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
 
     def _observation(self, episode: Episode) -> Any:  # noqa: ANN401  of the observation space
         if isinstance(episode.behaviour, FollowRow):
-            seen = {STATE: state_vector(episode.view), OBJECTS: objects_array(episode.view).ravel()}
+            view, bodies = episode.view, self._scene.body_names
+            seen = {STATE: state_vector(view), OBJECTS: objects_array(view, bodies).ravel()}
             return {key: value.astype(np.float32) for key, value in seen.items()}
         gone = episode.time / self._limit
         return self.observations.row(episode.view, episode.shapes, episode.behaviour.points, gone)
@@ -189,7 +191,7 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         return {
             "score": verdict.score,
             "success": ended == "done",
-            "reason": f"the time was over: {missing}" if ended == "time" else missing,
+            "reason": f"the time was over: {missing or _TOO_LATE}" if ended == "time" else missing,
             "detail": "; ".join(self._problems),
             "time": episode.time,
             "seed": self._seed,

@@ -8,7 +8,7 @@ from hugwbc import rotations
 from hugwbc.behaviours.hands import points_in
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
-from hugwbc.scripts.view import SeenObject, View
+from hugwbc.scripts.view import View
 from hugwbc.sim.scenes import Choice, Uniform
 from hugwbc.tasks import Shapes
 
@@ -81,7 +81,7 @@ class ObservationLayout:
             np.zeros(6) if view.hand_force is None else view.hand_force @ axes,
             [name is not None for name in view.held],
             gone,
-            *(_seen(view, view.objects[name], axes) for name in self._bodies),
+            *(_seen(view, name, axes) for name in self._bodies),
             *dimensions(shapes).values(),
         ]
         row = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in parts])
@@ -90,8 +90,11 @@ class ObservationLayout:
         )
 
 
-def _seen(view: View, thing: SeenObject, axes: np.ndarray) -> np.ndarray:
+def _seen(view: View, name: str, axes: np.ndarray) -> np.ndarray:
     """Return where an object is from the pelvis, and its x and z axes, all in the heading frame, shape (9,)."""
+    if name not in view.objects:
+        return np.zeros(_OBJECT)
+    thing = view.objects[name]
     turn = axes.T @ rotations.to_matrix(thing.orientation)
     return np.concatenate(((thing.position - view.position) @ axes, turn[:, 0], turn[:, 2]))
 

@@ -177,6 +177,7 @@ class Sight:
         self._kinematics = Kinematics(robot)
         self._robot, self._check = SeenRobot(), CaptureCheck()
         self._average = Average(SMOOTHING_TIME)
+        self._seen: tuple[str, ...] = ()  # names of the objects in the last picture that was admitted
         self._names: tuple[str, ...] = ()  # of the objects whose poses follow
         self._poses: np.ndarray | None = None
         self._silent = False
@@ -191,9 +192,11 @@ class Sight:
 
     def look(self, time: float, state: RobotState) -> View:
         """Return the view at a time [s]."""
-        picture, refused = self._world.picture(), self._check.refusal
+        newest, refused = self._world.picture(), self._check.refusal
+        picture = self._check.admitted(newest, state) if self._drifting else newest
+        if picture is newest:  # one that is admitted instead shows what was seen then
+            self._seen = self._world.names
         if self._drifting:
-            picture = self._check.admitted(picture, state)
             state = self._robot.corrected(state, picture)
         age = 0.0
         if picture is not None:  # an admitted picture may be of long ago
@@ -222,7 +225,7 @@ class Sight:
     def _objects(self, picture: Picture | None, age: float) -> SeenObjects:
         if picture is None:
             return SeenObjects()
-        names = self._world.names
+        names = self._seen
         if not self._noisy:
             return SeenObjects(names, picture.poses, age)
         share = self._average.share(picture.time)

@@ -5,14 +5,14 @@ verdict is the truth.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from hugwbc.behaviours import Action, Behaviour, Course, View
 from hugwbc.behaviours.hands import in_frame, points_in
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.controller import Controller
+from hugwbc.controller import Controller, check_controller
 from hugwbc.errors import ConfigError
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.trace import RECORD_PERIOD
@@ -85,9 +85,14 @@ def state_vector(view: View) -> np.ndarray:
     )
 
 
-def objects_array(view: View) -> np.ndarray:
-    """Return the poses of the objects as they are seen: positions [m] and quaternions, shape (objects, 7)."""
-    return np.array([np.concatenate((thing.position, thing.orientation)) for thing in view.objects.values()])
+def objects_array(view: View, bodies: Sequence[str]) -> np.ndarray:
+    """Return the poses of bodies as they are seen: positions [m] and quaternions, shape (bodies, 7); 0 if unseen."""
+    poses = np.zeros((len(bodies), 7))
+    for row, name in enumerate(bodies):
+        if name in view.objects:
+            thing = view.objects[name]
+            poses[row] = *thing.position, *thing.orientation
+    return poses
 
 
 def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
@@ -161,12 +166,18 @@ def demonstrate(
 
     Args:
         task: the task.
-        controller: any object with the members of `Controller`.
+        controller: any object with the members of `Controller`, with a period of a frame or less.
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
         seed: that of the simulation, to be noted.
         behaviour: acts in place of the task's own; in the lengths of the simulated robot.
         on_progress: called with the fraction of the time limit.
     """
+    name, period = check_controller(controller, "the controller")
+    if period > RECORD_PERIOD + 1e-9:
+        raise ConfigError(
+            f"the period of controller '{name}' is {period:g} s; a demonstration has {FPS} frames per second: take one "
+            f"with {RECORD_PERIOD:g} s or less"
+        )
     watch = _Watch(simulation)
 
     def watched(view: View) -> Course:
@@ -236,6 +247,6 @@ class _Watch:
             return
         self._open = view
         self.states.append(state_vector(view))
-        self.objects.append(objects_array(view))
+        self.objects.append(objects_array(view, self._simulation.objects.names))
         self.positions.append(self._simulation.data.qpos.copy())
         self.steps.append(doing)

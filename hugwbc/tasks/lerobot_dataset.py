@@ -27,6 +27,7 @@ import pyarrow.parquet as pq
 from hugwbc.errors import ConfigError
 from hugwbc.files import LOCK, sole_writer, write_whole
 from hugwbc.robot import Robot
+from hugwbc.robot_tables import robot_names
 from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, pose_names, state_names
 from hugwbc.tasks.task import Task
 
@@ -304,9 +305,11 @@ class DatasetWriter:
         return found
 
     def _info(self) -> dict[str, Any]:
+        name = self._robot.name
         return {
             "codebase_version": VERSION,
-            "robot_type": f"unitree_{self._robot.name}",
+            # A robot of the user's own has the path of its table as its name.
+            "robot_type": f"unitree_{name}" if name in robot_names() else pathlib.Path(name).stem,
             "total_episodes": len(self._episodes),
             "total_frames": self._frames,
             "total_tasks": len(self._tasks),

@@ -13,7 +13,7 @@ from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Door, Thing
 
-_LOOK = 5  # physics steps from one look at the contacts to the next
+_LOOK = 5  # physics steps from one look at the contacts to the next, at least
 _ROUNDING = 1e-9  # [s]
 HANDS, _FEET = (tuple(f"{side}_{part}" for side in SIDES) for part in ("hand", "foot"))
 TRUNK = ("pelvis", "trunk")
@@ -162,7 +162,8 @@ def displaced(record: TaskRecord) -> tuple[str, ...]:
 class TaskWatch:
     """A watch over one episode, which notes what a judge needs, with any controller.
 
-    `look` is called after each physics step, `sample` at least every `RECORD_PERIOD`.
+    `look` is called after each physics step, or each control period where short touches may be missed; `sample` at
+    least every `RECORD_PERIOD`.
 
     Attributes:
         fell: whether the robot has fallen, or the physics diverged.
@@ -189,7 +190,6 @@ class TaskWatch:
         self._is_object[list(self._objects)] = True
         self._jointed = [name for name in names if simulation.objects[name].travel is not None]
         self.fell = False
-        self._steps = 0
         self.touched: dict[tuple[str, str], float] = {}
         self.lasted: dict[tuple[str, str], float] = {}
         self._looked = simulation.time
@@ -201,11 +201,11 @@ class TaskWatch:
     def look(self) -> None:
         """Note falls, which parts of the robot touch which objects, and how deep the hands are in them."""
         self.fell = self.fell or self._simulation.fallen
-        self._steps += 1
-        if self._steps % _LOOK:
-            return
         now = self._simulation.time
-        since, self._looked = max(now - self._looked, 0.0), now
+        since = now - self._looked
+        if 0.0 <= since < (_LOOK - 0.5) * self._simulation.timestep:
+            return
+        since, self._looked = max(since, 0.0), now  # below 0 after a reset
         contact, self._touching = self._simulation.data.contact, set()
         bodies = self._simulation.model.geom_bodyid[contact.geom]
         mixed = self._is_object[bodies].any(axis=1) & (contact.dist < 0.0)

@@ -20,6 +20,7 @@ from pydantic import Field
 
 from hugwbc import extensions
 from hugwbc.behaviours import Behaviour, Course, View
+from hugwbc.behaviours.hands import stature
 from hugwbc.behaviours.similar import similar
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.robot import Robot, load_robot
@@ -84,7 +85,7 @@ class Task:
             ConfigError: if the arms are too short for that.
         """
         made_for = self._made_for
-        size = (robot.nominal_height + robot.shoulder[2]) / (made_for.nominal_height + made_for.shoulder[2])
+        size = stature(robot) / stature(made_for)
         reach = (robot.upper_arm + robot.forearm) / (made_for.upper_arm + made_for.forearm)
         if reach < _SHORTEST * size:
             raise ConfigError(

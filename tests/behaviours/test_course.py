@@ -21,16 +21,19 @@ from hugwbc.behaviours import (
     lift,
     parallel,
     press,
+    pull,
     reach,
     release,
     retry,
     seen,
     squeeze,
+    stand,
     step,
     wait,
     wait_until,
     walk_to,
 )
+from hugwbc.behaviours.hands import TIP
 from hugwbc.commands import Command
 from hugwbc.errors import HugwbcError
 from hugwbc.gait import Gait
@@ -119,6 +122,22 @@ def test_waiting_takes_its_time() -> None:
     assert len(run(lambda view: wait(view, 0.5))[0]) == 26
 
 
+@pytest.mark.parametrize(("hold", "travel"), [(0.0, None), (0.0, 0.012), (4.0, 0.012)])
+def test_a_press_lasts_from_when_the_object_has_given_way(hold: float, travel: float | None) -> None:
+    source = BehaviourSource(lambda view: press(view, "bell", hold=hold, travel=travel))
+    farthest, pressed = 0.0, 0
+    for time in np.arange(0.0, 20.0, 0.02):
+        given = 0.02 if farthest > 0.5 else 0.0
+        pressed += given > 0.0
+        action = source.act(view(float(time), objects=objects(bell=(0.5 + given, -0.2, 1.1))))
+        if source.status is not Status.RUNNING:
+            break
+        assert action.hands is not None and action.hands.right is not None
+        farthest = max(farthest, action.hands.right[0] + TIP)
+    assert source.status is Status.SUCCESS, source.reason
+    assert farthest > 0.5 and 0.02 * pressed > hold
+
+
 def test_an_object_that_is_not_there() -> None:
     def look(now: View) -> Course:
         return (yield Action(Command(h=float(seen(now, "crate").position[2]))))
@@ -137,12 +156,15 @@ def test_an_object_that_is_not_there() -> None:
         (lambda view: walk_to(view, (1.0, 0.0), timeout=0.0), "walk_to.timeout is 0"),
         (lambda view: squeeze(view, "box", force=-1.0), "squeeze.force is -1"),
         (lambda view: lift(view, "box", math.nan), "lift.height is nan"),
+        (lambda view: pull(view, "box", -0.3), "pull.distance is -0.3"),
+        (lambda view: wait(view, math.nan), "seconds is nan"),
+        (lambda view: retry(view, stand, times=0), "times is 0"),
         (lambda view: release(view, apart=math.inf), "release.apart is inf"),
         (lambda view: press(view, "bell", "both"), "Valid: left, right"),
     ],
 )
 def test_arguments_out_of_range_are_refused_before_the_first_tick(begin, words: str) -> None:
-    with pytest.raises(HugwbcError, match=words):
+    with pytest.raises((HugwbcError, TypeError), match=words):
         next(begin(view()))
 
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from behaviour_helpers import view
+from behaviour_helpers import objects, view
 
-from hugwbc.behaviours.hands import _MOST_MORE, Pressing
+from hugwbc import load_robot
+from hugwbc.behaviours import press
+from hugwbc.behaviours.hands import _MOST_MORE, Pressing, crouch, squat, stature
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -28,3 +30,16 @@ def test_a_hand_that_feels_too_little_is_asked_for_more():
 def test_what_is_asked_for_has_bounds_and_keeps_its_sign():
     assert asked_after(20.0, 0.0) == 15.0 + _MOST_MORE
     assert 0.0 < asked_after(20.0, 99.0) < 15.0
+
+
+def test_robots_crouch_in_proportion_to_their_shoulders():
+    g1 = load_robot("g1")
+    size = stature(g1)
+    assert size == pytest.approx(0.737, abs=0.001) and stature(load_robot()) == stature(None) == 1.0
+    for height in (0.6, 1.0, 1.2):
+        for posture in (squat, crouch):
+            mine, like = posture(height * size, g1), posture(height)
+            assert (mine.h, mine.p) == pytest.approx((size * like.h, like.p), abs=1e-12)
+    # A button at the height of its shoulders is no reason for a G1 to crouch.
+    bell = view(position=(0.0, 0.0, 0.757), objects=objects(bell=(0.4, -0.15, 0.85)), robot=g1)
+    assert next(press(bell, "bell")).command.h == 0.0

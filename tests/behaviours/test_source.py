@@ -83,6 +83,22 @@ def test_a_step_that_is_not_run_says_how_to_run_it(mistaken) -> None:
     assert commands[-1].gait is Gait.STANDING
 
 
+@pytest.mark.parametrize(("parts", "reason"), [
+    ({"command": {"v_x": 0.3}}, "command is no Command"),
+    ({"hands": np.zeros((2, 3))}, "hands are neither HandTargets nor None"),
+    ({"grips": Grip("left", "cup")}, "grips are no tuple of Grip"),
+    ({"grips": ("left", "cup")}, "grips are no tuple of Grip"),
+])  # fmt: skip
+def test_an_action_of_wrong_parts_ends_it(parts, reason) -> None:
+    def mistaken(view):
+        while True:
+            yield Action(**parts)
+
+    source = BehaviourSource(mistaken)
+    assert _played(source, 0.1)[-1].gait is Gait.STANDING
+    assert source.status is Status.FAILURE and source.reason == f"it yielded an Action whose {reason}"
+
+
 def test_it_begins_again_after_a_restart() -> None:
     source = BehaviourSource(lambda view: march(view, Failure("tired")))
     _played(source)

@@ -23,6 +23,7 @@ from hugwbc.deploy.watchdogs import Limits
         (["--age", "3"], "age is 3"),
         (["--tilt", "0"], "tilt is 0"),
         (["--script", "missing"], "missing"),
+        (["--task", "press_button", "--seed", "-1"], "seed is -1; give 0 or more"),
         (["--record", "/no/such/folder/run.bin"], "cannot write /no/such/folder/run.bin"),
         (["--replay", "missing.bin"], "no recording missing.bin"),
     ],

@@ -1,6 +1,14 @@
+import dataclasses
+
+import numpy as np
 import pytest
 
+from hugwbc import JointCommand
 from hugwbc.cli import main
+from hugwbc.cli.simulate_robot import Judge
+from hugwbc.sim import Scene, Simulation
+from hugwbc.sim.scenes import Wall
+from hugwbc.tasks import Milestone, load_task
 
 
 @pytest.mark.parametrize(
@@ -19,3 +27,18 @@ from hugwbc.cli import main
 def test_simulate_robot_refuses_what_it_cannot_do(words, message, capsys) -> None:
     assert main(["simulate-robot", *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_task_is_judged_from_the_first_command_that_drives_the_joints() -> None:
+    simulation = Simulation(scene=Scene((Wall(name="wall", position=(0.4, 0.0), size=(0.1, 1.0, 2.0)),)))
+    never = (Milestone("never", lambda record: 0.0),)
+    judge = Judge(dataclasses.replace(load_task("press_button"), milestones=never), simulation)
+    robot, zero = simulation.robot, np.zeros(19)
+    limp = JointCommand(q=robot.nominal, dq=zero, kp=zero, kd=robot.kd, tau=zero)
+    for command, steps in ((limp, 120), (JointCommand.position(robot, robot.nominal), 20)):
+        for _ in range(steps):
+            simulation.step(command, simulation.timestep)
+            judge(command)
+        assert ("never driven" in judge.words()) == (command is limp)
+    assert judge._watch is not None
+    assert max(judge._watch.lasted.values(), default=0.0) <= 20 * simulation.timestep

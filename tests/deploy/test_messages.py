@@ -14,7 +14,9 @@ from hugwbc.deploy.remote import Remote
 from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.state_machine import DAMPING_GAIN
 from hugwbc.deploy.watchdogs import Intake, Limits
+from hugwbc.errors import ModelError
 from hugwbc.robot import Robot
+from hugwbc.robot_tables import robot_table
 from hugwbc.runtime import HoldController
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
@@ -53,6 +55,13 @@ def test_slots_and_modes_are_the_makers(name: str) -> None:
     messages = Messages(robot)
     assert dict(zip(robot.joint_names, messages.slots.tolist(), strict=True)) == SLOTS
     assert messages.modes.tolist() == [0x0A] * 10 + [0x01] * 10
+
+
+def test_more_motors_than_a_message_has_are_refused(monkeypatch) -> None:
+    table = {**robot_table("g1"), "interface": {**robot_table("g1")["interface"], "messages": "unitree_go"}}
+    monkeypatch.setattr("hugwbc.deploy.messages.robot_table", lambda name: table)
+    with pytest.raises(ModelError, match=r"g1 has 29 motor slots; a unitree_go\.LowCmd_ has 20"):
+        Messages(G1)
 
 
 def test_slots_and_modes_of_the_g1_are_the_makers() -> None:

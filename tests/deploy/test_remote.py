@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Gait, load_robot
-from hugwbc.commands import command_ranges
+from hugwbc.commands import Command, command_ranges, default_command
 from hugwbc.deploy.remote import BUTTONS, ButtonPresses, Remote, Request, Sticks, listen
 
 
@@ -56,6 +56,11 @@ def test_without_sticks_the_robot_stands() -> None:
     sticks = Sticks(load_robot())
     assert sticks.command_at(0.0).gait is Gait.STANDING
     assert hold(sticks, Remote(), 2.0).gait is Gait.STANDING
+
+
+def test_a_stand_has_the_defaults_of_the_robot() -> None:
+    g1 = load_robot("g1")
+    assert Sticks(g1).command_at(0.0) == default_command(Gait.STANDING, g1) != Command()
 
 
 @pytest.mark.parametrize(

@@ -23,3 +23,13 @@ def test_jitter_is_the_deviation_from_the_period_and_late_answers_are_counted() 
         timing.published(now)
     assert timing.jitter.count == 3 and timing.jitter.largest == pytest.approx(0.5)
     assert timing.jitter.median == pytest.approx(0.5)
+
+
+def test_an_answer_in_time_ends_a_row_of_periods_that_were_missed() -> None:
+    timing = Timing(0.002)
+    for _ in range(5):
+        timing.answered(0.001, 0.002, skipped=1)
+    assert timing.missed == 5 and timing.longest_miss == 1
+    for seconds, skipped in ((0.003, 2), (0.003, 0), (0.001, 1), (0.001, 0)):
+        timing.answered(seconds, 0.002, skipped)
+    assert timing.missed == 10 and timing.longest_miss == 5

@@ -14,11 +14,12 @@ from hugwbc.gym.task_action import Wish
 from hugwbc.gym.task_env import TaskEnv
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.scripts.view import SeenObjects
 from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
 from hugwbc.targets import HandTargets
-from hugwbc.tasks import load_task, shapes_of
-from hugwbc.tasks.demonstration import demonstrate, state_names
+from hugwbc.tasks import Milestone, load_task, shapes_of
+from hugwbc.tasks.demonstration import OBJECTS, demonstrate, state_names
 from hugwbc.tasks.replay import replay
 
 NEAR = Scene((Button(name="button", position=(0.62, Uniform(-0.25, -0.15)), height=1.1, force=15.0, travel=0.02),))
@@ -96,6 +97,17 @@ def test_the_time_limit_truncates():
     assert ends[-1][3]["time"] == 0.3
 
 
+def test_a_success_just_before_the_time_limit_says_so():
+    late = dataclasses.replace(
+        load_task("press_button"), milestones=(Milestone("not yet", lambda record: float(record.time[-1] > 0.15)),)
+    )
+    env = TaskEnv(late, "hold", limit=0.2)
+    env.reset(seed=3)
+    *_, truncated, info = [env.step(env.actions.rest) for _ in range(2)][-1]
+    assert truncated and info["score"] == 1.0 and not info["success"]
+    assert info["reason"] == "the time was over: done for less than 1 s"
+
+
 def test_an_observation_is_what_a_robot_has():
     env = press("learned", arena=Arena(sensing="exact", drives="ideal"))
     observation, _ = env.reset(seed=3)
@@ -118,6 +130,17 @@ def test_an_observation_is_what_a_robot_has():
     assert part["walk"] == 1.0 and part["command"][0] == pytest.approx(0.3)
     np.testing.assert_allclose(part["velocity"], simulation.qvel[:3], atol=0.05)
     assert part["velocity"][0] > 0.1 and part["time"] == pytest.approx(1.5 / 60.0)
+
+
+@pytest.mark.parametrize("actions", ["scaled", "recorded"])
+def test_objects_that_are_not_seen_are_zeros(actions, monkeypatch):
+    env = press(actions=actions)
+    env.reset(seed=3)
+    monkeypatch.setattr("hugwbc.runtime.sight.Sight._objects", lambda self, picture, age: SeenObjects())
+    observation, *_ = env.step(env.actions.rest)
+    assert env.observation_space.contains(observation)
+    seen = observation[OBJECTS] if actions == "recorded" else observation[env.observations.fields["object/button"]]
+    assert not seen.any()
 
 
 def test_many_run_one_after_another_in_a_sync_vector():

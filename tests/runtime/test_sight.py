@@ -122,6 +122,17 @@ def test_objects_that_come_and_go_are_told_apart() -> None:
         assert {name: thing.position[0] for name, thing in objects.items()} == {n: pose[0] for n, pose in seen.items()}
 
 
+def test_a_late_picture_with_other_objects_does_not_rename_those_of_the_last_good_one() -> None:
+    near, far = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    world = CapturedWorld()
+    sight, places = Sight(world, load_robot()), []
+    for now, taken, seen in ((1.0, 1.0, {"a": near, "b": far}), (1.3, 1.01, {"b": far}), (1.31, 1.31, {"b": far})):
+        world.take(Capture(taken, near, tuple(seen), np.array(list(seen.values())), (None, None)))
+        objects = sight.look(now, _state(now, np.zeros(3), 0.0, np.zeros(3))).objects
+        places.append({name: thing.position[0] for name, thing in objects.items()})
+    assert places == [{"a": 1.0, "b": 5.0}, {"a": 1.0, "b": 5.0}, {"b": 5.0}]
+
+
 def test_a_capture_that_falls_silent_shows_its_age_and_then_nothing() -> None:
     told: list[str] = []
     world = CapturedWorld(told.append)

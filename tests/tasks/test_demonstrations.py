@@ -17,6 +17,7 @@ from hugwbc.cli import USAGE_ERROR, main
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
+from hugwbc.runtime.sight import Sight
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Arena
 from hugwbc.sim.scenes import Box, Scene, Table
@@ -147,6 +148,25 @@ def test_the_time_limit_leaves_whole_frames():
     assert not found.verdict.success
 
 
+def test_objects_that_are_no_longer_seen_are_zeros(monkeypatch):
+    look = Sight._objects
+
+    def lost(self, picture, age):
+        return look(self, None if picture is None or picture.time > 0.05 else picture, age)
+
+    monkeypatch.setattr(Sight, "_objects", lost)
+    objects = told(lambda view: stand(view, 0.2)).objects
+    assert objects[0, :, 3].all()  # unit quaternions
+    assert not objects[-1].any()
+
+
+def test_a_controller_slower_than_the_frames_is_refused():
+    slow = HoldController(ROBOT)
+    slow.period = 0.04  # every other frame would be missing, and the times of the others wrong
+    with pytest.raises(ConfigError, match="a demonstration has 50 frames per second"):
+        demonstrate(small(stand_and_reach), slow, EXACT.simulation(scene=SCENE, seed=4), seed=4)
+
+
 def test_a_behaviour_that_fails_at_once_has_nothing_to_record():
     with pytest.raises(ConfigError, match=r"seed 4, has nothing to record: not done: it is not over .walk to: object"):
         told(lambda view: walk_to(view, before="what is not there"))
@@ -187,6 +207,15 @@ def test_the_layout_is_that_of_lerobot(tmp_path):
         assert part["next.done"].tolist() == [False] * (len(episode.state) - 1) + [True]
         assert bool(part["next.success"][-1]) == episode.verdict.success
     np.testing.assert_array_equal(rows["index"], range(65))
+
+
+@pytest.mark.parametrize(("name", "kind"), [("h1", "unitree_h1"), ("/my/robots/mini/mini.yaml", "mini")])
+def test_the_type_of_a_robot_is_its_makers_or_ones_own(name, kind, tmp_path):
+    with DatasetWriter(
+        tmp_path / "demos", [load_task("press_button")], dataclasses.replace(ROBOT, name=name)
+    ) as writer:
+        writer.add(dataclasses.replace(made_up("press_button", 3), robot=name))
+    assert read_info(tmp_path / "demos")["robot_type"] == kind
 
 
 def test_words_are_looked_up_with_pandas(tmp_path):
