@@ -131,7 +131,7 @@ def stature(robot: Robot | None) -> float:
     """Return the height of a robot's shoulders relative to the H1's, whose heights are above; 1 for None."""
     if robot is None:
         return 1.0
-    height, made_for = (float(one.nominal_height + one.shoulder[2]) for one in (robot, load_robot()))
+    height, made_for = (float(one.nominal_height + one.shoulder[2]) for one in (robot, load_robot("h1")))
     return height / made_for
 
 
