@@ -324,8 +324,8 @@ class EnvConfig:
         return scaled
 
 
-# What an environment can take over without rebuilding its robots.
 FEED_FORWARD = ("squat_gain", "swing_gain", "bounce_lead")  # of the legs
+# What an environment can take over without rebuilding its robots.
 ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", *FEED_FORWARD, "starts_share")
 
 
