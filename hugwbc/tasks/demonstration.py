@@ -95,6 +95,19 @@ def objects_array(view: View, bodies: Sequence[str]) -> np.ndarray:
     return poses
 
 
+def unrecorded(action: Action) -> tuple[str, ...]:
+    """Return what a request asks of the hands that `ACTION_NAMES` has no number for."""
+    hands = action.hands
+    if hands is None:
+        return ()
+    asked = {
+        "targets of the arm joints": hands.joints is not None,
+        "orientations of the hands": hands.left_orientation is not None or hands.right_orientation is not None,
+        "payloads": hands.wrench.payload is not None,
+    }
+    return tuple(what for what, given in asked.items() if given)
+
+
 def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
     """Return the request as one vector, in the order of `ACTION_NAMES`.
 
@@ -189,6 +202,11 @@ def demonstrate(
     count = len(watch.actions)  # a fall or the time limit leaves a last frame without its action
     if not count:
         raise ConfigError(f"task '{task.name}', seed {seed}, has nothing to record: {run.verdict.words}")
+    if watch.unrecorded:
+        what = " and ".join(sorted(watch.unrecorded))
+        raise ConfigError(
+            f"the behaviour asks for {what}, for which a demonstration has no numbers; record another one"
+        )
     bodies = len(task.scene.body_names)
     return Demonstration(
         task=task,
@@ -217,6 +235,7 @@ class _Watch:
         self.objects: list[np.ndarray] = []
         self.actions: list[np.ndarray] = []
         self.steps: list[str] = []
+        self.unrecorded: set[str] = set()
         self._grip = np.zeros(2)
         self._open: View | None = None  # of a frame that has no action yet
 
@@ -239,6 +258,7 @@ class _Watch:
             self._grip[SIDES.index(grip.side)] = float(grip.name is not None)
         if self._open is not None:
             self.actions.append(action_vector(self._open, action, self._grip))
+            self.unrecorded.update(unrecorded(action))
             self._open = None
 
     def _frame(self, view: View, doing: str) -> None:

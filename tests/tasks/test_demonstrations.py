@@ -14,6 +14,7 @@ import pytest
 from hugwbc import rotations
 from hugwbc.behaviours import Action, Grip, reach, stand, walk_to
 from hugwbc.cli import USAGE_ERROR, main
+from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
@@ -21,6 +22,7 @@ from hugwbc.runtime.sight import Sight
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Arena
 from hugwbc.sim.scenes import Box, Scene, Table
+from hugwbc.targets import HandTargets
 from hugwbc.tasks import Milestone, Task, Verdict, load_task, run_task
 from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, demonstrate, state_names
 from hugwbc.tasks.lerobot_dataset import DatasetWriter, features_of
@@ -165,6 +167,16 @@ def test_a_controller_slower_than_the_frames_is_refused():
     slow.period = 0.04  # every other frame would be missing, and the times of the others wrong
     with pytest.raises(ConfigError, match="a demonstration has 50 frames per second"):
         demonstrate(small(stand_and_reach), slow, EXACT.simulation(scene=SCENE, seed=4), seed=4)
+
+
+def test_hand_targets_without_a_place_in_a_frame_are_refused():
+    def follow(view):
+        for _ in range(20):
+            view = yield Action(Command(), HandTargets(None, None, joints=np.zeros(8)))
+        return view
+
+    with pytest.raises(ConfigError, match="asks for targets of the arm joints, for which a demonstration has no"):
+        told(follow)
 
 
 def test_a_behaviour_that_fails_at_once_has_nothing_to_record():
