@@ -120,8 +120,8 @@ class Walking:
         along = float(self._references.to_heading[0].dot(step))
         fall = highest_fall(params, apex, height, frequency, along, dynamics.robot, speed=speed)
         apex = max(fall, min(apex, params.min_clearance))
-        longest = params.max_step[1]
-        share = (math.hypot(*step.tolist()) - params.long_step) / (longest - params.long_step)
+        beyond = max(params.max_step[1] - params.long_step, 1e-6)  # a table may have no longer steps
+        share = (math.hypot(*step.tolist()) - params.long_step) / beyond
         return apex + min(max(share, 0.0), 1.0) * (min(apex, params.long_step_clearance) - apex)
 
     def _request(self, tick: Tick, swing: int, stance: int) -> StepRequest:
