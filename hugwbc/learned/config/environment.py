@@ -240,10 +240,6 @@ class EnvConfig:
     swing_gain: Share = 0.0
     """Share of the clock's swing, up to the commanded height l, by which the legs' joint targets lift the feet; the
     action is added. With 0 the action alone lifts them, as in the paper."""
-    bounce_lead: NotNegative | None = None
-    """Time by which the legs' joint targets go ahead of the pelvis' path in jumps and hops (`hugwbc.gait.bounce`) [s]:
-    they bend, push off, and yield in the landing; the action is added. A body on such legs follows late: 0.08 s for an
-    H1, 0.05 s for a G1 (docs/log/learner.md). With None the action alone does all that, as in the paper."""
     intervention: Literal["noise", "motion", "none"] = "noise"
     """What takes over the arms: the paper's noise, motions, or nothing."""
     motions: pathlib.Path | None = None
@@ -314,7 +310,6 @@ class EnvConfig:
             waist_rate=self.waist_rate,
             squat_gain=self.squat_gain,
             swing_gain=self.swing_gain,
-            bounce_lead=self.bounce_lead,
         )
 
     @staticmethod
@@ -324,9 +319,8 @@ class EnvConfig:
         return scaled
 
 
-FEED_FORWARD = ("squat_gain", "swing_gain", "bounce_lead")  # of the legs
 # What an environment can take over without rebuilding its robots.
-ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", *FEED_FORWARD, "starts_share")
+ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain", "starts_share")
 
 
 def same_robots(one: EnvConfig, other: EnvConfig) -> bool:

@@ -182,8 +182,6 @@ class Contract:
         squat_gain: factor of the commanded height and pitch that the legs' joint targets follow
             (`hugwbc.learned.policy.leg_feed_forward`).
         swing_gain: share of the clock's swing of the feet, up to the commanded height, that they follow.
-        bounce_lead: time by which they go ahead of the pelvis' path in jumps and hops (`hugwbc.gait.bounce`) [s]; None
-            for legs that do not follow it.
         feed_forward: what to ask the network for, by gait and command (`FeedForward`).
         policy: TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given
             otherwise.
@@ -209,7 +207,6 @@ class Contract:
     waist_rate: NotNegative = 0.0
     squat_gain: Gain = 0.0
     swing_gain: Share = 0.0
-    bounce_lead: NotNegative | None = None
     feed_forward: Annotated[Curves, AfterValidator(refusing(check_curves))] = dataclasses.field(default_factory=dict)
     policy: Beside | None = None
 

@@ -4,12 +4,11 @@ Hip, knee and ankle are the corners of a triangle with the lengths of thigh T an
 ankle at a distance d leans the shank as the law of cosines says; for equal links this is acos(d / 2 S). An ankle bends
 only so far. From there on the thigh alone leans, and the hip moves back:
 
-    d = d_0 + h + b - c,   shank = min(acos((d^2 + S^2 - T^2) / 2 d S), ankle's limit),
+    d = d_0 + h - c,   shank = min(acos((d^2 + S^2 - T^2) / 2 d S), ankle's limit),
     thigh = acos((d - S cos(shank)) / T),   knee = thigh + shank,   hip = -thigh - p,   ankle = -shank,
 
-relative to the nominal posture, at h = p = 0, with b the path of the pelvis in jumps and hops (`hugwbc.gait.bounce`)
-and c the clearance of the sole in its swing; the sole stays level. It says nothing of balance or of the length of a
-step, which are left to the policy.
+relative to the nominal posture, at h = p = 0, with c the clearance of the sole in its swing; the sole stays level. It
+says nothing of balance or of the length of a step, which are left to the policy.
 """
 
 import math
@@ -83,9 +82,10 @@ def _clip(values: Array, low: Array | float, high: Array | float) -> Array:
     return values.clip(low, high)
 
 
-def swing_clearance(phase: Array, gait: Array, command: Array) -> Array:
-    """Return the clearance of both soles at a common phase [m], shape (n, 2)."""
-    return gaits.swing_height(gaits.foot_phases(phase, gait), command[:, _L : _L + 1])
+def swing_clearance(phase: Array, gait: Array, command: Array, period: float) -> Array:
+    """Return the clearance of both soles [m], shape (n, 2), at the end of a period [s] that begins at a phase."""
+    later = gaits.advance_phase(phase, command[:, _F], period)
+    return gaits.swing_height(gaits.foot_phases(double(later), gait), command[:, _L : _L + 1])
 
 
 class CommandFeedForward:
@@ -102,7 +102,7 @@ class CommandFeedForward:
         self._waist = place(np.eye(len(robot.joint_names))[robot.waist])
         self._waist_reach = contract.waist_rate * period
         self._squat_reach = place(period * np.array([HEIGHT_RATE, PITCH_RATE]))
-        self._squat, self._swing, self._lead = contract.squat_gain, contract.swing_gain, contract.bounce_lead
+        self._squat, self._swing = contract.squat_gain, contract.swing_gain
 
     def follow(self, waist: Array, posture: Array, command: Array) -> tuple[Array, Array]:
         """Return the angle of the waist [rad], height [m] and pitch [rad] after a control period."""
@@ -112,13 +112,8 @@ class CommandFeedForward:
     def offsets(self, waist: Array, posture: Array, phase: Array, gait: Array, command: Array) -> Array:
         """Return what to add to pose and action [rad], shape (n, joints)."""
         turn = double(waist)[:, None] * self._waist
-        if self._squat == self._swing == 0.0 and self._lead is None:
+        if self._squat == 0.0 and self._swing == 0.0:
             return turn
         height, pitch = self._squat * posture.T
-        frequency = command[:, _F]
-        if self._lead is not None:
-            ahead = double(gaits.advance_phase(phase, frequency, self._period + self._lead))
-            height = height + gaits.bounce(ahead, gait, frequency)[0]
-        later = double(gaits.advance_phase(phase, frequency, self._period))  # at the end of the control period
-        lifted = self._swing * swing_clearance(later, gait, command)
+        lifted = self._swing * swing_clearance(phase, gait, command, self._period)
         return self._legs.offsets(height, pitch, lifted) + turn

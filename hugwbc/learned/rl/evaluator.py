@@ -9,7 +9,6 @@ import torch
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait, held, hopping
 from hugwbc.learned.config import EnvConfig, LoadConfig
-from hugwbc.learned.config.environment import FEED_FORWARD
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
 from hugwbc.learned.env.terminations import held_foot_down
@@ -136,7 +135,7 @@ class Evaluator:
 
     def adopt(self, config: EnvConfig) -> None:
         """Take over from the training what a policy runs with and schedules may change: the legs' feed-forward."""
-        gains = {name: getattr(config, name) for name in FEED_FORWARD}
+        gains = {"squat_gain": config.squat_gain, "swing_gain": config.swing_gain}
         self._env.adopt(dataclasses.replace(self._env.config, **gains))
 
     @torch.no_grad()

@@ -14,7 +14,7 @@ from hugwbc.errors import ConfigError, PolicyFileError
 from hugwbc.files import sole_writer, writing
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, TrainConfig
-from hugwbc.learned.config.environment import FEED_FORWARD, same_robots
+from hugwbc.learned.config.environment import same_robots
 from hugwbc.learned.distributed import Stop, stopped_by_signals
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.randomization import restore as restore_generator
@@ -410,9 +410,9 @@ def _differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -
     """Return what a user should know: another feed-forward of the legs."""
     before = dict(metadata.get("config", {}).get("env", {}))
     words = [
-        f"--env.{name.replace('_', '-')} {'None' if before[name] is None else f'{before[name]:g}'}"
-        for name in FEED_FORWARD
-        if name in before and before[name] != getattr(env, name)
+        f"--env.{name.replace('_', '-')} {before[name]:g}"
+        for name in ("squat_gain", "swing_gain")
+        if name in before and float(before[name]) != getattr(env, name)
     ]
     return f"{path} was trained with {' '.join(words)}; without that it moves differently" if words else ""
 
