@@ -175,8 +175,8 @@ class ExtraWeights:
     """sum_i (1 - C_i) c_i in jumping and hopping. A hop at twice the clock's frequency, which is easier, touches the
     ground in every flight; with the paper's term alone it cost 0.8 a second of 9."""
     bounce_tracking: float = 0.0
-    """exp(-e^2 / 0.2) of the pelvis' vertical speed against that of a flight by the clock, in jumping.
-    Without it the policy bobs to the clock instead of jumping."""
+    """exp(-e^2 / 0.2) of the pelvis' vertical speed against that of a flight by the clock, in jumps, and in hops while
+    the held foot is up. Without it the policy bobs to the clock instead of jumping."""
     bounce_error: float = 0.0
     """Square of that error, up to 2 (m/s)^2, which has a slope where the exponential is flat."""
     unequal_support: float = -3.0

@@ -12,7 +12,7 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
-from hugwbc.gait import Gait, flies
+from hugwbc.gait import Gait, flies, held
 from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardTerm, RewardWeights
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
 
@@ -243,9 +243,13 @@ def flight_contact(t: Transition, body: Body) -> torch.Tensor:
 
 
 def bounce_tracking(t: Transition, body: Body) -> torch.Tensor:
-    """exp(-(b - v_z)^2 / 0.2) in jumping, with b the speed of the clock's flight (not in the paper)."""
+    """exp(-(b - v_z)^2 / 0.2) in jumps, and in hops with the held foot up, with b the speed of the clock's flight.
+
+    Not in the paper. If it paid for hops with the held foot down, robots would hop on both feet.
+    """
     error = (t.bounce[:, 1] - t.velocity[:, 2]).square()
-    return torch.exp(-error / TRACKING_SIGMA) * (t.gait == int(Gait.JUMPING))
+    down = (held(t.gait) & feet_on_ground(t.foot_force)).any(1)  # the held foot
+    return torch.exp(-error / TRACKING_SIGMA) * (flies(t.gait) & ~down)
 
 
 def bounce_error(t: Transition, body: Body) -> torch.Tensor:

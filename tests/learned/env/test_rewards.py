@@ -130,7 +130,10 @@ CASES = {
 IN_TURN = torch.tensor([False])
 ONE_FOOT = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.0, 400.0]]])
 LANDING = {"touch_down": torch.tensor([[True, False]]), "descent": torch.tensor([[1.6, 0.0]])}
+UP = {"bounce": torch.tensor([[0.0, 1.2]]), "velocity": torch.ones(1, 3), "foot_force": ONE_FOOT}  # the left foot
 MORE = [
+    ("bounce_tracking", {"gait": torch.tensor([int(Gait.HOPPING_RIGHT)]), **UP}, math.exp(-0.04 / 0.2)),
+    ("bounce_tracking", {"gait": torch.tensor([int(Gait.HOPPING_LEFT)]), **UP}, 0.0),
     # Two feet count in phase alone, and the support of one foot alone.
     ("feet_symmetry", {"foot_offset": torch.tensor([[0.3, 0.4, 0.1]]), "in_phase": IN_TURN}, 0.0),
     ("unequal_support", {"foot_force": ONE_FOOT, "in_phase": IN_TURN}, 0.0),
