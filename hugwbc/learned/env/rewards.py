@@ -12,9 +12,10 @@ import torch
 
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
-from hugwbc.gait import Gait, flies, held
+from hugwbc.gait import Gait, flies
 from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardTerm, RewardWeights
 from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
+from hugwbc.learned.env.terminations import held_foot_down
 
 TRACKING_SIGMA = 0.2
 CONTACT_FORCE_SIGMA = 50.0  # [N^2]
@@ -248,8 +249,7 @@ def bounce_tracking(t: Transition, body: Body) -> torch.Tensor:
     Not in the paper. If it paid for hops with the held foot down, robots would hop on both feet.
     """
     error = (t.bounce[:, 1] - t.velocity[:, 2]).square()
-    down = (held(t.gait) & feet_on_ground(t.foot_force)).any(1)  # the held foot
-    return torch.exp(-error / TRACKING_SIGMA) * (flies(t.gait) & ~down)
+    return torch.exp(-error / TRACKING_SIGMA) * (flies(t.gait) & ~held_foot_down(t, t.gait))
 
 
 def bounce_error(t: Transition, body: Body) -> torch.Tensor:

@@ -3,7 +3,7 @@
 import torch
 
 from hugwbc.gait import held
-from hugwbc.learned.env.readings import Readings, feet_on_ground
+from hugwbc.learned.env.readings import Readings, Transition, feet_on_ground
 from hugwbc.robot import Robot
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 
@@ -20,7 +20,7 @@ def fallen(readings: Readings, robot: Robot) -> torch.Tensor:
     return tilted | (readings.height + robot.nominal_height < FALL_HEIGHT * robot.nominal_height)
 
 
-def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
+def held_foot_down(readings: Readings | Transition, gait: torch.Tensor) -> torch.Tensor:
     """Return whether the held foot of a hopping robot is on the ground, shape (n,), bool."""
     return (held(gait) & feet_on_ground(readings.foot_force)).any(1)
 
