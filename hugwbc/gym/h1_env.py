@@ -126,10 +126,10 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ):
             env.update_curriculum()
         observation = env.observe()
-        fell, truncated = result.terminated.numpy(), result.truncated.numpy()
+        fell, truncated, done = (ends.numpy() for ends in (result.terminated, result.truncated, result.done))
         info: dict[str, Any] = {"critic": _rows(observation.critic)}
-        if (fell | truncated).any():
-            info |= self._last(result.final, fell | truncated, truncated)
+        if done.any():
+            info |= self._last(result.final, done, truncated)
         return _actor(observation), result.reward.numpy().astype(np.float64), fell, truncated, info
 
     def _admitted(self, actions: np.ndarray) -> np.ndarray:

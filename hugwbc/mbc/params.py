@@ -10,6 +10,7 @@ from hugwbc.robot import Robot
 from hugwbc.settings import Count, NotNegative, Positive, settings
 
 _Triple = tuple[NotNegative, NotNegative, NotNegative]
+_FootWeights = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 _Gains = tuple[Positive, Positive]  # stiffness and damping, or the largest rate and the largest acceleration
 
 
@@ -187,13 +188,7 @@ class ControllerParams:
     flight_orientation_weight: _Triple = (4.0, 6.0, 6.0)
     """Weights of the pelvis's roll, pitch and yaw in flight. Angular momentum is conserved there, so that turning the
     pelvis moves the legs from their places."""
-    flight_swing_weight: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (
-        40.0,
-        40.0,
-        40.0,
-        2.0,
-        10.0,
-    )
+    flight_swing_weight: _FootWeights = (40.0, 40.0, 40.0, 2.0, 10.0)
     """Weights of a foot's x, y, z, pitch and yaw in flight, where no other foot has to bear the reaction."""
     mpc_intervals: Count = 6
     """Number of intervals of constant force in the rest of a stance."""
