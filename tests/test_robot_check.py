@@ -207,13 +207,15 @@ def test_what_the_check_refuses_is_not_loaded(tmp_path, edit, message) -> None:
     ("text", "message"),
     [
         ("a: [1,\nb: }", "is no YAML: while parsing"),
+        ("nominal:\n  left_knee: 0.6\n  left_knee: 0.2", "left_knee is given twice"),
+        ("# \u00e4".encode("latin-1"), "mine.yaml: 'utf-8' codec can't decode"),
         ("- 1", "is no table of a robot; docs/how-to/add-a-robot.md shows one"),
         ("joints: []\nlinks: []\ndrives: []", "lacks the field 'roles'"),
         ("joints: 3\nlinks: []\ndrives: []\nroles: {}", "has a field of another form ('int' object is not iterable)"),
     ],
 )
 def test_what_is_no_table_is_refused(tmp_path, text, message) -> None:
-    (tmp_path / "mine.yaml").write_text(text)
+    (tmp_path / "mine.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
     (found,) = problems(str(tmp_path / "mine.yaml"))
     assert message in found
 
