@@ -83,7 +83,7 @@ def _robot_table(name: str) -> dict[str, Any]:
             link.update(difference.get("links", {}).get(link["name"], {}))
         check_roles(table)
         complete(table, description)
-    return {"name": label, **table}
+    return {**table, "name": label}
 
 
 class _Loader(yaml.CSafeLoader):
