@@ -61,9 +61,10 @@ def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, Comma
         return general
     hopping = {name: general[name].default for name in ("f", "l", "p", "w")}
     aside = general["v_y"].finishing
+    ahead = _within(aside, general["v_x"].finishing)
     return (
         general
-        | {name: CommandRange(0.0, aside, aside) for name in ("v_x", "v_y")}
+        | {name: CommandRange(0.0, limits, limits) for name, limits in (("v_x", ahead), ("v_y", aside))}
         | {"omega": CommandRange(0.0, *2 * (general["omega"].initial,))}
         | {name: CommandRange(default, (default, default), (default, default)) for name, default in hopping.items()}
     )
@@ -77,7 +78,14 @@ def highest_swing(robot: Robot) -> float:
 def _of(robot: Robot, name: str) -> CommandRange:
     ranges = {**_scaled(robot, name), **robot.commands.get(name, {})}
     low, high = ranges["finishing"]
-    return CommandRange(min(max(_size(robot, name, _PAPER[name].default), low), high), **ranges)
+    default = min(max(_size(robot, name, _PAPER[name].default), low), high)
+    return CommandRange(default, _within(ranges["initial"], (low, high)), (low, high))
+
+
+def _within(part: tuple[float, float], limits: tuple[float, float]) -> tuple[float, float]:
+    """Return a range with its ends moved into another one."""
+    low, high = np.clip(part, *limits).tolist()
+    return low, high
 
 
 def _scaled(robot: Robot, name: str) -> dict[str, tuple[float, float]]:

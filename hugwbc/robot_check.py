@@ -15,7 +15,9 @@ from hugwbc.table_defaults import SIDES, is_left, mirrored, other_side, placemen
 _SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
 _JOINT = ("xyz", "rpy", "axis", "range", "effort", "velocity", "armature", "corner_speed", "kp", "kd", "nominal")
 _LINK = ("mass", "com", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_ABOVE_ZERO = ("effort", "velocity", "armature", "corner_speed", "kp", "kd")
+_ABOVE_ZERO = ("effort", "policy_torque_limit", "velocity", "armature", "corner_speed", "kp", "kd")
+_FOLLOWS = {"corner_speed": "velocity", "policy_torque_limit": "effort"}  # where the table does not say it
+_LENGTHS = {"xyz": 3, "rpy": 3, "axis": 3, "com": 3, "center": 3, "pos": 3, "range": 2}  # of lists of numbers, by name
 _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the right joint
 # Axes of legs and waist in the base's frame, by part; the others turn about y.
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
@@ -41,7 +43,7 @@ def problems(name: str) -> list[str]:
 
 def table_problems(table: Mapping[str, Any]) -> list[str]:
     """Return what is missing or implausible in a table that `robot_table` returned."""
-    return [*_missing(table)] or [text for check in _CHECKS for text in check(table)]
+    return [*_missing(table), *_formless(table)] or [text for check in _CHECKS for text in check(table)]
 
 
 def tilted_axes(table: Mapping[str, Any]) -> Iterator[str]:
@@ -63,6 +65,10 @@ def _axes(table: Mapping[str, Any]) -> Iterator[tuple[str, str, np.ndarray, str]
 
 
 def _missing(table: Mapping[str, Any]) -> Iterator[str]:
+    for kind, field in (("joints", "name"), ("joints", "child"), ("links", "name")):
+        names = [row[field] for row in table[kind]]
+        for name in sorted({name for name in names if names.count(name) > 1}):
+            yield f"{names.count(name)} rows of `{kind}` have the {field} {name}; give each another one"
     for section in _SECTIONS:
         if section not in table:
             yield f"the section `{section}` is missing; models/h1/h1.yaml shows it"
@@ -72,12 +78,39 @@ def _missing(table: Mapping[str, Any]) -> Iterator[str]:
                 yield f"{row['name']} lacks {', '.join(lacks)}; give them under `{kind}` or `drives`"
 
 
+def _formless(part: Any, place: str = "") -> Iterator[str]:  # noqa: ANN401  whatever YAML holds
+    """Say which numbers are not finite, which lists have too few, and what is empty, but for unused motor slots."""
+    if part is None:
+        yield f"{place} is empty; fill it in, or leave it out"
+    elif isinstance(part, float) and not math.isfinite(part):
+        yield f"{place} is {part}; give a finite number"
+    for key, inner in part.items() if isinstance(part, dict) else enumerate(part) if isinstance(part, list) else ():
+        name = inner.get("name", key) if isinstance(inner, dict) else key
+        here, length = f"{place}.{name}".lstrip("."), _LENGTHS.get(str(key))
+        if length is not None and not (
+            isinstance(inner, list) and len(inner) == length and all(isinstance(one, int | float) for one in inner)
+        ):
+            yield f"{here} is {inner}; give {length} numbers"
+        elif here != "interface.motors":
+            yield from _formless(inner, here)
+
+
 def _tree(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that the limbs hang together as their roles say."""
     roles, above = table["roles"], {joint["child"]: joint for joint in table["joints"]}
     for link in table["links"]:
         if link["name"] != roles["base"] and link["name"] not in above:
             yield f"no joint carries {link['name']}, which is not the base {roles['base']}; remove it or name its joint"
+
+    def order(link: str) -> Iterator[str]:
+        for joint in table["joints"]:
+            if joint["parent"] == link:
+                yield joint["name"]
+                yield from order(joint["child"])
+
+    below, names = [*order(roles["base"])], [joint["name"] for joint in table["joints"]]
+    if sorted(below) == sorted(names) and below != names:
+        yield f"`joints` do not follow one another down each limb, as in MuJoCo; give them as {', '.join(below)}"
 
     def chain(link: str, top: str) -> list[str] | None:
         names: list[str] = []
@@ -131,11 +164,16 @@ def _bodies(table: Mapping[str, Any]) -> Iterator[str]:
 
 def _drives(table: Mapping[str, Any]) -> Iterator[str]:
     for field in _ABOVE_ZERO:
-        # Corner speeds follow from the highest speeds, and right joints from left ones.
-        follows = field == "corner_speed" and not all(joint["velocity"] > 0.0 for joint in table["joints"])
+        # Right joints follow from left ones.
+        source = _FOLLOWS.get(field, field)
+        follows = source != field and not all(joint[source] > 0.0 for joint in table["joints"])
         lacking = [] if follows else [joint["name"] for joint in table["joints"] if not joint[field] > 0.0]
         if names := [name for name in lacking if is_left(name) or other_side(name) not in {*lacking} - {name}]:
             yield f"{field} is 0 or less of {', '.join(names)}; give figures above 0, under `drives`"
+    for name, row in (*((joint["name"], joint) for joint in table["joints"]), ("the table", table)):
+        for field in ("friction", "viscous", "damping", "command_delay"):
+            if not row.get(field, 0.0) >= 0.0:
+                yield f"{field} of {name} is {row[field]:g}; give 0 or more"
     for joint in table["joints"]:
         name, (low, high) = joint["name"], joint["range"]
         if not low < high:
@@ -229,7 +267,8 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that gains and postures of a limb have a number for each joint."""
+    """Check that gains and postures of a limb have a number for each joint, and postures one in its range."""
+    ranges = {joint["name"]: joint["range"] for joint in table["joints"]}
     for section, limb in (("arm_servo", "arm"), ("arm_postures", "arm"), ("leg_postures", "leg")):
         parts, known = table["roles"][limb], robot_table()[section]
         if lacking := [name for name in known if name not in table[section]]:
@@ -239,15 +278,23 @@ def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
                 yield f"{section} has {name}: {values}; give a list with a number for each of {', '.join(parts)}"
             elif len(values) != len(parts):
                 yield f"{section} has {len(values)} numbers for {name}; give one for each of {', '.join(parts)}"
-            elif section == "arm_servo" and not min(values) > 0.0:
-                yield f"{section} has {name} from {min(values):g} on; give figures above 0"
+            elif section == "arm_servo":
+                if not min(values) > 0.0:
+                    yield f"{section} has {name} from {min(values):g} on; give figures above 0"
+            else:
+                for joint, value in zip(parts, values, strict=True):
+                    low, high = ranges[parts[joint]]
+                    if not low - _TURNED <= value <= high + _TURNED:
+                        yield f"{section} has {joint} at {value:g} rad for {name}; give {low:g} to {high:g} rad"
 
 
 def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that the links' boxes end above the soles, and that pairs that collide have some."""
+    """Check that shapes have an extent, that boxes end above the soles, and that pairs that collide have some."""
     roles, q = table["roles"], {joint["name"]: joint["nominal"] for joint in table["joints"]}
     for link in table["links"]:
         name, box = link["name"], link.get("collision_box")
+        if box is not None and not min(box["size"]) > 0.0:
+            yield f"the box of {name} has the size {box['size']}; give lengths above 0"
         if box is None or name in (roles["foot"], other_side(roles["foot"])):
             continue
         corners = [
@@ -259,6 +306,10 @@ def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
                 f"the box of {name} reaches {1e3 * below:.0f} mm below the soles in the nominal pose; give a smaller "
                 f"one, links: {{{name}: {{collision_box: {{center: [x, y, z], size: [x, y, z]}}}}}}, with full lengths"
             )
+    for name, capsules in table["capsules"].items():
+        for capsule in capsules:
+            if not (capsule["radius"] > 0.0 <= capsule["length"]):
+                yield f"a capsule of {name} is {capsule}; give a radius above 0, and a length of 0 or more"
     shapes = {link["name"] for link in table["links"] if "collision_box" in link}
     shapes |= {roles["foot"], other_side(roles["foot"])}
     for name in sorted(set(itertools.chain(*table["collision_pairs"])) - shapes):
@@ -290,10 +341,17 @@ def _names(table: Mapping[str, Any]) -> Iterator[str]:
     for kind in ("joints", "links"):
         fields = tuple({field: None for row in known[kind] for field in row})
         rows += [(row["name"], row, fields) for row in table[kind]]
-    for name, row, fields in rows:
-        for field in row:
-            if field not in fields:
-                yield str(UnknownNameError(f"field of {name},", field, fields))
+    names = [(f"field of {name},", field, fields) for name, row, fields in rows for field in row]
+    links = [row["name"] for row in table["links"]]
+    for section in ("contact_links", "capsules", "visuals"):
+        names += [(f"link under {section},", name, links) for name in table[section]]
+    kinds = {shape["type"] for shapes in known["visuals"].values() for shape in shapes}
+    for shape in itertools.chain(*table["visuals"].values()):
+        names += [("shape under visuals,", shape["type"], sorted(kinds))]
+        names += [("colour under visuals,", shape["colour"], table["colours"])]
+    for what, name, valid in names:
+        if name not in valid:
+            yield str(UnknownNameError(what, name, valid))
     frames = {f"{side}_{part}" for side in SIDES for part in ("sole", "toe", "heel", "hand")} | {"imu"}
     for kind in ("joints", "links"):
         for row in table[kind]:

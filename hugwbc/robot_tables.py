@@ -83,11 +83,19 @@ def _robot_table(name: str) -> dict[str, Any]:
             link.update(difference.get("links", {}).get(link["name"], {}))
         check_roles(table)
         complete(table, description)
-    return {"name": label, **table}
+    return {**table, "name": label}
 
 
 class _Loader(yaml.CSafeLoader):
-    """Reads 1e-5 as a number too, which YAML 1.1 takes for a text."""
+    """Reads 1e-5 as a number too, which YAML 1.1 takes for a text, and refuses a name that is given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names: set[Any] = set()
+        for key, _ in node.value:
+            if key.value in names:
+                raise yaml.MarkedYAMLError(problem=f"{key.value} is given twice", problem_mark=key.start_mark)
+            names.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[\d.]+[eE][-+]?\d+$"), list("-+.0123456789"))
@@ -96,7 +104,9 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[\d.]
 @functools.cache
 def _read_table(path: pathlib.Path) -> dict[str, Any]:
     try:
-        table = yaml.load(path.read_text(), Loader=_Loader)  # noqa: S506  a safe loader
+        table = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # noqa: S506  a safe loader
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"cannot read {path}: {error}; give a table in UTF-8") from error
     except yaml.YAMLError as error:
         raise ModelError(f"{path} is no YAML: {' '.join(str(error).split())}") from error
     if not isinstance(table, dict):

@@ -211,10 +211,12 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
         table["nominal_height"] = math.ceil(-1e3 * sole[2]) / 1e3
     if "squat" not in table:
         table["squat"] = _squat(table)
-    elif not 1 < len(heights := table["squat"]["heights"]) == len(reach := table["squat"]["reach"]) or not (
-        sorted(set(heights)) == list(heights) and sorted(reach) == list(reach)
-    ):
-        raise ModelError(f"squat has heights {heights} and reach {reach}; give both ascending, a reach for each height")
+    else:
+        heights, reach = table["squat"]["heights"], table["squat"]["reach"]
+        if not 1 < len(heights) == len(reach) or sorted(set(heights)) != heights or sorted(reach) != reach:
+            raise ModelError(
+                f"squat has heights {heights} and reach {reach}; give both ascending, a reach for each height"
+            )
     by_name = {joint["name"]: joint for joint in joints}
 
     def posture(limb: str, given: Mapping[str, float]) -> list[float]:

@@ -75,7 +75,10 @@ def test_a_table_may_have_ranges_of_its_own() -> None:
     own = {"v_x": {"finishing": (-0.4, 1.0)}, "l": {"finishing": (0.03, 0.08)}}
     own = dataclasses.replace(load_robot("g1"), commands=own)
     assert default_command(Gait.WALKING, own).l == 0.08, "the end of the range that is nearest to the usual default"
-    assert command_ranges(Gait.WALKING, own)["v_x"] == CommandRange(0.0, (-0.54, 0.54), (-0.4, 1.0))
+    ranges = command_ranges(Gait.WALKING, own)
+    assert ranges["v_x"] == CommandRange(0.0, (-0.4, 0.54), (-0.4, 1.0)), "a training begins within the table's range"
+    assert ranges["l"].initial == (0.08, 0.08)
+    assert command_ranges(Gait.HOPPING_LEFT, own)["v_x"].finishing == (-0.4, 0.54), "nor do hops leave it"
     assert Command(v_x=1.5, gait=Gait.WALKING).clamp(own)[0].v_x == 1.0
     with pytest.raises(CommandError, match=r"valid: -0\.4 to 1 m/s"):
         Command(v_x=1.5, gait=Gait.WALKING).validate(own)

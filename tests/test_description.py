@@ -239,6 +239,7 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
         ),
         ({"drives": [{"joints": ["left_hip_pich_joint"]}]}, "unknown joint under drives 'left_hip_pich_joint'"),
         ({"drives": [{"joints": ["left_knee_joint"]}] * 2}, "drives has left_knee_joint 2 times"),
+        ({"squat": {**TABLE["squat"], "heights": []}}, "give both ascending, a reach for each height"),
         ({"squat": {**TABLE["squat"], "heights": [0.0, -0.1]}}, "give both ascending, a reach for each height"),
         ({"commands": {"v_x": 1.0}}, "mine.yaml has a field of another form"),
         ({"description": "none.urdf"}, "none.urdf is no URDF or MJCF that MuJoCo reads"),

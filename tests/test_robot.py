@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import yaml
 
 from hugwbc import robot_tables
 from hugwbc.errors import ModelError, UnknownNameError
@@ -70,6 +71,13 @@ def test_a_robot_of_ones_own_is_the_path_of_its_table(tmp_path) -> None:
     assert (mine.xml_path, mine.mass) == (tmp_path / "mine.xml", load_robot("g1").mass)
     with pytest.raises(UnknownNameError, match=r"unknown robot '.*Valid: h1, h1-2023, g1, the path of a"):
         load_robot(str(tmp_path / "other.yaml"))
+
+
+def test_the_files_of_a_table_have_its_name(tmp_path) -> None:
+    """Two tables that were written from one robot's do not replace each other's models."""
+    for name in ("one", "other"):
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(robot_table("g1"), sort_keys=False))
+        assert load_robot(str(tmp_path / f"{name}.yaml")).xml_path == tmp_path / f"{name}.xml"
 
 
 def test_a_joint_may_have_the_name_of_its_link(tmp_path, g1_at_zero) -> None:

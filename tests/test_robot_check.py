@@ -1,6 +1,7 @@
 """Broken copies of the G1's table: what is wrong is named, with what to do."""
 
 import copy
+import math
 
 import pytest
 import yaml
@@ -152,6 +153,59 @@ BROKEN = {
         lambda table: table["roles"].update(trunk="pelvis"),
         ["no waist is between pelvis (base) and pelvis (trunk), where waist_yaw_joint is to be; where the legs hang"],
     ),
+    "a number is none": (
+        lambda table: (
+            table["camera"].update(xyz=[math.nan, 0, 0]),
+            _row(table, "waist_yaw_joint").update(viscous=None),
+        ),
+        ["camera.xyz.0 is nan; give a finite number", "joints.waist_yaw_joint.viscous is empty; fill it in"],
+    ),
+    "a point lacks a coordinate": (
+        lambda table: table["hand"].update(xyz=[0.09, 0.003]),
+        ["hand.xyz is [0.09, 0.003]; give 3 numbers"],
+    ),
+    "what slows down drives": (
+        lambda table: (table.update(command_delay=-0.002), _row(table, "waist_yaw_joint").update(friction=-3.0)),
+        ["friction of waist_yaw_joint is -3; give 0 or more", "command_delay of the table is -0.002; give 0 or more"],
+    ),
+    "a policy's torque is limited to less than nothing": (
+        _set("waist_yaw_joint", policy_torque_limit=-80.0),
+        ["policy_torque_limit is 0 or less of waist_yaw_joint"],
+    ),
+    "a posture is in degrees": (
+        lambda table: table["arm_postures"].update(forward=[-80, 0.2, 0, 0, 0, 0, 0]),
+        ["arm_postures has shoulder_pitch at -80 rad for forward; give -3.0892 to 2.6704 rad"],
+    ),
+    "shapes have no extent": (
+        lambda table: (
+            _row(table, "torso_link")["collision_box"].update(size=[0.1, -0.2, 0.3]),
+            table["capsules"].update(pelvis=[{"pos": [0, 0, 0], "radius": 0.0, "length": 0.1}]),
+        ),
+        ["the box of torso_link has the size [0.1, -0.2, 0.3]; give lengths above 0", "a capsule of pelvis is {'pos'"],
+    ),
+    "links and looks are misspelt": (
+        lambda table: (
+            table["contact_links"].append("torso"),
+            table["visuals"].update(trunk=[{"type": "boxx", "size": [1, 1, 1], "pos": [0, 0, 0], "colour": "pink"}]),
+        ),
+        [
+            "unknown link under contact_links, 'torso'. Did you mean 'torso_link'",
+            "unknown link under visuals, 'trunk'",
+            "unknown shape under visuals, 'boxx'. Did you mean 'box'",
+            "unknown colour under visuals, 'pink'",
+        ],
+    ),
+    "joints are in the order of another simulator": (
+        lambda table: table["joints"].insert(1, table["joints"].pop(6)),  # both hips before the knees
+        ["`joints` do not follow one another down each limb, as in MuJoCo; give them as left_hip_pitch_joint,"],
+    ),
+    "a joint is given twice": (
+        lambda table: table["joints"].append(copy.deepcopy(_row(table, LEFT_KNEE))),
+        [
+            "2 rows of `joints` have the name left_knee_joint; give each another one",
+            "2 rows of `joints` have the child",
+        ],
+    ),
     "a field is missing": (lambda table: _row(table, LEFT_KNEE).pop("kd"), ["left_knee_joint lacks kd; give them"]),
     "a section is missing": (lambda table: table.pop("imu"), ["the section `imu` is missing"]),
 }
@@ -207,13 +261,15 @@ def test_what_the_check_refuses_is_not_loaded(tmp_path, edit, message) -> None:
     ("text", "message"),
     [
         ("a: [1,\nb: }", "is no YAML: while parsing"),
+        ("nominal:\n  left_knee: 0.6\n  left_knee: 0.2", "left_knee is given twice"),
+        ("# \u00e4".encode("latin-1"), "mine.yaml: 'utf-8' codec can't decode"),
         ("- 1", "is no table of a robot; docs/how-to/add-a-robot.md shows one"),
         ("joints: []\nlinks: []\ndrives: []", "lacks the field 'roles'"),
         ("joints: 3\nlinks: []\ndrives: []\nroles: {}", "has a field of another form ('int' object is not iterable)"),
     ],
 )
 def test_what_is_no_table_is_refused(tmp_path, text, message) -> None:
-    (tmp_path / "mine.yaml").write_text(text)
+    (tmp_path / "mine.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
     (found,) = problems(str(tmp_path / "mine.yaml"))
     assert message in found
 

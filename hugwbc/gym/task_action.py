@@ -147,7 +147,8 @@ class ActionLayout:
             value |= {f"{side}_{axis}": wish.points[index, k] for k, axis in enumerate("xyz")}
             on |= {f"{side}_hand": wish.used[index], f"{side}_grip": wish.grips[index]}
         numbers = [(1.0 if on[name] else -1.0) if name in on else value[name] for name in self.names]
-        return np.clip((np.array(numbers) - self._middle) / self._half, -1.0, 1.0).astype(np.float32)
+        half = np.where(self._half > 0.0, self._half, 1.0)  # a robot's range may be a single value
+        return np.clip((np.array(numbers) - self._middle) / half, -1.0, 1.0).astype(np.float32)
 
 
 class RecordedLayout:

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,11 @@ def test_at_rest_the_robot_stands_upright_with_free_arms():
     layout = ActionLayout(None, load_robot())
     wish = layout.decode(layout.rest)
     assert wish.command == Command() and not wish.used.any()
+
+
+def test_a_robot_that_may_not_pitch_rests_upright():
+    layout = ActionLayout(None, dataclasses.replace(load_robot(), commands={"p": {"finishing": (0.0, 0.0)}}))
+    assert np.isfinite(layout.rest).all() and layout.decode(layout.rest).command == Command()
 
 
 @pytest.mark.parametrize("robot", ["h1", "g1"])
