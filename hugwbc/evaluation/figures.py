@@ -112,7 +112,9 @@ def judged_fairly(figures: Iterable[Figure], robot: str) -> list[Figure]:
     ones are left out.
     """
     figures, comparable = list(figures), load_robot(robot).joint_names == load_robot(ROBOT).joint_names
-    fallen = {figure.table for figure in figures if figure.quantity == FALLS and (figure.value or 0.0) > MOST_FALLS}
+    # A table may have several parts, as of a command or an engine: "falls, p".
+    falls = [figure for figure in figures if figure.quantity.partition(", ")[0] == FALLS]
+    fallen = {figure.table for figure in falls if (figure.value or 0.0) > MOST_FALLS}
     return [
         dataclasses.replace(figure, paper=figure.paper if comparable else None, judged=figure.table not in fallen)
         for figure in figures
