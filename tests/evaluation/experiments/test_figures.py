@@ -155,6 +155,16 @@ def test_a_controller_is_compared_with_the_policy_of_its_training():
     assert kinds == {"none", "noise", "motion"}
 
 
+@pytest.mark.parametrize(("duration", "paper"), [(21.0, 0.0339), (11.0, None)])
+def test_a_stand_of_another_length_is_not_compared_with_the_papers(duration, paper):
+    settings = intervention.FootDisplacementSettings(duration=duration, training="noise")
+    row = END | {"intervention": "noise", "command": "h", "foot_travel": 0.02, "foot_creep": 0.01}
+    found = intervention.displacement_figures(settings, frame_of([row]))
+    (mine,) = [f for f in found if f.quantity == "h commanded" and f.value is not None]
+    assert mine.paper == paper and f"in {duration - 1.0:g} s" in mine.table
+    assert any(f.estimate is None for f in found) is (paper is not None)
+
+
 def test_the_clock_is_shifted_to_where_it_agrees():
     phases = contacts.clock_phases(Gait.WALKING, 1.5, 0.37, 200)
     offset, agreement = contacts.fit_clock(phases < 0.5, Gait.WALKING, 1.5)
