@@ -24,6 +24,7 @@ from hugwbc.evaluation.experiments import (
     ramp,
     random_commands,
     single_command,
+    stops,
     suite_tasks,
 )
 from hugwbc.evaluation.intervals import bootstrap_rms, wilson_percentage
@@ -98,6 +99,14 @@ def test_random_commands_without_falls():
     found = by_quantity(random_commands.figures(settings, frame_of(rows)))
     assert found["E_h"].value == 0.2 and found["falls"].value == 50.0
     assert found["E_vx_low"].value == 0.2 and "E_vx_high" not in found, "its episode fell"
+
+
+def test_a_robot_that_does_not_come_to_rest_is_counted():
+    rows = [END | {"way": way, "stop_s": 1.5, "moved": 0.5} for way in ("a", "a", "b")]
+    rows[1] |= {"stop_s": None, "moved": None}
+    found = by_quantity(stops.figures(stops.StopsSettings(), frame_of(rows)))
+    assert found["a: never still"].value == 50.0 and found["a: time until still"].value == 1.5
+    assert "b: never still" not in found and found["a: falls"].value == 0.0
 
 
 def test_random_scripts_reach_every_change_of_gait_within_the_ranges():
