@@ -30,7 +30,8 @@ def source_commit(*, policies: bool = True) -> str:
         if not _git("ls-files", "hugwbc/__init__.py"):
             return _version(policies=policies)
         changed = _changed(["HEAD"], paths)
-        added = _names(_git("ls-files", "--others", "--exclude-standard", "-z", "--", "hugwbc/*.py", *_SHOWING))
+        new = (*(f"hugwbc/*{suffix}" for suffix in _FILES), *_SHOWING)
+        added = _names(_git("ls-files", "--others", "--exclude-standard", "-z", "--", *new))
         changes = b"".join(name.encode() + (_content("", name) or b"") for name in sorted([*changed, *added]))
         return _last_change(paths) + (f"+{digest(changes)[:16]}" if changes else "")
     except (OSError, subprocess.CalledProcessError):

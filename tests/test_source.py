@@ -19,11 +19,13 @@ def test_a_change_of_what_runs_changes_the_commit_and_of_what_shows_does_not(tmp
     commit_all(tmp_path)
     monkeypatch.setattr(hugwbc, "__file__", str(package / "__init__.py"))
     commits = [source_commit.__wrapped__()]
-    for name, text in (("__init__.py", "a = 1\n"), ("added.py", "a = 1\n"), ("added.py", "a = 2\n")):
+    for name, text in (
+        ("__init__.py", "a = 1\n"), ("added.py", "a = 1\n"), ("added.py", "a = 2\n"), ("scene.yaml", "a: 1\n"),
+    ):  # fmt: skip
         (package / name).write_text(text)
         commits.append(source_commit.__wrapped__())
     (tmp_path / "notes.py").write_text("nothing that runs")
-    assert len(set(commits)) == 4 and commits[-1] == source_commit.__wrapped__()
+    assert len(set(commits)) == 5 and commits[-1] == source_commit.__wrapped__()
     assert all(commit.startswith(commits[0]) for commit in commits)
     commit_all(tmp_path)
     before = source_commit.__wrapped__()

@@ -3,8 +3,8 @@
     python tools/deployments.py [--controllers qp learned] [--jobs stand walk] [--minutes 5] [--out out/deployments]
 
 Each job runs over loopback DDS once as it is, and once with 1 % of the packets lost and up to 5 ms of jitter. Nothing
-else should run on the machine. What both programs print is kept in files; a run whose files are complete is not
-repeated, so that after a kill the same command goes on.
+else should run on the machine. What both programs print is kept in files; a run of the same code, controller and length
+whose files are complete is not repeated, so that after a kill the same command goes on.
 """
 
 import argparse
@@ -18,7 +18,11 @@ from collections.abc import Sequence
 
 import yaml
 
+from hugwbc.evaluation.store import controller_digest
+from hugwbc.files import digest
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.settings import REPORT_SEED
+from hugwbc.source import source_commit
 
 JOBS = ("stand", "walk", "turn", "squat", "task")
 RADIOS = {"clean": (), "lossy": ("--loss", "0.01", "--jitter", "0.005")}
@@ -62,7 +66,9 @@ def options(job: str, seconds: float, folder: pathlib.Path) -> tuple[Sequence[st
 
 def deploy(controller: str, job: str, radio: str, seconds: float, folder: pathlib.Path) -> tuple[str, str]:
     """Run both programs; return what the robot and the deployment printed."""
-    files = [folder / f"{controller}-{job}-{radio}-{side}.txt" for side in ("robot", "deploy")]
+    made = digest(f"{source_commit(policies=False)} {controller_digest(ControllerSpec(controller))} {seconds}")[:8]
+    stem = f"{pathlib.Path(controller).name}-{job}-{radio}-{made}"
+    files = [folder / f"{stem}-{side}.txt" for side in ("robot", "deploy")]
     if not all(path.exists() for path in files):
         of_robot, of_deployment = options(job, seconds, folder)
         robot = ["simulate-robot", "--schedule", schedule(job, seconds), "--duration", f"{seconds + MARGIN:g}"]

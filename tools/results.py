@@ -215,7 +215,7 @@ class Run:
     @classmethod
     def of(cls, label: str, words: str, options: argparse.Namespace) -> "Run":
         """Parse the words of `hugwbc evaluate`, at the seed of the options, few and short episodes if quick."""
-        words = words.format(public=options.public)
+        words = words.format(public=shlex.quote(str(options.public)))
         if options.policy:
             words += f" --policy {shlex.quote(options.policy)}"
         if options.quick:

@@ -220,7 +220,7 @@ def _centimetres(value: float | None) -> float | None:
 def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what became of every controller, and the smallest and the largest error of each kind that differs.
 
-    It reads the "controllers" of `comparison.comparison_summary`.
+    It reads the "controllers" of `comparison.comparison_summary`. Errors until a fall are called so.
     """
     fates: dict[str, list[str]] = {}
     for name, figures in controllers.items():
@@ -228,13 +228,13 @@ def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
     text = "; ".join(f"{_listed(names)} {fate}" for fate, names in fates.items())
     kinds = [(NAMES[k], {n: f["errors"][k] for n, f in controllers.items()}, k, 1.0) for k in NAMES]
     kinds.append(("hands once there", {n: f["hand_travel"]["arrived"] for n, f in controllers.items()}, "", 100.0))
-    parts = []
+    whose, parts = {n: f"{n}, until its fall" if f["fell"] else n for n, f in controllers.items()}, []
     for words, errors, command, scale in kinds:
         known = sorted((e, name) for name, e in errors.items() if e is not None and math.isfinite(e))
         if known and known[-1][0] - known[0][0] >= SEEN.get(command, SEEN_BY_HANDS):
             (least, best), (most, worst) = known[0], known[-1]
             unit = COMMAND_UNITS.get(command, "cm")
-            parts.append(f"{words} {scale * least:.2g} ({best}) to {scale * most:.2g} {unit} ({worst})")
+            parts.append(f"{words} {scale * least:.2g} ({whose[best]}) to {scale * most:.2g} {unit} ({whose[worst]})")
     return f"{text}. Mean errors: {', '.join(parts)}." if parts else f"{text}."
 
 

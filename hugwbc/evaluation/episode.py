@@ -87,9 +87,13 @@ class CountedSettings(Settings):
 
 
 def simulation_of(settings: Settings, plan: Plan, duration: float | None = None, scene: Scene | None = None) -> Engine:
-    """Return the simulation of an episode, whose seed is that of the settings and the plan's draw."""
-    conditions = plan.conditions or settings.conditions
-    return conditions.simulation(duration or settings.duration, (settings.seed, plan.draw), scene)
+    """Return the simulation of an episode, whose seed is that of the settings and the plan's draw.
+
+    A duration [s] takes the place of the settings', where an experiment has its own.
+    """
+    conditions, duration = plan.conditions or settings.conditions, duration or settings.duration
+    conditions.check_duration(duration)
+    return conditions.simulation(duration, (settings.seed, plan.draw), scene)
 
 
 def simulate(

@@ -51,7 +51,7 @@ class Figure:
         paper: the paper's value for HugWBC; None if the paper prints none.
         controller: column of the table; empty for a figure that only the paper has, and until it is filled in.
         published: value that others published for this controller, which was not run here.
-        higher_is_better: whether higher values are better; otherwise lower ones are.
+        higher_is_better: whether higher values are better, or lower ones; None where neither are.
         reference: which of the paper's policies `paper` belongs to, where the paper prints several.
         difference: from another controller's figure; None where there is none to compare with.
         judged: whether the figure is judged against the paper's.
@@ -65,7 +65,7 @@ class Figure:
     _: dataclasses.KW_ONLY
     controller: str = ""
     published: float | None = None
-    higher_is_better: bool = False
+    higher_is_better: bool | None = False
     reference: str = ""
     difference: Difference | None = None
     judged: bool = True
@@ -112,7 +112,9 @@ def judged_fairly(figures: Iterable[Figure], robot: str) -> list[Figure]:
     ones are left out.
     """
     figures, comparable = list(figures), load_robot(robot).joint_names == load_robot(ROBOT).joint_names
-    fallen = {figure.table for figure in figures if figure.quantity == FALLS and (figure.value or 0.0) > MOST_FALLS}
+    # A table may have several parts, as of a command or an engine: "falls, p".
+    falls = [figure for figure in figures if figure.quantity.partition(", ")[0] == FALLS]
+    fallen = {figure.table for figure in falls if (figure.value or 0.0) > MOST_FALLS}
     return [
         dataclasses.replace(figure, paper=figure.paper if comparable else None, judged=figure.table not in fallen)
         for figure in figures

@@ -134,13 +134,16 @@ def check_agreement(robot: str = DEFAULT_ROBOT) -> str:
 
 
 def check_standing(robot: str = DEFAULT_ROBOT) -> str:
-    """Check that `qp` stands and squats for two seconds."""
-    from hugwbc.commands import Command
+    """Check that `qp` stands and squats for two seconds, by 0.1 m or as low as the robot's range goes."""
+    from hugwbc.commands import Command, command_ranges
+    from hugwbc.gait import Gait
+    from hugwbc.robot import load_robot
 
-    trace = _played(robot, Command(h=-0.1), 2.0, "standing and squatting")
-    if abs(trace.measured[-1, 3] + 0.1) > _SQUATTED:
-        raise ConfigError(f"it squats to h = {trace.measured[-1, 3]:.3f} of -0.1 m; {_strain(trace)}; {_REMEDY}")
-    return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of -0.1 m"
+    low = max(-0.1, command_ranges(Gait.STANDING, load_robot(robot))["h"].finishing[0])
+    trace = _played(robot, Command(h=low), 2.0, "standing and squatting")
+    if abs(trace.measured[-1, 3] - low) > _SQUATTED:
+        raise ConfigError(f"it squats to h = {trace.measured[-1, 3]:.3f} of {low:g} m; {_strain(trace)}; {_REMEDY}")
+    return f"the controller qp stands and squats; pelvis at h = {trace.measured[-1, 3]:.3f} m of {low:g} m"
 
 
 def check_walking(robot: str) -> str:

@@ -4,8 +4,10 @@ A table is a file of JSON lines. The first line is its key; every other line is 
 appended, each by one write, so that a killed run loses only the episodes that were running.
 """
 
+import contextlib
 import dataclasses
 import functools
+import importlib.metadata
 import inspect
 import json
 import os
@@ -22,6 +24,7 @@ from hugwbc.files import digest, digest_of, is_own, note, noting, write_whole, w
 from hugwbc.learned.policy.records import versions
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.motion import motion_files
+from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.source import source_commit
 
 DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
@@ -94,7 +97,7 @@ def table_key(experiment: str, episode: Episode, settings: Settings, spec: Contr
                 "controller": spec.label,
                 "digest": controller_digest(spec),
                 "commit": source_commit(policies=own),
-                "versions": versions(),
+                "versions": versions() | _further_versions(),
                 "settings": given,
                 "arenas": [arena.version for arena in (settings.conditions.chosen, settings.conditions.told_arena)],
                 "files": files,
@@ -102,6 +105,15 @@ def table_key(experiment: str, episode: Episode, settings: Settings, spec: Contr
             default=str,
         )
     )
+
+
+def _further_versions() -> dict[str, str]:
+    """Return the versions of what runs exported policies, and of the second engine, where they are installed."""
+    found = {}
+    for package in ("onnxruntime", PhysxSimulation.package):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[package] = importlib.metadata.version(package)
+    return found
 
 
 def controller_digest(spec: ControllerSpec) -> str:

@@ -160,6 +160,7 @@ def comparison_sentence(figures: Sequence[Figure], first: str, second: str) -> s
         (found, figure.higher_is_better)
         for figure in figures
         if figure.controller == second and (found := figure.difference) and found.against == first
+        if figure.higher_is_better is not None
     ]
     if theirs:
         clear = [(found.estimate.value or 0.0) * (-1 if higher else 1) for found, higher in theirs if found.is_clear]

@@ -144,7 +144,8 @@ def test_the_headline_says_the_smallest_and_the_largest_error_of_any_number_of_c
     figures = {r.name: summarise(r) for r in (learned, fallen, reaching("qp", bias={"v_x": 0.02, "h": 0.03}))}
     text = headline(figures)
     assert text.startswith("learned and qp stayed up for 10.0 s; hold fell after 3.0 s. Mean errors: ")
-    assert "forward speed 0.02 (qp) to 0.5 m/s (hold), height 0 (hold) to 0.03 m (qp), hands once there " in text
+    assert "forward speed 0.02 (qp) to 0.5 m/s (hold, until its fall), " in text
+    assert "height 0 (hold, until its fall) to 0.03 m (qp), hands once there " in text
     assert "turning" not in text, "a difference that nobody sees"
     assert headline({"qp": figures["qp"]}) == "qp stayed up for 10.0 s."
 

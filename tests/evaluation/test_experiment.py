@@ -123,6 +123,13 @@ def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_pat
     for content in ("one", "two"):
         (tmp_path / "walk.csv").write_text(content)
         keys.append(table_key("waists", measure, moved, HOLD))
+    installed = store.importlib.metadata.version
+    for package in ("sapien", "onnxruntime"):  # the second engine, and exported policies
+        with monkeypatch.context() as other:
+            other.setattr(
+                store.importlib.metadata, "version", lambda name, new=package: "0.1" if name == new else installed(name)
+            )
+            keys.append(table_key("waists", measure, SETTINGS, HOLD))
     monkeypatch.setattr(store, "versions", lambda: {"mujoco": "1.0"})
     keys.append(table_key("waists", measure, SETTINGS, HOLD))
     monkeypatch.setattr(store, "source_commit", lambda **which: "another")

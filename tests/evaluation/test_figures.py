@@ -40,9 +40,10 @@ def test_a_table_of_runs_that_fell_is_not_judged():
     for times, verdict in ((1, Comparison.BETTER), (2, Comparison.NONE)):
         falls = falls_figure("T", [True] * times + [False] * (20 - times))
         other = dataclasses.replace(error, table="another")
-        judged, _, apart = judged_fairly([error, falls, other], "h1")
-        assert (judged.against_paper, apart.against_paper) == (verdict, Comparison.BETTER)
-        assert judged.ratio is not None and judged.paper == 0.3
+        for named in (falls, dataclasses.replace(falls, quantity="falls, p")):
+            judged, _, apart = judged_fairly([error, named, other], "h1")
+            assert (judged.against_paper, apart.against_paper) == (verdict, Comparison.BETTER)
+            assert judged.ratio is not None and judged.paper == 0.3
 
 
 def test_other_robots_are_not_compared_with_the_papers():

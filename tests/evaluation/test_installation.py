@@ -1,8 +1,12 @@
+import re
+import shutil
+
 import pytest
 
 from hugwbc import kinematics, load_robot
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import installation
+from hugwbc.robot_tables import models_dir
 from hugwbc.sim.arena import Arena
 
 
@@ -21,6 +25,14 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setattr(installation, "PACKAGES", ("numpy", "no-such-package-as-this"))
     with pytest.raises(ConfigError, match="no-such-package-as-this is not installed"):
         installation.check_versions()
+
+
+def test_a_robot_squats_as_low_as_its_table_says(tmp_path):
+    shutil.copytree(models_dir() / "g1", tmp_path / "mine", ignore=shutil.ignore_patterns("policies"))
+    table = tmp_path / "mine" / "g1.yaml"
+    text = re.sub("^commands:.*$", "commands: {h: {finishing: [-0.05, 0.0]}}", table.read_text(), flags=re.MULTILINE)
+    table.rename(table.with_stem("mine")).write_text(text)
+    assert "of -0.05 m" in installation.check_standing(str(tmp_path / "mine"))
 
 
 def test_different_masses_are_noticed(monkeypatch):

@@ -100,6 +100,7 @@ def test_one_sentence_compares_with_the_paper_and_one_controller_with_the_other(
         figure(3.0, 2.9, 3.1, paper=1.0, quantity="E_p"),
         dataclasses.replace(figure(3.1, 2.9, 3.2, quantity="E_p", controller="b"), difference=more),
         dataclasses.replace(figure(3.1, 2.9, 3.2, quantity="score", controller="b", higher=True), difference=less),
+        dataclasses.replace(figure(3.1, 2.9, 3.2, quantity="NEES", controller="b", higher=None), difference=less),
     ]
     assert comparison_sentence(figures, "a", "b") == (
         "a is as good as the paper or better in 1 of 2 figures; b is as good as the paper or better in 1 of 1 figures; "

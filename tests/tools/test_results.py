@@ -81,7 +81,7 @@ def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
 
 
 def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
-    options = argparse.Namespace(public="networks", policy=None, quick=True, seed=7)
+    options = argparse.Namespace(public="my networks", policy=None, quick=True, seed=7)
     for table in tool.TABLES.values():
         for words in "; ".join(table.runs.values()).split("; "):
             run = tool.Run.of("", words, options)

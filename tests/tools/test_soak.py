@@ -20,9 +20,17 @@ def test_a_line_for_each_kind_of_state_and_for_each_gait(soak, capsys, monkeypat
     growth = soak.long_run("hold", minutes=0.004, seed=1)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:2]] == ["absurd", "hard"]
+    assert lines[0].endswith("kept from it 3")
     assert [line.split(":")[0] for line in lines[2:]] == [f"hold, {gait.label}" for gait in Gait]
     assert all("15 ticks" in line and "memory +" in line for line in lines[2:])
     assert 0.0 <= growth < soak.GROWTH
+
+
+def test_ticks_are_those_of_the_controller(soak, capsys, monkeypatch):
+    monkeypatch.setattr(soak, "EPISODE_S", 0.1)
+    monkeypatch.setattr(soak, "Gait", [Gait.STANDING])
+    soak.long_run("qp", minutes=0.1 / 60.0, seed=1)
+    assert "25 ticks" in capsys.readouterr().out, "of 4 ms"
 
 
 def test_a_robot_that_keeps_memory_fails(soak, monkeypatch):

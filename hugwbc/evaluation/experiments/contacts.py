@@ -88,7 +88,7 @@ def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
     found.append(Figure("Contacts that agree with the clock", gait, "%", agreement, higher_is_better=True))
     for side in ("left", "right"):
         stance = bootstrap_mean([100.0 * sum(foot) / len(foot) if len(foot) else None for foot in rows[side]])
-        found.append(Figure(table, f"{side} foot on the ground", "% of the time", stance))
+        found.append(Figure(table, f"{side} foot on the ground, of the time", "%", stance, higher_is_better=None))
     cost = bootstrap_mean(rows["cost_of_transport"])
     found += [Figure(table, "cost of transport", "", cost)] if cost.value is not None else []
     return [*found, falls_figure(table, rows["fell"])]

@@ -269,7 +269,8 @@ def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:
         found.append(Figure(table, label, unit, scaled(estimate, factor)))
     nees = bootstrap_mean(rows["nees"])
     low, high = chi_square_bounds(DEGREES * max(nees.samples, 1))
-    found.append(Figure(table, f"NEES; {low:.2f} to {high:.2f} if it is consistent", "", nees))
+    consistent = f"NEES; {low:.2f} to {high:.2f} if it is consistent"
+    found.append(Figure(table, consistent, "", nees, higher_is_better=None))
     return [*found, falls_figure(table, rows["fell"])]
 
 

@@ -7,6 +7,7 @@ trained with the paper's best one.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Literal, TypeVar
 
@@ -29,6 +30,7 @@ from hugwbc.settings import Count, Positive, settings
 ERROR_OF = {name: f"E_{name.replace('_', '')}" for name in COMMAND_NAMES}  # the paper's names; v_x at all speeds
 ARMS = {"noise": "arms moved by noise", "motion": "arms moved by motions", "none": "arms free"}
 TRAINED = {"noise": "trained with noise", "motion": "trained with motions", "none": "trained without intervention"}
+STOOD = 20.0  # [s], in which the paper's feet go so far
 UNTRAINED_AGAINST = "noise"  # the training of the paper's policy that is compared with untrained controllers
 
 
@@ -157,12 +159,16 @@ class FootDisplacementSettings(InterventionSettings):
 
 
 def displacement_figures(settings: FootDisplacementSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return displacement, creep and falls, a table for each intervention; and the paper's of other trainings."""
-    found, trained = [], TRAINED[str(settings.training)]
+    """Return displacement, creep and falls, a table for each intervention.
+
+    Only a stand as long as the paper's has its figures beside it, and those of its other trainings.
+    """
+    found, trained, seconds = [], TRAINED[str(settings.training)], settings.duration - settings.settle
+    printed = foot_displacement if math.isclose(seconds, STOOD) else lambda arms, training: {}
     names = sampled_commands(Gait.STANDING, settings.robot)
     for arms in INTERVENTIONS:
-        table, part = f"Foot displacement, {ARMS[arms]}", rows.filter(pl.col("intervention") == arms)
-        paper = foot_displacement(arms, str(settings.training))
+        table, part = f"Foot displacement in {seconds:g} s, {ARMS[arms]}", rows.filter(pl.col("intervention") == arms)
+        paper = printed(arms, str(settings.training))
         for name in names:
             kept = part.filter((pl.col("command") == name) & ~pl.col("fell"))
             travel, creep = bootstrap_mean(kept["foot_travel"]), bootstrap_mean(kept["foot_creep"])
@@ -170,7 +176,7 @@ def displacement_figures(settings: FootDisplacementSettings, rows: pl.DataFrame)
             found.append(Figure(table, f"{name} commanded, creep in it", "m", creep, reference=trained))
         found.append(falls_figure(table, part["fell"], trained))
         for training in TRAININGS:
-            lengths = {f"{name} commanded": length for name, length in foot_displacement(arms, training).items()}
+            lengths = {f"{name} commanded": length for name, length in printed(arms, training).items()}
             if training != settings.training:
                 found += paper_alone(table, lengths, dict.fromkeys(lengths, "m"), training)
     return found

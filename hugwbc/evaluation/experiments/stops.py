@@ -15,7 +15,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean, wilson_percentage
+from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.gait import Gait
 from hugwbc.settings import Count, Positive, settings
@@ -81,7 +81,10 @@ def episode(controller: Controller, settings: StopsSettings, plan: Plan) -> Row:
 
 
 def figures(settings: StopsSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return falls of each way and speed, and time and distance of the stops without a fall."""
+    """Return falls of each way and speed, and time and distance of the stops without a fall.
+
+    Robots that do not come to rest have neither, and are counted where there are any.
+    """
     table, found = f"Told to stand, {settings.gait}", []
     for (way,), part in rows.group_by("way", maintain_order=True):
         upright = part.filter(~pl.col("fell"))
@@ -90,6 +93,8 @@ def figures(settings: StopsSettings, rows: pl.DataFrame) -> list[Figure]:
             Figure(table, f"{way}: time until still", "s", bootstrap_mean(upright["stop_s"])),
             Figure(table, f"{way}: way until still", "m", bootstrap_mean(upright["moved"])),
         ]
+        if restless := upright["stop_s"].null_count():
+            found.append(Figure(table, f"{way}: never still", "% of episodes", wilson_of(restless, len(part))))
     return [*found, falls_figure(table, rows["fell"])]
 
 

@@ -33,6 +33,7 @@ class TasksSettings(CountedSettings):
         check_seeds(self.seed, self.episodes)
         tasks = [load_task(name) for name in self.task]
         check_each_once("tasks", [task.name for task in tasks])
+        self.conditions.check_duration(max(task.limit for task in tasks))
 
 
 def plan(settings: TasksSettings) -> list[Plan]:

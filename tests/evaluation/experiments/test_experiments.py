@@ -98,6 +98,13 @@ def test_motions_and_faults_are_taken_where_they_matter():
     EXPERIMENTS["tasks"].settings(conditions=Conditions(faults=("imu-gone@12:1",)))
 
 
+@pytest.mark.parametrize("name", ["pull", "press", "carry", "push", "sway"])
+def test_a_fault_after_the_end_is_refused_where_the_experiment_has_its_own_times(name):
+    settings = EXPERIMENTS[name].settings(conditions=Conditions(faults=("imu-gone@15:1",)))
+    with pytest.raises(ConfigError, match="starts after the episode"):
+        run_experiment(EXPERIMENTS[name], settings, HOLD)
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "message"),
     [
@@ -126,6 +133,11 @@ def test_motions_and_faults_are_taken_where_they_matter():
         ("push", {"gait": "standing"}, "takes walking"),
         ("sway", {"duration": 2.0}, "sets duration itself"),
         ("tasks", {"seed": 960, "episodes": 50}, "class selection into class report"),
+        (
+            "tasks",
+            {"conditions": Conditions(faults=("imu-gone@500:1",))},
+            "starts after the episode, which takes 120 s",
+        ),
         ("behaviours", {"behaviour": "fetch_cap"}, "fetch_cup"),
         ("behaviours", {"scene": "nowhere.yaml"}, "nowhere.yaml"),
         ("hands", {"duration": 1.9, "settle": 1.0}, "give more than 2 s"),

@@ -24,6 +24,7 @@ from hugwbc.evaluation.experiments import (
     ramp,
     random_commands,
     single_command,
+    stops,
     suite_tasks,
 )
 from hugwbc.evaluation.intervals import bootstrap_rms, wilson_percentage
@@ -100,6 +101,14 @@ def test_random_commands_without_falls():
     assert found["E_vx_low"].value == 0.2 and "E_vx_high" not in found, "its episode fell"
 
 
+def test_a_robot_that_does_not_come_to_rest_is_counted():
+    rows = [END | {"way": way, "stop_s": 1.5, "moved": 0.5} for way in ("a", "a", "b")]
+    rows[1] |= {"stop_s": None, "moved": None}
+    found = by_quantity(stops.figures(stops.StopsSettings(), frame_of(rows)))
+    assert found["a: never still"].value == 50.0 and found["a: time until still"].value == 1.5
+    assert "b: never still" not in found and found["a: falls"].value == 0.0
+
+
 def test_random_scripts_reach_every_change_of_gait_within_the_ranges():
     settings = random_commands.RandomCommandsSettings(changing=True, episodes=60, duration=12.0)
     plans, changes, ramps = random_commands.plan(settings), set(), []
@@ -153,6 +162,16 @@ def test_a_controller_is_compared_with_the_policy_of_its_training():
     assert alone == {"trained with motions", "trained without intervention"}
     kinds = {plan.conditions.intervention for plan in intervention.plan(settings)}
     assert kinds == {"none", "noise", "motion"}
+
+
+@pytest.mark.parametrize(("duration", "paper"), [(21.0, 0.0339), (11.0, None)])
+def test_a_stand_of_another_length_is_not_compared_with_the_papers(duration, paper):
+    settings = intervention.FootDisplacementSettings(duration=duration, training="noise")
+    row = END | {"intervention": "noise", "command": "h", "foot_travel": 0.02, "foot_creep": 0.01}
+    found = intervention.displacement_figures(settings, frame_of([row]))
+    (mine,) = [f for f in found if f.quantity == "h commanded" and f.value is not None]
+    assert mine.paper == paper and f"in {duration - 1.0:g} s" in mine.table
+    assert any(f.estimate is None for f in found) is (paper is not None)
 
 
 def test_the_clock_is_shifted_to_where_it_agrees():

@@ -1,0 +1,20 @@
+"""Deployments in real time: which runs are kept."""
+
+import types
+
+
+def test_a_run_of_another_length_or_of_other_code_is_not_taken_for_this_one(load_tool, tmp_path, monkeypatch) -> None:
+    tool, started = load_tool("deployments"), []
+
+    def popen(words, **options):
+        started.append(words)
+        return types.SimpleNamespace(communicate=lambda timeout: ("said", None), returncode=0, kill=lambda: None)
+
+    monkeypatch.setattr(tool.subprocess, "Popen", popen)
+    monkeypatch.setattr(tool, "source_commit", lambda **which: "one")
+    for _ in range(2):
+        assert tool.deploy("hold", "stand", "clean", 60.0, tmp_path) == ("said", "said") and len(started) == 2
+    tool.deploy("hold", "stand", "clean", 300.0, tmp_path)
+    monkeypatch.setattr(tool, "source_commit", lambda **which: "another")
+    tool.deploy("hold", "stand", "clean", 60.0, tmp_path)
+    assert len(started) == 6
