@@ -24,6 +24,8 @@ from hugwbc.behaviours import (
     walk_to,
 )
 from hugwbc.behaviours.boxes import DISTANCE as NEAR
+from hugwbc.behaviours.hands import stature
+from hugwbc.behaviours.similar import similar
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
@@ -32,6 +34,7 @@ from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
+from hugwbc.robot import load_robot
 from hugwbc.rotations import wrap_angle
 from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, Positive, settings
@@ -187,7 +190,8 @@ ARRIVE = Experiment(
 )
 
 
-# Lift a box, carry it back and forth, set it down where it stood, and let go.
+# Lift a box, carry it back and forth, set it down where it stood, and let go. Figures are an H1's; those of other
+# robots are in proportion, as in tasks.
 
 SIZE = (0.2, 0.28, 0.28)  # [m]
 FRICTION = Uniform(0.6, 1.0)
@@ -206,8 +210,8 @@ class BoxesSettings(CountedSettings):
     """Settings of boxes."""
 
     episodes: Count = 20  # number of episodes of each mass and height
-    masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # of the boxes [kg]
-    heights: tuple[Positive, ...] = (0.3, 0.6, 0.9)  # of what they stand on [m]
+    masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # of an H1's boxes [kg]; another robot's are as large as it is
+    heights: tuple[Positive, ...] = (0.3, 0.6, 0.9)  # of what an H1's stand on [m]
     duration: Positive = 70.0  # longest time of an episode [s]
     varied = BY_BEHAVIOUR | {"engine", "terrain_roughness", "slope"}
 
@@ -245,10 +249,11 @@ def shift(view: View, mass: float, height: float) -> Course:
 def boxes_episode(controller: Controller, settings: BoxesSettings, plan: Plan) -> Row:
     """Return how it ended; it is done if the box stands where it stood, upright."""
     mass, height = float(plan.tags["mass"]), float(plan.tags["height"])
-    behaviour = functools.partial(shift, mass=mass, height=height)
-    around = scene(mass, height)
-    row, _, trace = play(controller, settings, plan, behaviour, around)
-    missed = amiss(trace.object_pose[:, around.body_names.index("box")]) if row["success"] else ""
+    around, size = scene(mass, height), stature(settings.robot)
+    behaviour = similar(functools.partial(shift, mass=mass, height=height), size, load_robot())
+    row, _, trace = play(controller, settings, plan, behaviour, around.scaled(size))
+    poses = trace.object_pose[:, around.body_names.index("box")] / np.repeat((size, 1.0), (3, 4))
+    missed = amiss(poses) if row["success"] else ""
     return row | {"success": row["success"] and not missed, "ending": missed or row["ending"]}
 
 
@@ -269,9 +274,9 @@ def amiss(poses: np.ndarray) -> str:
 
 def boxes_figures(settings: BoxesSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return how often each mass was done from each height, and the other endings."""
-    found = []
+    found, size = [], stature(settings.robot)
     for (mass, height), part in rows.group_by("mass", "height", maintain_order=True):
-        table, place = f"{mass:g} kg", f"from {height:g} m"
+        table, place = f"{size**3 * mass:.3g} kg", f"from {size * height:.3g} m"
         success = wilson_percentage(part["success"].to_list())
         found.append(Figure(table, f"done {place}", "% of episodes", success, higher_is_better=True))
         found += other_endings(table, f"{place}: ", part)

@@ -279,3 +279,11 @@ def test_a_task_that_fails_says_why():
     assert found["success"].value == 50.0 and found["failed: too late"].value == 50.0
     assert found["energy of a success"].value == 5.0 and found["hand acceleration of a success"].value == 1.0
     assert found["time of a success"].value == 10.0 and found["idealised gripper"].value == 50.0
+
+
+def test_boxes_are_in_proportion_to_the_robot():
+    rows = frame_of([{"mass": 2.0, "height": 0.6, "success": True, "ending": "", **END}])
+    for robot, table, quantity in (("h1", "2 kg", "done from 0.6 m"), ("g1", "0.801 kg", "done from 0.442 m")):
+        settings = behaviours.BoxesSettings(conditions=Conditions(robot=robot))
+        found = behaviours.boxes_figures(settings, rows)[0]
+        assert (found.table, found.quantity) == (table, quantity)
