@@ -216,6 +216,7 @@ def test_paths_by_kind(tmp_path):
         ("duration: 2", "duration: soon", "4:5", "number"),
         ("duration: 2", "duration: -2", "4:5", "greater than 0"),
         ("    duration: 2\n", "", "3:5", "duration is missing"),
+        (", duration: 0.5", "", "12:5", "segments.1.duration is missing"),
         ("duration: 2", "durration: 2", "4:5", "unknown Segment field 'durration'. Did you mean 'duration'?"),
         ("gait: walking", "gait: wolking", "5:5", "unknown gait 'wolking'. Did you mean 'walking'?"),
         ("v_x: 0.3", "v_x: 9", "6:16", "command v_x = 9 m/s is out of range for the walking gait"),
