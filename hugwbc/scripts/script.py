@@ -77,6 +77,8 @@ def _path(value: Any, info: ValidationInfo) -> HandPath | None:  # noqa: ANN401
     """Return a path that is given as one, or declared as {KIND: its fields}."""
     if value is None or isinstance(value, HandPath):
         return value
+    if value == "mirror":  # else `_mirror` has replaced it
+        raise ConfigError("the other hand has no path to mirror; give it one")
     if not isinstance(value, Mapping) or len(value) != 1:
         raise ConfigError(f"a hand has one path; give one of {', '.join(_KINDS)}, or mirror")
     ((kind, fields),) = value.items()
@@ -143,6 +145,10 @@ class HandMotion:
         for side, path in zip(SIDES, (self.left, self.right), strict=True):
             if path is not None:
                 _check_path(side, path, self.frame)
+                continue
+            for name in (f"{side}_direction", f"{side}_orientation"):
+                if getattr(self, name) is not None:
+                    raise TargetError(f"{name} is given, but the {side} hand has no path; give it one")
         start = self.at(0.0)
         HandTargets.of(start.left, start.right, self.frame)
 
