@@ -199,7 +199,11 @@ def _samples(path: HandPath) -> tuple[np.ndarray, np.ndarray]:
         return path.samples
     if isinstance(path, hand_paths.Line | hand_paths.Grid):
         return np.arange(len(path.points)) * (path.leg_time + path.dwell), np.array(path.points)
-    times = np.linspace(0.0, getattr(path, "period", 60.0), 601)
+    if isinstance(path, hand_paths.Wander):  # its corners
+        times = np.arange(61) * path.leg_time
+    else:  # steps that a fast path makes longer than `_JUMP`
+        period = getattr(path, "period", 60.0)
+        times = np.linspace(0.0, period, round(min(max(period / 0.02, 8), 600)) + 1)
     return times, np.stack([path.at(float(t)) for t in times])
 
 
