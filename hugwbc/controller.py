@@ -181,6 +181,8 @@ class Controller(Protocol):
 
 def check_controller(controller: Any, origin: str) -> tuple[str, float]:  # noqa: ANN401  of somebody else
     """Return name and period [s] of a controller; refuse an object that is none, from an origin for the message."""
+    if isinstance(controller, type):
+        raise ConfigError(f"{origin} gives the class {controller.__name__}; give an object of it")
     if not isinstance(controller, Controller):
         missing = [name for name in ("name", "period", "reset", "act") if not hasattr(controller, name)]
         what = f"a {type(controller).__name__} without {', '.join(missing)}"

@@ -155,5 +155,7 @@ def described(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     passed = ("<", str(_IMPORTLIB), __file__)  # frozen modules, and those that run files and entries
     own = [frame for frame in frames if not frame.filename.startswith(passed)]
+    # Where a user's file calls us or another library wrongly, its line says more than ours.
+    own = [frame for frame in own if is_own(frame.filename)] or own
     place = f" ({pathlib.Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
     return f"{type(error).__name__}: {error}{place}"

@@ -137,7 +137,9 @@ def _check_names(cls: Any, data: Any) -> Any:  # noqa: ANN401
 
 def deepest(error: ValidationError) -> tuple[Place, HugwbcError]:
     """Return place and description of the deepest problem: in a union, that of the member that came nearest."""
-    problems = [_described(error.title, details) for details in error.errors(include_url=False)]
+    found = error.errors(include_url=False)
+    causes = [each for each in found if each["type"] != "default_factory_not_called"]  # which another problem prevents
+    problems = [_described(error.title, details) for details in causes or found]
     return max(problems, key=lambda problem: len(problem[0]))
 
 

@@ -103,6 +103,7 @@ def test_the_results_of_a_file_depend_on_what_is_in_it(tmp_path):
         (HOLD + "    period = 0\n", "Mine", "has period = 0; give the time"),
         (HOLD + "Mine.name = 3\n", "Mine", "has name = 3; give a short text"),
         ("def Mine():\n    raise OSError('gone')", "Mine", r"cannot be built: OSError: gone \(balance.py, line 2"),
+        ("import numpy\ndef Mine():\n    numpy.linalg.inv([[0]])", "Mine", r"LinAlgError: .* \(balance.py, line 3"),
     ],
 )
 def test_a_file_that_does_not_work_says_what_was_wrong(tmp_path, text, name, message):

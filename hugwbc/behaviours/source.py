@@ -142,7 +142,7 @@ class BehaviourSource:
             except Failure as failure:
                 self.status, self.reason = Status.FAILURE, str(failure)
             except Exception as error:  # a mistake in a behaviour must not stop the loop
-                hint = _RUN if "'generator' object" in str(error) else ""
+                hint = _RUN if any(sign in str(error) for sign in ("'generator' object", "not an iterator")) else ""
                 self.status = Status.FAILURE
                 self.reason = f"the behaviour raised {extensions.described(error)}{hint}"
         return at_rest(view)

@@ -80,8 +80,8 @@ class ControlPeriod:
         upper_body: UpperBodySource | None = None,
     ) -> None:
         """Connect the parts; refuse controller, source of arm targets or estimator of a robot with other joints."""
-        advice = f"take a controller of {robot.name}, such as qp told it"
-        _refuse_another(controller, robot, f"{controller.name} controls the robot", advice)
+        advice = f"take a controller of {robot.name}, such as qp"
+        _refuse_another(controller, robot, f"{getattr(controller, 'name', 'it')} controls the robot", advice)
         advice = f'give UpperBodySource(load_robot("{robot.name}"))'
         _refuse_another(upper_body, robot, "the source of arm targets moves the arms of", advice)
         advice = f'give StateEstimator(load_robot("{robot.name}"))'

@@ -179,6 +179,11 @@ class ControllerSpec:
             path = policy_file(self.name)
         except UnknownNameError:
             raise UnknownNameError(_KIND, self.name, (*controller_names(), _PATHS)) from None
+        if not path.exists():
+            raise ConfigError(
+                f"no installed package registers a controller '{self.name}', and the folder of that name holds no "
+                f"{path.name}; install the package, or give FILE.py:NAME or a policy's path"
+            )
         if path.suffix == ".onnx":
             learned_controller(path)  # a bare network is refused now, and not when a loop is built
         return path

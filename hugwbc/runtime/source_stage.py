@@ -27,6 +27,12 @@ class SourceStage:
     def __init__(self, source: CommandSource, sight: Sight, log: SafetyLog, *, moves_hands: bool) -> None:
         """Connect a source; where nothing moves the hands, hand targets are ignored with a warning."""
         self._source, self._sight, self._log, self._moves_hands = source, sight, log, moves_hands
+        asked = (getattr(source, name, None) for name in ("command_at", "hands_at"))
+        if isinstance(source, type) or not all(map(callable, asked)):
+            raise ConfigError(
+                f"the source is {repr(source)[:100]}; give a Command, a script (load_script), a BehaviourSource, or an "
+                "object with command_at(t) and hands_at(t)"
+            )
         self._seeing = source if isinstance(source, SeeingSource) else None
         if self._seeing is None and hasattr(source, "see"):
             lacking = ", ".join(name for name in ("restart", "grips") if not hasattr(source, name))

@@ -77,6 +77,8 @@ def _path(value: Any, info: ValidationInfo) -> HandPath | None:  # noqa: ANN401
     """Return a path that is given as one, or declared as {KIND: its fields}."""
     if value is None or isinstance(value, HandPath):
         return value
+    if value == "mirror":  # else `_mirror` has replaced it
+        raise ConfigError("the other hand has no path to mirror; give it one")
     if not isinstance(value, Mapping) or len(value) != 1:
         raise ConfigError(f"a hand has one path; give one of {', '.join(_KINDS)}, or mirror")
     ((kind, fields),) = value.items()
@@ -143,6 +145,10 @@ class HandMotion:
         for side, path in zip(SIDES, (self.left, self.right), strict=True):
             if path is not None:
                 _check_path(side, path, self.frame)
+                continue
+            for name in (f"{side}_direction", f"{side}_orientation"):
+                if getattr(self, name) is not None:
+                    raise TargetError(f"{name} is given, but the {side} hand has no path; give it one")
         start = self.at(0.0)
         HandTargets.of(start.left, start.right, self.frame)
 
@@ -193,7 +199,11 @@ def _samples(path: HandPath) -> tuple[np.ndarray, np.ndarray]:
         return path.samples
     if isinstance(path, hand_paths.Line | hand_paths.Grid):
         return np.arange(len(path.points)) * (path.leg_time + path.dwell), np.array(path.points)
-    times = np.linspace(0.0, getattr(path, "period", 60.0), 601)
+    if isinstance(path, hand_paths.Wander):  # its corners
+        times = np.arange(61) * path.leg_time
+    else:  # steps that a fast path makes longer than `_JUMP`
+        period = getattr(path, "period", 60.0)
+        times = np.linspace(0.0, period, round(min(max(period / 0.02, 8), 600)) + 1)
     return times, np.stack([path.at(float(t)) for t in times])
 
 

@@ -75,7 +75,11 @@ def retries_a_step(view):
     yield from retry(view, wait(view, 1.0))  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("mistaken", [yields_a_step, keeps_a_step, retries_a_step])
+def yields_nothing(view):
+    return None
+
+
+@pytest.mark.parametrize("mistaken", [yields_a_step, keeps_a_step, retries_a_step, yields_nothing])
 def test_a_step_that_is_not_run_says_how_to_run_it(mistaken) -> None:
     source = BehaviourSource(mistaken)
     commands = _played(source)

@@ -130,6 +130,13 @@ def test_plugins_that_do_not_work_are_refused(third_party):
         ControllerSpec("qp")
 
 
+def test_a_folder_without_a_policy_is_told_from_a_damaged_policy(tmp_path, monkeypatch):
+    (tmp_path / "balancer").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=r"no installed package registers .*'balancer'.* holds no policy"):
+        ControllerSpec("balancer")
+
+
 def test_paths(tmp_path, theirs):
     shutil.copytree(policy_file("h1").parent, tmp_path / "mine")
     for path in (tmp_path / "mine", tmp_path / "mine" / "policy.safetensors"):

@@ -295,6 +295,20 @@ def test_a_mistake_in_somebody_elses_code_ends_a_run_unless_it_must_go_on(simula
     assert re.search(words, safety.messages[0])
 
 
+@pytest.mark.parametrize(
+    ("controller", "source", "words"),
+    [
+        (HoldController, Command(), "the controller gives the class HoldController; give an object of it"),
+        (len, Command(), "gives a builtin_function_or_method without name, period, reset, act"),
+        (HoldController(load_robot()), "walk", r"the source is 'walk'; give a Command, a script \(load_script\)"),
+        (HoldController(load_robot()), Reaching, r"the source is <class .*Reaching'>; give .* an object"),
+    ],
+)
+def test_what_is_no_controller_or_no_source_is_refused(simulation, controller, source, words):
+    with pytest.raises(ConfigError, match=words):
+        rollout(controller, source, simulation, duration=0.2, strict=False)
+
+
 def test_hand_targets_that_nothing_follows_are_told_once(simulation):
     with pytest.warns(UserWarning, match="give an UpperBodySource") as told:
         rollout(HoldController(load_robot()), Reaching(), simulation, duration=0.4)

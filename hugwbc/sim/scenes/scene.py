@@ -43,6 +43,7 @@ from hugwbc.sim.terrain import GROUNDS, HeightField
 from hugwbc.targets import HAND_FRAMES
 
 OVERLAP = 0.001  # [m]; objects that are deeper than this in each other at the start are refused
+_GAP = 0.005  # [m]; what is farther than this from the object that it stands on stands beside it
 MOST_OBJECTS = 200  # each is compared with each
 KINDS: dict[str, type[Thing]] = {
     cls.kind: cls
@@ -205,6 +206,15 @@ class Scene:
             if depth > OVERLAP:
                 how = f"overlap by {1e3 * depth:.0f} mm at the start; move one of them"
                 raise SceneError(f"{one.label} and {other.label} {how}", at=("objects", second))
+        names = [thing.name for thing in self.objects]
+        for index, thing in enumerate(self.objects):
+            if thing.on is None or isinstance(thing, Mjcf) or sum(settled(value) for value in thing.position[2:]) > 0.0:
+                continue
+            below = geoms[names.index(thing.on.partition("/")[0])]
+            pairs = itertools.product(geoms[index], below)
+            if not any(mujoco.mj_geomDistance(model, data, *pair, 1.0, None) < _GAP for pair in pairs):
+                how = "does not touch it; give a position relative to the middle of its top"
+                raise SceneError(f"{thing.label} on '{thing.on}' {how}", at=("objects", index))
 
 
 @functools.cache

@@ -44,11 +44,22 @@ VARIED = Scene((
             lambda: Scene((Table(name="a"), Shelf(name="b", position=(0.2, 0.0)))),
             r"table 'a' and shelf 'b' overlap by \d+ mm at the start",
         ),
+        (
+            lambda: Scene((Table(name="t", position=(1.2, 0.0)), Box(name="a", on="t", position=(1.2, 0.0), **BOX))),
+            r"box 'a' on 't' does not touch it; give a position relative to the middle of its top",
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(make, message: str) -> None:
     with pytest.raises(HugwbcError, match=message):
         make()
+
+
+def test_a_thing_may_hang_over_the_edge_lie_across_two_or_fall() -> None:
+    table = Table(name="t", size=(0.5, 0.5))
+    plank = Box(name="a", on="t", position=(0.5, 0.0), size=(0.6, 0.1, 0.02), mass=1.0)
+    Scene((table, Table(name="u", size=(0.5, 0.5), position=(1.0, 0.0)), plank))
+    Scene((table, Box(name="b", on="t", position=(0.0, 0.0, 0.3), **BOX)))
 
 
 def test_walls_may_meet_in_a_corner() -> None:
