@@ -116,10 +116,11 @@ class HandTargets:
             raise TargetError("hands that hold one object both need a target; give left and right, or together=False")
         directions = _both(direction, "direction", left_direction, right_direction)
         wrench = HandWrench.of(left_force, right_force, payload, stiffness)
-        for side, point, force in zip(SIDES, points, (left_force, right_force), strict=True):
-            if force is not None and point is None:
-                raise TargetError(f"the {side} hand has a force but no target; give the position at which it presses")
         turns = _both(orientation, "orientation", left_orientation, right_orientation)
+        for what, both in (("force", (left_force, right_force)), ("direction", directions), ("orientation", turns)):
+            for side, point, given in zip(SIDES, points, both, strict=True):
+                if given is not None and point is None:
+                    raise TargetError(f"the {side} hand has no target, but its {what} is given; give a position too")
         weight = None if orientation_weight is None else number(orientation_weight)
         if orientation_weight is not None and (weight is None or not 0.0 < weight <= HEAVY_TURN):
             raise TargetError(

@@ -59,10 +59,12 @@ def test_forces_stiffness_and_payload_are_checked_and_kept():
         ({"payload": (-1.0, 0.0)}, "payload is .*each from 0 to 20 kg"),
         ({"payload": (HEAVIEST + 1, 0.0)}, "payload is"),
         ({"payload": 3.0}, "payload is 3.0"),
-        ({"right_force": (10, 0, 0)}, "right hand has a force but no target"),
+        ({"right_force": (10, 0, 0)}, "right hand has no target, but its force is given"),
+        ({"right_direction": (1, 0, 0)}, "right hand has no target, but its direction is given"),
+        ({"right_orientation": "level"}, "right hand has no target, but its orientation is given"),
     ],
 )
-def test_of_refuses_loads_out_of_range(bad, message):
+def test_of_refuses_loads_out_of_range_and_without_a_target(bad, message):
     with pytest.raises(TargetError, match=message):
         HandTargets.of((0.3, 0.2, 0.1), None, **bad)
 
