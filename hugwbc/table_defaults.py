@@ -252,7 +252,8 @@ def _set_gains(table: dict[str, Any]) -> None:
         if joint["name"] not in led and not {"kp", "kd"} <= joint.keys():
             inertia = joint["armature"] + _carried(table, joint, q)
             kp = max(kp, min(inertia * _FREQUENCY**2, joint["effort"] / LEAST_ERROR))
-            highest = joint["effort"] / (LEAST_SPEED * joint["velocity"])
+            speed = LEAST_SPEED * joint["velocity"]
+            highest = joint["effort"] / speed if speed > 0.0 else math.inf  # the check names a joint without one
             kd = max(kd, min(2.0 * math.sqrt(kp * inertia), highest))
         joint.setdefault("kp", kp)
         joint.setdefault("kd", kd)

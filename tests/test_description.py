@@ -99,6 +99,14 @@ def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
     assert mine.sole_z == G1.sole_z
 
 
+def test_mjcf_without_speeds_is_asked_for_them(tmp_path) -> None:
+    """Also of joints in no role, whose damping would follow from them."""
+    table = {key: value for key, value in SHORT.items() if key != "drives"} | {"description": str(G1.xml_path)}
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table))
+    (found,) = (one for one in problems(str(tmp_path / "mine.yaml")) if one.startswith("velocity is 0 or less of"))
+    assert "left_hip_pitch_joint" in found and "waist_roll_joint" in found
+
+
 def test_corrections_of_a_left_part_are_mirrored(tmp_path) -> None:
     """Unless the right one has its own; a range follows the axis, which a roll has reversed in the mirror image."""
     box = {"center": [0.0, 0.01, -0.1], "size": [0.05, 0.06, 0.2]}
