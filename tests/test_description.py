@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from hugwbc import load_robot
+from hugwbc.description import measure_sole, read_description
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.robot_check import problems
 from hugwbc.robot_tables import robot_table
@@ -105,6 +106,18 @@ def test_mjcf_without_speeds_is_asked_for_them(tmp_path) -> None:
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table))
     (found,) = (one for one in problems(str(tmp_path / "mine.yaml")) if one.startswith("velocity is 0 or less of"))
     assert "left_hip_pitch_joint" in found and "waist_roll_joint" in found
+
+
+def test_textures_need_not_be_there(tmp_path) -> None:
+    looks = (
+        '<asset><texture name="skin" type="2d" file="none.png"/><material name="skin" texture="skin"/></asset>'
+        '<worldbody><site name="mark" material="skin"/>'
+    )
+    text = G1.xml_path.read_text().replace("<worldbody>", looks, 1)
+    (tmp_path / "maker.xml").write_text(text.replace('material="light"', 'material="skin"'))
+    read = read_description(tmp_path / "maker.xml")
+    assert [row["name"] for row in read["joints"]] == list(G1.joint_names) and "mark" in read["frames"]
+    assert measure_sole(tmp_path / "maker.xml", "left_ankle_roll_link")["z"] == G1.sole_z
 
 
 def test_corrections_of_a_left_part_are_mirrored(tmp_path) -> None:
