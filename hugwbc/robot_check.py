@@ -192,7 +192,10 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
     reflection = np.array([1.0, -1.0, 1.0])
     for name, joint in joints.items():
         if (other := joints.get(other_side(name))) is None:
-            yield f"{name} has no joint {other_side(name)} on the other side; names differ in left and right only"
+            yield (
+                f"{name} has no joint {other_side(name)} on the other side; names differ in left and right, or l "
+                "and r; a joint of no side has none of these in its name: rename it in the description"
+            )
             continue
         if not is_left(name):
             continue

@@ -129,6 +129,13 @@ BROKEN = {
         lambda table: table["roles"]["leg"].update(knee="left_elbow_joint"),
         ["roles `leg` are left_hip_pitch_joint, left_hip_roll_joint, left_hip_yaw_joint, left_elbow_joint,"],
     ),
+    "a roll's name has the letter of the right side": (
+        lambda table: (
+            _row(table, "waist_roll_joint").update(name="waist_R"),
+            table["interface"]["motors"].__setitem__(table["interface"]["motors"].index("waist_roll_joint"), "waist_R"),
+        ),
+        ["waist_R has no joint waist_L on the other side; names differ in left and right, or l and r; a joint of no"],
+    ),
     "the hand is the foot": (
         lambda table: table["roles"].update(hand="left_ankle_roll_link"),
         ["left_ankle_roll_link (hand) does not hang below torso_link (trunk)"],
