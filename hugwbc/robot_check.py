@@ -23,6 +23,7 @@ _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the ri
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
 _ALONG = 0.8  # part of an axis along its own
 _TILTED = 12.0  # [degrees], from which on an axis that is along its own enough is named
+_MIRROR = np.array([1.0, -1.0, 1.0])  # of places
 _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at heel and toe
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
@@ -189,7 +190,6 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
 def _sides(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that left and right are mirror images."""
     joints, links = ({row["name"]: row for row in table[kind]} for kind in ("joints", "links"))
-    reflection = np.array([1.0, -1.0, 1.0])
     for name, joint in joints.items():
         if (other := joints.get(other_side(name))) is None:
             yield (
@@ -199,7 +199,7 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             continue
         if not is_left(name):
             continue
-        if np.abs(reflection * joint["xyz"] - other["xyz"]).max() > _APART:
+        if np.abs(_MIRROR * joint["xyz"] - other["xyz"]).max() > _APART and _apart(table, joint, other) > _APART:
             yield f"{name} is at {joint['xyz']} and {other['name']} at {other['xyz']}; give mirror images"
         sign = mirrored(joint, other)
         image = sorted(sign * limit for limit in joint["range"])
@@ -214,12 +214,19 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
         other = links.get(other_side(name), link)
         if is_left(name) and (
             abs(link["mass"] - other["mass"]) > _LIGHTER * link["mass"]
-            or np.abs(reflection * link["com"] - other["com"]).max() > _SHIFTED
+            or np.abs(_MIRROR * link["com"] - other["com"]).max() > _SHIFTED
         ):
             yield (
                 f"{name} weighs {link['mass']:g} kg at {link['com']}, and {other['name']} {other['mass']:g} kg at "
                 f"{other['com']}; give mirror images under `links`"
             )
+
+
+def _apart(table: Mapping[str, Any], joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+    """Return how far a joint's axis is from the mirror image of the other one, with all joints at 0 [m]."""
+    place, axes = placement(table["joints"], joint["child"], table["roles"]["base"])
+    image = _MIRROR * placement(table["joints"], other["child"], table["roles"]["base"])[0]
+    return float(np.linalg.norm(np.cross(axes @ joint["axis"], image - place)))
 
 
 def _stance(table: Mapping[str, Any]) -> Iterator[str]:

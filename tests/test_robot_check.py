@@ -3,6 +3,7 @@
 import copy
 import math
 
+import numpy as np
 import pytest
 import yaml
 
@@ -12,6 +13,7 @@ from hugwbc.evaluation.installation import check_hands, check_walking
 from hugwbc.robot import load_robot
 from hugwbc.robot_check import problems, table_problems
 from hugwbc.robot_tables import robot_names, robot_table
+from hugwbc.table_defaults import placement
 
 G1 = robot_table("g1")
 LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
@@ -231,6 +233,19 @@ def test_what_is_wrong_is_named(edit, expected) -> None:
     assert len(found) == len(expected), found
     for text, part in zip(found, expected, strict=True):
         assert part in text
+
+
+def test_where_a_joint_lies_on_its_axis_is_free() -> None:
+    """The right shoulder's pitch moves along its axis, and the roll behind it back."""
+    table = copy.deepcopy(G1)
+    pitch, roll = (_row(table, f"right_shoulder_{part}_joint") for part in ("pitch", "roll"))
+    along = 0.007 * np.array(pitch["axis"])
+    pitch["xyz"] = (pitch["xyz"] + placement(table["joints"], pitch["child"], "torso_link")[1] @ along).tolist()
+    roll["xyz"] = (roll["xyz"] - along).tolist()
+    assert table_problems(table) == []
+    roll["xyz"][2] += 0.007
+    (found,) = table_problems(table)
+    assert found.startswith("left_shoulder_roll_joint is at")
 
 
 def test_roles_that_nothing_plays_are_named_all_at_once(tmp_path, capsys) -> None:
