@@ -188,8 +188,9 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _sides(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that left and right are mirror images."""
+    """Check that left and right legs and arms are mirror images; grippers need not be."""
     joints, links = ({row["name"]: row for row in table[kind]} for kind in ("joints", "links"))
+    limbs = [name for limb in ("leg", "arm") for name in table["roles"][limb].values()]  # of the left side
     for name, joint in joints.items():
         if (other := joints.get(other_side(name))) is None:
             yield (
@@ -197,7 +198,7 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
                 "and r; a joint of no side has none of these in its name: rename it in the description"
             )
             continue
-        if not is_left(name):
+        if name not in limbs:
             continue
         if np.abs(_MIRROR * joint["xyz"] - other["xyz"]).max() > _APART and _apart(table, joint, other) > _APART:
             yield f"{name} is at {joint['xyz']} and {other['name']} at {other['xyz']}; give mirror images"
@@ -210,15 +211,14 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             yield f"{other['name']} is nominally at {other['nominal']:g} rad; the left one's mirror image is {image:g}"
         if differ := [field for field in _SAME if not math.isclose(joint[field], other[field], rel_tol=1e-3)]:
             yield f"{', '.join(differ)} of {name} and {other['name']} differ; give both the same"
-    for name, link in links.items():
-        other = links.get(other_side(name), link)
-        if is_left(name) and (
-            abs(link["mass"] - other["mass"]) > _LIGHTER * link["mass"]
-            or np.abs(_MIRROR * link["com"] - other["com"]).max() > _SHIFTED
+        link, image = links[joint["child"]], links[other["child"]]
+        if (
+            abs(link["mass"] - image["mass"]) > _LIGHTER * link["mass"]
+            or np.abs(_MIRROR * link["com"] - image["com"]).max() > _SHIFTED
         ):
             yield (
-                f"{name} weighs {link['mass']:g} kg at {link['com']}, and {other['name']} {other['mass']:g} kg at "
-                f"{other['com']}; give mirror images under `links`"
+                f"{link['name']} weighs {link['mass']:g} kg at {link['com']}, and {image['name']} {image['mass']:g} kg "
+                f"at {image['com']}; give mirror images under `links`"
             )
 
 

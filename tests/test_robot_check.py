@@ -235,6 +235,20 @@ def test_what_is_wrong_is_named(edit, expected) -> None:
         assert part in text
 
 
+def test_grippers_need_not_be_mirror_images() -> None:
+    """Here the G1's wrists are in no role: two of the same build, of which one carries a tool."""
+    table = copy.deepcopy(G1)
+    for part in ("roll", "pitch", "yaw"):
+        del table["roles"]["arm"][f"wrist_{part}"]
+    table["roles"]["hand"] = table["hand"]["parent"] = "left_elbow_link"
+    for section in ("arm_servo", "arm_postures"):
+        table[section] = {name: values[:4] for name, values in table[section].items()}
+    _row(table, "right_wrist_roll_joint").update(range=_row(table, "left_wrist_roll_joint")["range"], nominal=0.5)
+    _row(table, "right_wrist_yaw_joint").update(kp=50.0)
+    _row(table, "right_wrist_yaw_link").update(mass=1.0)
+    assert table_problems(table) == []
+
+
 def test_where_a_joint_lies_on_its_axis_is_free() -> None:
     """The right shoulder's pitch moves along its axis, and the roll behind it back."""
     table = copy.deepcopy(G1)
