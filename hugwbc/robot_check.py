@@ -238,9 +238,14 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         yield f"sole is x {sole['x']}, y {sole['y']}; give heel before toe, and right before left"
         return
     if abs(middle := (right + left) / 2.0) > _ASIDE:
-        yield (
-            f"the middle of the sole is {1e3 * middle:.0f} mm left of the foot link's origin, where it is to be; under "
-            "`joints` and `links`, move the foot's joint there along its axis, and the link's com back"
+        joint = next(joint for joint in joints if joint["child"] == roles["foot"])
+        sideways = (placement(joints, roles["foot"], roles["base"])[1] @ joint["axis"])[1]
+        half = (left - right) / 2.0
+        yield f"the middle of the sole is {1e3 * middle:.0f} mm left of the foot link's origin, where it is to be; " + (
+            f"move {joint['name']} there along its axis under `joints`, the com of {roles['foot']} back under `links`, "
+            f"and give sole: y: [{-half:.3f}, {half:.3f}]"
+            if abs(sideways) > _ALONG
+            else "give the part of it that is as wide on both sides under `sole`: y"
         )
     for side in (str, other_side):
         foot, ankle = side(roles["foot"]), side(roles["leg"]["ankle_pitch"])

@@ -40,7 +40,14 @@ BROKEN = {
     ),
     "the soles are not in the middle": (
         lambda table: table["sole"].update(y=[0.0, 0.05]),
-        ["the middle of the sole is 25 mm left of the foot link's origin"],
+        ["is 25 mm left of the foot link's origin, where it is to be; give the part of it that is as wide on both"],
+    ),
+    "the soles are aside of ankles that pitch last": (
+        lambda table: (table["sole"].update(y=[0.0, 0.05]), _set("left_ankle_roll_joint", axis=[0, 1, 0])(table)),
+        [
+            "left_ankle_roll_joint (ankle_roll) turns about",
+            "; move left_ankle_roll_joint there along its axis under `joints`, the com of left_ankle_roll_link back",
+        ],
     ),
     "the pelvis is too high": (
         lambda table: table.update(nominal_height=0.90),
