@@ -28,7 +28,7 @@ _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at 
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
 _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
-_LIGHTER, _SHIFTED = 0.05, 0.01  # of a link's mass, and of its centre of mass [m], likewise
+_LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _UNORDERED = ("roles", "sole", "hand", "imu", "camera", "lidar", "arm_servo", "squat")  # sections of named fields
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
 

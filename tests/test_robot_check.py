@@ -256,6 +256,15 @@ def test_grippers_need_not_be_mirror_images() -> None:
     assert table_problems(table) == []
 
 
+def test_hands_of_published_robots_weigh_a_centimetre_apart() -> None:
+    table = copy.deepcopy(G1)
+    com = _row(table, "right_wrist_yaw_link")["com"]
+    com[0] += 0.011
+    assert table_problems(table) == []
+    com[0] += 0.011
+    assert len(table_problems(table)) == 1
+
+
 def test_where_a_joint_lies_on_its_axis_is_free() -> None:
     """The right shoulder's pitch moves along its axis, and the roll behind it back."""
     table = copy.deepcopy(G1)
