@@ -178,7 +178,7 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
     for joint in table["joints"]:
         name, (low, high) = joint["name"], joint["range"]
         if not low < high:
-            yield f"the range of {name} is {low:g} to {high:g} rad; give the lower limit first"
+            yield f"the range of {name} is {low:g} to {high:g} rad; give range: [lower, upper] under `joints`"
         elif not low <= joint["nominal"] <= high:
             yield f"the nominal position of {name} is {joint['nominal']:g} rad; give one from {low:g} to {high:g} rad"
         if 0.0 < joint["velocity"] <= joint["corner_speed"]:

@@ -88,6 +88,10 @@ BROKEN = {
         _set("right_hip_roll_joint", range=[-0.5236, 2.9671]),
         ["the range of right_hip_roll_joint is [-0.5236, 2.9671]; the mirror image of the left one is"],
     ),
+    "a joint has no range": (  # as continuous ones of a description
+        _set("waist_roll_joint", range=[0.0, 0.0]),
+        ["the range of waist_roll_joint is 0 to 0 rad; give range: [lower, upper] under `joints`"],
+    ),
     "a gain is 0": (_set("waist_yaw_joint", kp=0.0), ["kp is 0 or less of waist_yaw_joint; give figures above 0"]),
     "a motor has two slots": (
         _twice,
