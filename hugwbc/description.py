@@ -21,7 +21,7 @@ _SIMPLE = (_SHAPES.mjGEOM_BOX, _SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE, _S
 def read_description(file: pathlib.Path) -> dict[str, Any]:
     """Return the rows `joints` and `links` of a published URDF or MJCF, and its `frames`: sites and fixed links.
 
-    Fixed links count as parts of those that carry them. Meshes are not read.
+    Fixed links count as parts of those that carry them. Meshes and textures are not read.
     """
     spec, root = _spec(file), ET.parse(file).getroot()  # noqa: S314  the user's
     if root.tag == "mujoco" and (lacking := [body.name for body in spec.bodies[1:] if _weighed_by_shapes(body)]):
@@ -96,7 +96,10 @@ def _keep(spec: mujoco.MjSpec, kept: list[mujoco.MjsGeom]) -> None:
     used = {geom.meshname for geom in kept}
     shapes = [geom for geom in spec.geoms if geom not in kept]
     meshes = [mesh for mesh in spec.meshes if mesh.name not in used]
-    for part in (*shapes, *meshes, *spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
+    for part in (*spec.geoms, *spec.sites, *spec.tendons):
+        part.material = ""
+    looks = (*spec.materials, *spec.textures)  # whose files may be missing as those of the meshes
+    for part in (*shapes, *meshes, *looks, *spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
         spec.delete(part)
 
 

@@ -23,11 +23,12 @@ _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the ri
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
 _ALONG = 0.8  # part of an axis along its own
 _TILTED = 12.0  # [degrees], from which on an axis that is along its own enough is named
+_MIRROR = np.array([1.0, -1.0, 1.0])  # of places
 _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at heel and toe
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
 _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
-_LIGHTER, _SHIFTED = 0.05, 0.01  # of a link's mass, and of its centre of mass [m], likewise
+_LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _UNORDERED = ("roles", "sole", "hand", "imu", "camera", "lidar", "arm_servo", "squat")  # sections of named fields
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
 
@@ -177,7 +178,7 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
     for joint in table["joints"]:
         name, (low, high) = joint["name"], joint["range"]
         if not low < high:
-            yield f"the range of {name} is {low:g} to {high:g} rad; give the lower limit first"
+            yield f"the range of {name} is {low:g} to {high:g} rad; give range: [lower, upper] under `joints`"
         elif not low <= joint["nominal"] <= high:
             yield f"the nominal position of {name} is {joint['nominal']:g} rad; give one from {low:g} to {high:g} rad"
         if 0.0 < joint["velocity"] <= joint["corner_speed"]:
@@ -187,16 +188,19 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _sides(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that left and right are mirror images."""
+    """Check that left and right legs and arms are mirror images; grippers need not be."""
     joints, links = ({row["name"]: row for row in table[kind]} for kind in ("joints", "links"))
-    reflection = np.array([1.0, -1.0, 1.0])
+    limbs = [name for limb in ("leg", "arm") for name in table["roles"][limb].values()]  # of the left side
     for name, joint in joints.items():
         if (other := joints.get(other_side(name))) is None:
-            yield f"{name} has no joint {other_side(name)} on the other side; names differ in left and right only"
+            yield (
+                f"{name} has no joint {other_side(name)} on the other side; names differ in left and right, or l "
+                "and r; a joint of no side has none of these in its name: rename it in the description"
+            )
             continue
-        if not is_left(name):
+        if name not in limbs:
             continue
-        if np.abs(reflection * joint["xyz"] - other["xyz"]).max() > _APART:
+        if np.abs(_MIRROR * joint["xyz"] - other["xyz"]).max() > _APART and _apart(table, joint, other) > _APART:
             yield f"{name} is at {joint['xyz']} and {other['name']} at {other['xyz']}; give mirror images"
         sign = mirrored(joint, other)
         image = sorted(sign * limit for limit in joint["range"])
@@ -207,16 +211,22 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             yield f"{other['name']} is nominally at {other['nominal']:g} rad; the left one's mirror image is {image:g}"
         if differ := [field for field in _SAME if not math.isclose(joint[field], other[field], rel_tol=1e-3)]:
             yield f"{', '.join(differ)} of {name} and {other['name']} differ; give both the same"
-    for name, link in links.items():
-        other = links.get(other_side(name), link)
-        if is_left(name) and (
-            abs(link["mass"] - other["mass"]) > _LIGHTER * link["mass"]
-            or np.abs(reflection * link["com"] - other["com"]).max() > _SHIFTED
+        link, image = links[joint["child"]], links[other["child"]]
+        if (
+            abs(link["mass"] - image["mass"]) > _LIGHTER * link["mass"]
+            or np.abs(_MIRROR * link["com"] - image["com"]).max() > _SHIFTED
         ):
             yield (
-                f"{name} weighs {link['mass']:g} kg at {link['com']}, and {other['name']} {other['mass']:g} kg at "
-                f"{other['com']}; give mirror images under `links`"
+                f"{link['name']} weighs {link['mass']:g} kg at {link['com']}, and {image['name']} {image['mass']:g} kg "
+                f"at {image['com']}; give mirror images under `links`"
             )
+
+
+def _apart(table: Mapping[str, Any], joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+    """Return how far a joint's axis is from the mirror image of the other one, with all joints at 0 [m]."""
+    place, axes = placement(table["joints"], joint["child"], table["roles"]["base"])
+    image = _MIRROR * placement(table["joints"], other["child"], table["roles"]["base"])[0]
+    return float(np.linalg.norm(np.cross(axes @ joint["axis"], image - place)))
 
 
 def _stance(table: Mapping[str, Any]) -> Iterator[str]:
@@ -228,9 +238,14 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         yield f"sole is x {sole['x']}, y {sole['y']}; give heel before toe, and right before left"
         return
     if abs(middle := (right + left) / 2.0) > _ASIDE:
-        yield (
-            f"the middle of the sole is {1e3 * middle:.0f} mm left of the foot link's origin, where it is to be; under "
-            "`joints` and `links`, move the foot's joint there along its axis, and the link's com back"
+        joint = next(joint for joint in joints if joint["child"] == roles["foot"])
+        sideways = (placement(joints, roles["foot"], roles["base"])[1] @ joint["axis"])[1]
+        half = (left - right) / 2.0
+        yield f"the middle of the sole is {1e3 * middle:.0f} mm left of the foot link's origin, where it is to be; " + (
+            f"move {joint['name']} there along its axis under `joints`, the com of {roles['foot']} back under `links`, "
+            f"and give sole: y: [{-half:.3f}, {half:.3f}]"
+            if abs(sideways) > _ALONG
+            else "give the part of it that is as wide on both sides under `sole`: y"
         )
     for side in (str, other_side):
         foot, ankle = side(roles["foot"]), side(roles["leg"]["ankle_pitch"])

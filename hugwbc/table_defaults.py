@@ -251,9 +251,10 @@ def _set_gains(table: dict[str, Any]) -> None:
         kp, kd = joint["armature"] * _FREQUENCY**2, 2.0 * _DAMPING * joint["armature"] * _FREQUENCY
         if joint["name"] not in led and not {"kp", "kd"} <= joint.keys():
             inertia = joint["armature"] + _carried(table, joint, q)
-            kp = max(kp, min(inertia * _FREQUENCY**2, joint["effort"] / LEAST_ERROR))
-            highest = joint["effort"] / (LEAST_SPEED * joint["velocity"])
-            kd = max(kd, min(2.0 * math.sqrt(kp * inertia), highest))
+            effort, speed = joint["effort"], joint["velocity"]  # the check names joints that have none
+            kp = min(inertia * _FREQUENCY**2, effort / LEAST_ERROR if effort > 0.0 else math.inf)
+            highest = effort / (LEAST_SPEED * speed) if min(effort, speed) > 0.0 else math.inf
+            kd = min(max(kd, 2.0 * math.sqrt(kp * inertia)), highest)
         joint.setdefault("kp", kp)
         joint.setdefault("kd", kd)
 

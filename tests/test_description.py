@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from hugwbc import load_robot
+from hugwbc.description import measure_sole, read_description
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.robot_check import problems
 from hugwbc.robot_tables import robot_table
@@ -99,6 +100,27 @@ def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
     assert mine.sole_z == G1.sole_z
 
 
+def test_mjcf_without_speeds_is_asked_for_them(tmp_path) -> None:
+    """Also of joints in no role, whose damping would follow from them."""
+    table = {key: value for key, value in SHORT.items() if key != "drives"} | {"description": str(G1.xml_path)}
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
+    effort, velocity = problems(str(tmp_path / "mine.yaml"))
+    assert effort.startswith("effort is 0 or less of") and velocity.startswith("velocity is 0 or less of")
+    assert all("left_hip_pitch_joint" in one and "waist_roll_joint" in one for one in (effort, velocity))
+
+
+def test_textures_need_not_be_there(tmp_path) -> None:
+    looks = (
+        '<asset><texture name="skin" type="2d" file="none.png"/><material name="skin" texture="skin"/></asset>'
+        '<worldbody><site name="mark" material="skin"/>'
+    )
+    text = G1.xml_path.read_text().replace("<worldbody>", looks, 1)
+    (tmp_path / "maker.xml").write_text(text.replace('material="light"', 'material="skin"'))
+    read = read_description(tmp_path / "maker.xml")
+    assert [row["name"] for row in read["joints"]] == list(G1.joint_names) and "mark" in read["frames"]
+    assert measure_sole(tmp_path / "maker.xml", "left_ankle_roll_link")["z"] == G1.sole_z
+
+
 def test_corrections_of_a_left_part_are_mirrored(tmp_path) -> None:
     """Unless the right one has its own; a range follows the axis, which a roll has reversed in the mirror image."""
     box = {"center": [0.0, 0.01, -0.1], "size": [0.05, 0.06, 0.2]}
@@ -120,8 +142,8 @@ def test_corrections_of_a_left_part_are_mirrored(tmp_path) -> None:
 
 def test_a_joint_in_no_role_holds_what_is_beyond_it(tmp_path) -> None:
     """Its inertia is that of MuJoCo's mass matrix; 0.05 rad, or a tenth of its speed, take its whole effort."""
-    drives = [{"joints": ["waist_pitch_joint"], "armature": 0.0072, "effort": effort} for effort in (1e4, 50.0)]
-    low, high = (_robot(tmp_path / str(i), {**SHORT, "drives": [drive]}) for i, drive in enumerate(drives[::-1]))
+    drives = [{"joints": ["waist_pitch_joint"], "armature": 0.0072, "effort": effort} for effort in (1.0, 50.0, 1e4)]
+    weak, low, high = (_robot(tmp_path / str(i), {**SHORT, "drives": [drive]}) for i, drive in enumerate(drives))
     pitch = low.index("waist_pitch_joint")
     model = mujoco.MjModel.from_xml_path(str(low.xml_path))
     data = mujoco.MjData(model)
@@ -133,7 +155,8 @@ def test_a_joint_in_no_role_holds_what_is_beyond_it(tmp_path) -> None:
     assert low.kp[pitch] == pytest.approx(50.0 / 0.05)
     assert high.kd[pitch] == pytest.approx(2.0 * np.sqrt(high.kp[pitch] * matrix[6 + pitch, 6 + pitch]), rel=1e-6)
     assert low.kd[pitch] == pytest.approx(50.0 / (0.1 * low.velocity_limit[pitch]))
-    for limit, gain in zip(gain_limits(low), (low.kp, low.kd), strict=True):
+    assert weak.kp[pitch] == pytest.approx(1.0 / 0.05)  # also where that is less than for the rotor alone
+    for limit, gain in zip(gain_limits(weak), (weak.kp, weak.kd), strict=True):
         assert np.all(gain <= limit)  # so that holding it counts nothing as clamped
 
 

@@ -3,6 +3,7 @@
 import copy
 import math
 
+import numpy as np
 import pytest
 import yaml
 
@@ -12,6 +13,7 @@ from hugwbc.evaluation.installation import check_hands, check_walking
 from hugwbc.robot import load_robot
 from hugwbc.robot_check import problems, table_problems
 from hugwbc.robot_tables import robot_names, robot_table
+from hugwbc.table_defaults import placement
 
 G1 = robot_table("g1")
 LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
@@ -38,7 +40,14 @@ BROKEN = {
     ),
     "the soles are not in the middle": (
         lambda table: table["sole"].update(y=[0.0, 0.05]),
-        ["the middle of the sole is 25 mm left of the foot link's origin"],
+        ["is 25 mm left of the foot link's origin, where it is to be; give the part of it that is as wide on both"],
+    ),
+    "the soles are aside of ankles that pitch last": (
+        lambda table: (table["sole"].update(y=[0.0, 0.05]), _set("left_ankle_roll_joint", axis=[0, 1, 0])(table)),
+        [
+            "left_ankle_roll_joint (ankle_roll) turns about",
+            "; move left_ankle_roll_joint there along its axis under `joints`, the com of left_ankle_roll_link back",
+        ],
     ),
     "the pelvis is too high": (
         lambda table: table.update(nominal_height=0.90),
@@ -78,6 +87,10 @@ BROKEN = {
     "the right range is the left one": (
         _set("right_hip_roll_joint", range=[-0.5236, 2.9671]),
         ["the range of right_hip_roll_joint is [-0.5236, 2.9671]; the mirror image of the left one is"],
+    ),
+    "a joint has no range": (  # as continuous ones of a description
+        _set("waist_roll_joint", range=[0.0, 0.0]),
+        ["the range of waist_roll_joint is 0 to 0 rad; give range: [lower, upper] under `joints`"],
     ),
     "a gain is 0": (_set("waist_yaw_joint", kp=0.0), ["kp is 0 or less of waist_yaw_joint; give figures above 0"]),
     "a motor has two slots": (
@@ -128,6 +141,13 @@ BROKEN = {
     "a role is another joint's": (
         lambda table: table["roles"]["leg"].update(knee="left_elbow_joint"),
         ["roles `leg` are left_hip_pitch_joint, left_hip_roll_joint, left_hip_yaw_joint, left_elbow_joint,"],
+    ),
+    "a roll's name has the letter of the right side": (
+        lambda table: (
+            _row(table, "waist_roll_joint").update(name="waist_R"),
+            table["interface"]["motors"].__setitem__(table["interface"]["motors"].index("waist_roll_joint"), "waist_R"),
+        ),
+        ["waist_R has no joint waist_L on the other side; names differ in left and right, or l and r; a joint of no"],
     ),
     "the hand is the foot": (
         lambda table: table["roles"].update(hand="left_ankle_roll_link"),
@@ -224,6 +244,42 @@ def test_what_is_wrong_is_named(edit, expected) -> None:
     assert len(found) == len(expected), found
     for text, part in zip(found, expected, strict=True):
         assert part in text
+
+
+def test_grippers_need_not_be_mirror_images() -> None:
+    """Here the G1's wrists are in no role: two of the same build, of which one carries a tool."""
+    table = copy.deepcopy(G1)
+    for part in ("roll", "pitch", "yaw"):
+        del table["roles"]["arm"][f"wrist_{part}"]
+    table["roles"]["hand"] = table["hand"]["parent"] = "left_elbow_link"
+    for section in ("arm_servo", "arm_postures"):
+        table[section] = {name: values[:4] for name, values in table[section].items()}
+    _row(table, "right_wrist_roll_joint").update(range=_row(table, "left_wrist_roll_joint")["range"], nominal=0.5)
+    _row(table, "right_wrist_yaw_joint").update(kp=50.0)
+    _row(table, "right_wrist_yaw_link").update(mass=1.0)
+    assert table_problems(table) == []
+
+
+def test_hands_of_published_robots_weigh_a_centimetre_apart() -> None:
+    table = copy.deepcopy(G1)
+    com = _row(table, "right_wrist_yaw_link")["com"]
+    com[0] += 0.011
+    assert table_problems(table) == []
+    com[0] += 0.011
+    assert len(table_problems(table)) == 1
+
+
+def test_where_a_joint_lies_on_its_axis_is_free() -> None:
+    """The right shoulder's pitch moves along its axis, and the roll behind it back."""
+    table = copy.deepcopy(G1)
+    pitch, roll = (_row(table, f"right_shoulder_{part}_joint") for part in ("pitch", "roll"))
+    along = 0.007 * np.array(pitch["axis"])
+    pitch["xyz"] = (pitch["xyz"] + placement(table["joints"], pitch["child"], "torso_link")[1] @ along).tolist()
+    roll["xyz"] = (roll["xyz"] - along).tolist()
+    assert table_problems(table) == []
+    roll["xyz"][2] += 0.007
+    (found,) = table_problems(table)
+    assert found.startswith("left_shoulder_roll_joint is at")
 
 
 def test_roles_that_nothing_plays_are_named_all_at_once(tmp_path, capsys) -> None:
