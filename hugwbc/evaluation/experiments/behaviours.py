@@ -250,7 +250,7 @@ def boxes_episode(controller: Controller, settings: BoxesSettings, plan: Plan) -
     """Return how it ended; it is done if the box stands where it stood, upright."""
     mass, height = float(plan.tags["mass"]), float(plan.tags["height"])
     around, size = scene(mass, height), stature(settings.robot)
-    behaviour = similar(functools.partial(shift, mass=mass, height=height), size, load_robot())
+    behaviour = similar(functools.partial(shift, mass=mass, height=height), size, load_robot("h1"))
     row, _, trace = play(controller, settings, plan, behaviour, around.scaled(size))
     poses = trace.object_pose[:, around.body_names.index("box")] / np.repeat((size, 1.0), (3, 4))
     missed = amiss(poses) if row["success"] else ""
