@@ -211,14 +211,14 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             yield f"{other['name']} is nominally at {other['nominal']:g} rad; the left one's mirror image is {image:g}"
         if differ := [field for field in _SAME if not math.isclose(joint[field], other[field], rel_tol=1e-3)]:
             yield f"{', '.join(differ)} of {name} and {other['name']} differ; give both the same"
-        link, image = links[joint["child"]], links[other["child"]]
+        link, right = links[joint["child"]], links[other["child"]]
         if (
-            abs(link["mass"] - image["mass"]) > _LIGHTER * link["mass"]
-            or np.abs(_MIRROR * link["com"] - image["com"]).max() > _SHIFTED
+            abs(link["mass"] - right["mass"]) > _LIGHTER * link["mass"]
+            or np.abs(_MIRROR * link["com"] - right["com"]).max() > _SHIFTED
         ):
             yield (
-                f"{link['name']} weighs {link['mass']:g} kg at {link['com']}, and {image['name']} {image['mass']:g} kg "
-                f"at {image['com']}; give mirror images under `links`"
+                f"{link['name']} weighs {link['mass']:g} kg at {link['com']}, and {right['name']} {right['mass']:g} kg "
+                f"at {right['com']}; give mirror images under `links`"
             )
 
 
