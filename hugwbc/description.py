@@ -49,13 +49,12 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
         links.append({"name": model.body(body).name, "mass": mass, "com": com, **inertia})
     for j in range(1, model.njnt):
         body, dof, limit = model.jnt_bodyid[j], model.jnt_dofadr[j], speed.get(model.joint(j).name)
-        turns = (rotations.roll_of, rotations.pitch_of, rotations.yaw_of)
         joint = {
             "name": model.joint(j).name,
             "parent": model.body(model.body_parentid[body]).name,
             "child": model.body(body).name,
             "xyz": model.body_pos[body].tolist(),
-            "rpy": [float(turn(model.body_quat[body])) for turn in turns],
+            "rpy": _roll_pitch_yaw(model.body_quat[body]),
             "axis": model.jnt_axis[j].tolist(),
             "range": model.jnt_range[j].tolist(),
             "effort": float(model.jnt_actfrcrange[j, 1]),
@@ -72,6 +71,13 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
         for i in range(model.nsite)
     }
     return {"joints": joints, "links": links, "frames": frames}
+
+
+def _roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:
+    """Return URDF's angles of a rotation [rad]; with a pitch of a right angle, any yaw will do and roll fits to it."""
+    yaw = float(rotations.yaw_of(quaternion))
+    axes = rotations.rotation_z(-yaw) @ rotations.to_matrix(quaternion)
+    return [math.atan2(-axes[1, 2], axes[1, 1]), math.atan2(-axes[2, 0], axes[0, 0]), yaw]
 
 
 def _weighed_by_shapes(body: mujoco.MjsBody) -> bool:

@@ -1,5 +1,6 @@
 """A robot's table that names a published description, against the same robot's table with all figures."""
 
+import itertools
 import xml.etree.ElementTree as ET
 
 import mujoco
@@ -7,13 +8,13 @@ import numpy as np
 import pytest
 import yaml
 
-from hugwbc import load_robot
+from hugwbc import load_robot, rotations
 from hugwbc.description import measure_sole, read_description
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.robot_check import problems
 from hugwbc.robot_tables import robot_table
 from hugwbc.runtime.safety import gain_limits
-from hugwbc.table_defaults import complete, is_left, other_side
+from hugwbc.table_defaults import complete, is_left, other_side, placement
 
 G1, TABLE = load_robot("g1"), robot_table("g1")
 NOMINAL = {
@@ -183,6 +184,18 @@ def test_a_tilted_sole_is_refused(tmp_path) -> None:
     short = {key: value for key, value in SHORT.items() if key != "sole"}
     with pytest.raises(ModelError, match="sole of left_ankle_roll_link is tilted by 15 degrees to the link's axes"):
         _robot(tmp_path, {**short, "description": "maker.xml"})
+
+
+@pytest.mark.parametrize("turn", [*itertools.product((0.5, -0.5), repeat=4), (0.8, 0.0, 0.6, 0.0)])
+def test_a_joint_may_be_mounted_at_any_angle(tmp_path, turn) -> None:
+    """Exchanged axes too, whose pitch is a right angle, so that roll and yaw turn about the same axis."""
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    arm = f'<body name="arm" quat="{" ".join(map(str, turn))}">{inertial}<joint name="elbow" axis="0 1 0"/></body>'
+    (tmp_path / "maker.xml").write_text(
+        f'<mujoco><worldbody><body name="base"><freejoint/>{inertial}{arm}</body></worldbody></mujoco>'
+    )
+    joints = read_description(tmp_path / "maker.xml")["joints"]
+    np.testing.assert_allclose(placement(joints, "arm", "base")[1], rotations.to_matrix(np.array(turn)), atol=1e-12)
 
 
 def test_what_an_mjcf_leaves_to_its_shapes_and_turns_is_refused(tmp_path) -> None:
