@@ -1,6 +1,7 @@
 """The connection to a robot over DDS, the middleware of Unitree's robots."""
 
 import contextlib
+import importlib
 import socket
 import time
 from typing import Any
@@ -10,7 +11,7 @@ from hugwbc.deploy.wire import COMMAND, STATE, from_cdr, idl_class, to_cdr
 from hugwbc.errors import ConfigError, needing
 
 TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
-SWITCHER_TOPICS = ("rt/api/motion_switcher/request", "rt/api/motion_switcher/response")
+_SWITCHER = {"rt/api/motion_switcher/request": "Request_", "rt/api/motion_switcher/response": "Response_"}
 LOOPBACK = "lo"
 LAST_DOMAIN = 232  # of the ports that RTPS assigns to domains
 # On loopback, two programs of ours find each other at the first ports of this machine, since not every machine has
@@ -23,6 +24,7 @@ _NETWORK = """<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterfac
 _CALL_AGAIN = 0.5  # [s] after which a call is repeated
 _MOST_WRITERS = 1000  # of a network
 _BUSY_PAUSE = 0.002  # [s] between two looks for an answer
+_TEXT = "std_msgs.String_"
 
 
 class _Raw:
@@ -57,46 +59,42 @@ class DdsEndpoint:
             domain: DDS domain; 0 on a robot, 1 for simulated ones by the maker's custom.
         """
         check_network(net, domain)
-        with needing("deploy", "a connection to a robot"):
-            from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
-            from cyclonedds.domain import Domain, DomainParticipant
-            from cyclonedds.pub import DataWriter
-            from cyclonedds.qos import Policy, Qos
-            from cyclonedds.sub import DataReader
-            from cyclonedds.util import duration
-        self._robot, self._seconds = robot, lambda seconds: duration(seconds=seconds)
+        self._robot, self._dds = robot, _cyclonedds()
+        core, policy, qos = self._dds.core, self._dds.qos.Policy, self._dds.qos.Qos
         kinds = (STATE, COMMAND) if robot else (COMMAND, STATE)
         self._sends, self._receives = (f"{package}.{kind}" for kind in kinds)
         configuration = (_LOOPBACK if net == LOOPBACK else _NETWORK).format(net=net)
         try:
-            self._domain = Domain(domain, configuration)
-            self._participant = DomainParticipant(domain)
-        except DDSException as error:
+            self._domain = self._dds.domain.Domain(domain, configuration)
+            self._participant = self._dds.domain.DomainParticipant(domain)
+        except core.DDSException as error:
             raise ConfigError(
                 f"DDS cannot use network {net} in domain {domain}: {error}; check the interface's address, and that "
                 "this process has not joined the domain before"
             ) from error
-        best_effort = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(HISTORY))
+        best_effort = qos(policy.Reliability.BestEffort, policy.History.KeepLast(HISTORY))
         # Texts are few, and each one counts: that a hand lets go is said once.
-        self._reliable = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(HISTORY))
+        self._reliable = qos(policy.Reliability.Reliable(0), policy.History.KeepLast(HISTORY))
         self._text_writers: dict[str, Any] = {}
         self._text_readers: dict[str, Any] = {}
-        self._writer = DataWriter(self._participant, self._topic(self._sends))
-        self._reader = DataReader(self._participant, self._topic(self._receives), qos=best_effort)
-        unread = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
-        self._wait = WaitSet(self._participant)
+        self._writer = self._dds.pub.DataWriter(self._participant, self._raw_topic(self._sends))
+        self._reader = self._dds.sub.DataReader(self._participant, self._raw_topic(self._receives), qos=best_effort)
+        states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.NotRead
+        unread = core.ReadCondition(self._reader, states)
+        self._wait = core.WaitSet(self._participant)
         self._wait.attach(unread)
-        self._condition, self._error, self._receiving = unread, DDSException, True
+        self._condition, self._error, self._receiving = unread, core.DDSException, True
         self._rivals: Any = None  # a reader of what others send in this end's place
         self._service: Service | None = None
         self._calls: tuple[Any, Any] | None = None
         self._call_count = 0
 
-    def _topic(self, name: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
-        """Return the topic of a message, with the maker's type on the network and bytes in this process."""
-        from cyclonedds.topic import Topic
+    def _topic(self, name: str, kind: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
+        return self._dds.topic.Topic(self._participant, name, idl_class(kind))
 
-        topic = Topic(self._participant, TOPICS[name.partition(".")[2]], idl_class(name))
+    def _raw_topic(self, kind: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
+        """Return the topic of a message, with the maker's type on the network and bytes in this process."""
+        topic = self._topic(TOPICS[kind.partition(".")[2]], kind)
         topic.data_type = _Raw
         return topic
 
@@ -111,7 +109,7 @@ class DdsEndpoint:
         with contextlib.suppress(self._error):
             samples = self._reader.take(N=HISTORY)
             if not samples and timeout > 0.0:
-                self._wait.wait(self._seconds(timeout))
+                self._wait.wait(self._dds.util.duration(seconds=timeout))
                 samples = self._reader.take(N=HISTORY)
             data = [sample.data for sample in samples if isinstance(sample, _Raw)]
             return [message for one in data if (message := from_cdr(self._receives, one)) is not None]
@@ -119,10 +117,9 @@ class DdsEndpoint:
 
     def foreign(self) -> str | None:
         """Return the kind of messages that others send to this end but it does not read; None if there are none."""
-        from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
-
-        topic = TOPICS[self._receives.partition(".")[2]]
-        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).read(N=_MOST_WRITERS)
+        topic, builtin = TOPICS[self._receives.partition(".")[2]], self._dds.builtin
+        reader = builtin.BuiltinDataReader(self._participant, builtin.BuiltinTopicDcpsPublication)
+        found = reader.read(N=_MOST_WRITERS)
         writers = (writer for writer in found if getattr(writer, "topic_name", "") == topic)
         kinds = {writer.type_name.replace("::msg::dds_::", ".") for writer in writers}
         return next(iter(kinds - {self._receives}), None)
@@ -130,11 +127,9 @@ class DdsEndpoint:
     def rivals(self) -> int:
         """Return how many messages others have sent in this end's place; see `Endpoint.rivals`."""
         if self._rivals is None:
-            from cyclonedds.qos import Policy, Qos
-            from cyclonedds.sub import DataReader
-
-            others = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(1), Policy.IgnoreLocal.Participant)
-            self._rivals = DataReader(self._participant, self._topic(self._sends), qos=others)
+            policy, qos = self._dds.qos.Policy, self._dds.qos.Qos
+            others = qos(policy.Reliability.BestEffort, policy.History.KeepLast(1), policy.IgnoreLocal.Participant)
+            self._rivals = self._dds.sub.DataReader(self._participant, self._raw_topic(self._sends), qos=others)
         with contextlib.suppress(self._error):
             return sum(isinstance(sample, _Raw) for sample in self._rivals.take(N=HISTORY))
         return 0
@@ -150,11 +145,10 @@ class DdsEndpoint:
     def publish(self, topic: str, text: str) -> None:
         """Send a text on a topic besides states and commands."""
         if topic not in self._text_writers:
-            from cyclonedds.pub import DataWriter
-
-            self._text_writers[topic] = DataWriter(self._participant, self._text_topic(topic), qos=self._reliable)
+            writer = self._dds.pub.DataWriter(self._participant, self._topic(topic, _TEXT), qos=self._reliable)
+            self._text_writers[topic] = writer
         with contextlib.suppress(self._error):
-            self._text_writers[topic].write(_std("String_")(text))
+            self._text_writers[topic].write(idl_class(_TEXT)(text))
 
     def texts(self, topic: str) -> list[str]:
         """Return the texts that have arrived on a topic since the last call, oldest first.
@@ -162,18 +156,12 @@ class DdsEndpoint:
         The first call subscribes.
         """
         if topic not in self._text_readers:
-            from cyclonedds.sub import DataReader
-
-            self._text_readers[topic] = DataReader(self._participant, self._text_topic(topic), qos=self._reliable)
+            reader = self._dds.sub.DataReader(self._participant, self._topic(topic, _TEXT), qos=self._reliable)
+            self._text_readers[topic] = reader
         with contextlib.suppress(self._error):
             samples = self._text_readers[topic].take(N=HISTORY)
             return [sample.data for sample in samples if isinstance(getattr(sample, "data", None), str)]
         return []
-
-    def _text_topic(self, name: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
-        from cyclonedds.topic import Topic
-
-        return Topic(self._participant, name, _std("String_"))
 
     def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
         """Call the robot's motion switcher and wait for the answer; see `Endpoint.call`."""
@@ -210,14 +198,10 @@ class DdsEndpoint:
     def _switcher(self) -> tuple[Any, Any]:
         """Return writer and reader of calls and answers, made when they are first needed."""
         if self._calls is None:
-            from cyclonedds.pub import DataWriter
-            from cyclonedds.sub import DataReader
-            from cyclonedds.topic import Topic
-
-            kinds = (_api("Request_"), _api("Response_"))
-            topics = [Topic(self._participant, name, kind) for name, kind in zip(SWITCHER_TOPICS, kinds, strict=True)]
+            topics = [self._topic(name, f"unitree_api.{kind}") for name, kind in _SWITCHER.items()]
             written, read = reversed(topics) if self._robot else topics
-            self._calls = DataWriter(self._participant, written), DataReader(self._participant, read)
+            writer, reader = self._dds.pub.DataWriter, self._dds.sub.DataReader
+            self._calls = writer(self._participant, written), reader(self._participant, read)
         return self._calls
 
     def close(self) -> None:
@@ -240,16 +224,16 @@ def check_network(net: str, domain: int) -> None:
         raise ConfigError(f"DDS domain is {domain}; give 0 (a robot) to {LAST_DOMAIN}")
 
 
-def _api(name: str) -> Any:  # noqa: ANN401  an IDL class of the maker's
-    import unitree_sdk2py.idl.unitree_api.msg.dds_ as api
+def _cyclonedds() -> Any:  # noqa: ANN401  an optional package
+    """Return the package with its modules that are used here."""
+    with needing("deploy", "a connection to a robot"):
+        for name in ("builtin", "core", "domain", "pub", "qos", "sub", "topic", "util"):
+            importlib.import_module(f"cyclonedds.{name}")
+        return importlib.import_module("cyclonedds")
 
-    return getattr(api, name)
 
-
-def _std(name: str) -> Any:  # noqa: ANN401  an IDL class of the maker's
-    import unitree_sdk2py.idl.std_msgs.msg.dds_ as std
-
-    return getattr(std, name)
+def _api(name: str) -> type:
+    return idl_class(f"unitree_api.{name}")
 
 
 def _request(identity: int, number: int, parameter: str) -> Any:  # noqa: ANN401  a message of the maker's
