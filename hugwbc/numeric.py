@@ -49,6 +49,13 @@ def _array(value: Any, shape: Shape, kinds: str, to: type) -> np.ndarray | None:
         return None
 
 
+def frozen(values: Any) -> np.ndarray:  # noqa: ANN401  numbers
+    """Return numbers as a read-only array of floats of its own."""
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
 def number(value: Any) -> float | None:  # noqa: ANN401  whatever arrives
     """Return a value as a float; None if it is no single number. Never raises."""
     if type(value) is float:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.numeric import frozen
 from hugwbc.robot_check import table_problems
 from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir, reading, robot_names, robot_table, table_file
 from hugwbc.rotations import AXIAL_SIGNS
@@ -162,7 +163,7 @@ class Robot:
     @functools.cached_property
     def with_ideal_drives(self) -> "Robot":
         """The robot with ideal drives, without friction and delay, as controllers are told it."""
-        none = _frozen(np.zeros_like(self.friction))
+        none = frozen(np.zeros_like(self.friction))
         return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
 
     def index(self, name: str) -> int:
@@ -223,12 +224,6 @@ class Robot:
         return sum(self.sole_x) / 2.0
 
 
-def _frozen(values: Sequence[Any] | np.ndarray) -> np.ndarray:
-    array = np.asarray(values, dtype=float)
-    array.setflags(write=False)
-    return array
-
-
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
     """Load a robot.
 
@@ -271,7 +266,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         return placement(joints, link, links[part])[0]
 
     def column(key: str) -> np.ndarray:
-        return _frozen([joint[key] for joint in joints])
+        return frozen([joint[key] for joint in joints])
 
     ranges = column("range")
     return Robot(
@@ -280,16 +275,16 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         urdf_path=file.with_name(f"{table['name']}.urdf"),
         mass=math.fsum(link["mass"] for link in table["links"]),
         joint_names=tuple(names),
-        lower=_frozen(ranges[:, 0]),
-        upper=_frozen(ranges[:, 1]),
+        lower=frozen(ranges[:, 0]),
+        upper=frozen(ranges[:, 1]),
         velocity_limit=column("velocity"),
-        torque_limit=_frozen(np.minimum(column("effort"), column("policy_torque_limit"))),
+        torque_limit=frozen(np.minimum(column("effort"), column("policy_torque_limit"))),
         kp=column("kp"),
         kd=column("kd"),
         nominal=column("nominal"),
         axes=column("axis"),
         armature=column("armature"),
-        damping=_frozen([table["damping"]] * len(joints)),
+        damping=frozen([table["damping"]] * len(joints)),
         friction=column("friction"),
         viscous=column("viscous"),
         corner_speed=column("corner_speed"),
@@ -298,7 +293,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         base=roles["base"],
         trunk=roles["trunk"],
         imu_link=table["imu"]["parent"],
-        camera=_frozen(table["camera"]["xyz"]),
+        camera=frozen(table["camera"]["xyz"]),
         foot_links=feet,
         hand_links=hands,
         legs=indices([side(name) for side in (str, other_side) for name in roles["leg"].values()]),
@@ -312,14 +307,14 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
         thigh=math.hypot(*seen_from("hip_pitch", links["knee"])[::2].tolist()),
         shank=math.hypot(*seen_from("knee", links["ankle_pitch"])[::2].tolist()),
-        shoulder=_frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
+        shoulder=frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
         upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
         forearm=math.hypot(*placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
-        hands=_frozen(on_both_sides(table["hand"]["xyz"])),
-        leg_postures={key: _frozen(value) for key, value in table["leg_postures"].items()},
-        arm_postures={key: _frozen(value) for key, value in table["arm_postures"].items()},
-        arm_kp=_frozen(2 * table["arm_servo"]["kp"]),
-        arm_kd=_frozen(2 * table["arm_servo"]["kd"]),
+        hands=frozen(on_both_sides(table["hand"]["xyz"])),
+        leg_postures={key: frozen(value) for key, value in table["leg_postures"].items()},
+        arm_postures={key: frozen(value) for key, value in table["arm_postures"].items()},
+        arm_kp=frozen(2 * table["arm_servo"]["kp"]),
+        arm_kd=frozen(2 * table["arm_servo"]["kd"]),
         squat_heights=tuple(table["squat"]["heights"]),
         squat_reach=tuple(table["squat"]["reach"]),
         squat_reach_per_pitch=float(table["squat"]["reach_per_pitch"]),

@@ -11,7 +11,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import TargetError, UnknownNameError
 from hugwbc.hand_wrench import FREE, STRONGEST, HandWrench
-from hugwbc.numeric import JOINTS, Shape, floats, keep_floats, number
+from hugwbc.numeric import JOINTS, Shape, floats, frozen, keep_floats, number
 from hugwbc.robot import SIDES, Robot
 
 HandFrame = Literal["pelvis", "heading", "steady", "world"]
@@ -244,7 +244,7 @@ def position(name: str, value: object) -> np.ndarray:
             f"{name} is {_cut(value)}; give three finite numbers x, y, z in metres, such as (0.3, 0.2, 0.1), "
             f"from -{FARTHEST:g} to {FARTHEST:g}"
         )
-    return _fixed(point)
+    return frozen(point)
 
 
 def direction(name: str, value: object) -> np.ndarray:
@@ -258,7 +258,7 @@ def direction(name: str, value: object) -> np.ndarray:
     length = float(np.linalg.norm(vector))
     if length < 1e-6:
         raise TargetError(f"{name} is {_cut(value)}; give a vector that is not zero, such as (1, 0, 0)")
-    return _fixed(vector / length)
+    return frozen(vector / length)
 
 
 def orientation(name: str, value: object) -> np.ndarray:
@@ -269,7 +269,7 @@ def orientation(name: str, value: object) -> np.ndarray:
         value: any sequence of four numbers (w, x, y, z), or "level".
     """
     if isinstance(value, str) and value == "level":
-        return _fixed(np.zeros(4))
+        return frozen(np.zeros(4))
     quaternion = floats(value, (4,))
     length = 0.0 if quaternion is None else float(np.linalg.norm(quaternion))
     if quaternion is None or not 1e-6 < length < FARTHEST:  # a NaN fails the comparison
@@ -277,14 +277,7 @@ def orientation(name: str, value: object) -> np.ndarray:
             f"{name} is {_cut(value)}; give a quaternion of four finite numbers w, x, y, z, such as (1, 0, 0, 0) for "
             "the axes of the frame, or 'level'"
         )
-    return _fixed(quaternion / length)
-
-
-def _fixed(vector: np.ndarray) -> np.ndarray:
-    """Return a read-only copy."""
-    copy = vector.copy()
-    copy.setflags(write=False)
-    return copy
+    return frozen(quaternion / length)
 
 
 def squeeze(left: object, right: object, newtons: float) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError, ModelError
 from hugwbc.kinematics import pinocchio_model
+from hugwbc.numeric import frozen
 from hugwbc.robot import SIDES, Robot, load_robot, on_both_sides
 from hugwbc.runtime.control_period import ControlPeriod
 from hugwbc.runtime.sight import Sight
@@ -283,10 +284,9 @@ class MujocoRobot:
             "damping": model.dof_damping[self._dq] + self._gear**2 * model.actuator_damping[self._rows],
             "friction": model.dof_frictionloss[self._dq],
             "viscous": np.zeros(len(self._joints)),
-            "hands": np.array(hands),
+            "hands": hands,
         }
-        for vector in vectors.values():
-            vector.setflags(write=False)
+        vectors = {name: frozen(vector) for name, vector in vectors.items()}
         mass, delay = sum(mass for mass, *_ in inertias.values()), float(model.actuator_delay[self._rows].max())
         return dataclasses.replace(described, mass=mass, inertias=inertias, command_delay=delay, **sole, **vectors)
 

@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
+from hugwbc.numeric import frozen
 from hugwbc.robot import Robot
 from hugwbc.settings import NotNegative, settings
 
@@ -87,9 +88,7 @@ class Actuators:
 def _told(robot: Robot, friction: float, armature: float, delay: float) -> Robot:
     """Return a robot with factors on friction and reflected inertia, and a delay [s]."""
     factors = {"friction": friction, "viscous": friction, "armature": armature}
-    vectors = {name: factor * getattr(robot, name) for name, factor in factors.items()}
-    for vector in vectors.values():
-        vector.setflags(write=False)
+    vectors = {name: frozen(factor * getattr(robot, name)) for name, factor in factors.items()}
     return dataclasses.replace(robot, command_delay=delay, **vectors)
 
 
