@@ -1,7 +1,7 @@
 """Things that stand still: tables, shelves, walls and steps; the pose of each is that of its lowest side's middle."""
 
 import itertools
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import mujoco
 from pydantic import Field
@@ -24,8 +24,6 @@ class Table(Thing):
         size: length along x and width along y of its top [m].
         height: of its top [m].
     """
-
-    kind: ClassVar[str] = "table"
 
     size: tuple[Length, Length] = (0.6, 1.0)
     height: Annotated[Number, between(0.1, 3.0)] = 0.8
@@ -52,8 +50,6 @@ class Shelf(Thing):
         size: depth along x and width along y [m].
         boards: heights of the boards' upper sides, from below [m]; things stand `on: NAME/1`, `on: NAME/2` and so on.
     """
-
-    kind: ClassVar[str] = "shelf"
 
     size: tuple[Length, Length] = (0.35, 0.8)
     boards: Annotated[tuple[Annotated[Number, between(_BOARD, 3.0)], ...], Field(min_length=1)] = (0.4, 0.8, 1.2)
@@ -102,7 +98,6 @@ class Wall(_Block):
         size: thickness along x, length along y, and height [m].
     """
 
-    kind: ClassVar[str] = "wall"
     size: tuple[_Long, _Long, _Long] = (0.1, 3.0, 2.5)
     colour: Colour = "#d9dce0"
 
@@ -114,8 +109,6 @@ class Step(_Block):
     Attributes:
         size: length along x, width along y, and height [m].
     """
-
-    kind: ClassVar[str] = "step"
 
     size: tuple[Length, Length, Length] = (0.6, 1.0, 0.15)
     colour: Colour = "#9aa3ad"

@@ -1,12 +1,12 @@
 """Things with one joint: doors with a closer, drawers, and spring buttons."""
 
 import math
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import mujoco
 
 from hugwbc.settings import settings
-from hugwbc.sim.scenes.thing import LEAST_FRICTION, Placement, Weighed, darker
+from hugwbc.sim.scenes.thing import LEAST_FRICTION, Placement, Thing, darker
 from hugwbc.sim.scenes.varied import Colour, Length, Mass, Number, between, settled
 
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
@@ -23,7 +23,7 @@ _FIRM = [0.004, 1.0]  # [s]
 
 
 @settings(kw_only=True)
-class Jointed(Weighed):
+class Jointed(Thing):
     """A thing with a part that moves by one joint, and a part that stands still.
 
     The moving part is the body NAME. `ObjectState.travel` says how far it is from where it rests.
@@ -31,6 +31,8 @@ class Jointed(Weighed):
     Attributes:
         mass: of the moving part [kg].
     """
+
+    mass: Mass = 1.0
 
     def _joint(self, body: Any, kind: mujoco.mjtJoint, axis: list[float], end: float, **fields: Any) -> None:  # noqa: ANN401
         """Add the joint, with firm stops at rest and at the end [rad or m]."""
@@ -56,8 +58,6 @@ class Door(Jointed):
         size: thickness along x, width along y, and height of the leaf [m].
         closer: torque of the closer [N*m]; 0 for none.
     """
-
-    kind: ClassVar[str] = "door"
 
     hinge: Literal["left", "right"]
     size: tuple[Length, _Leaf, _Leaf] = (0.04, 0.9, 2.05)
@@ -113,8 +113,6 @@ class Drawer(Jointed):
         travel: how far it opens [m].
     """
 
-    kind: ClassVar[str] = "drawer"
-
     size: tuple[_Side, _Side, _Side] = (0.4, 0.45, 0.16)
     height: Annotated[Number, between(0.1, 2.0)] = 0.85
     mass: Mass = 3.0
@@ -165,8 +163,6 @@ class Button(Jointed):
         force: needed to press it all the way [N]; the first movement takes a fifth of it.
         travel: how far it can be pressed [m].
     """
-
-    kind: ClassVar[str] = "button"
 
     height: Annotated[Number, between(0.25, 2.0)] = 1.1
     radius: Annotated[Number, between(0.001, 0.2)] = 0.05

@@ -44,7 +44,6 @@ class Mjcf(Thing):
         mjcf: path of the file; relative paths in it start from its folder.
     """
 
-    kind: ClassVar[str] = "mjcf"
     movable: ClassVar[bool] = True
 
     mjcf: Beside

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 import mujoco
 
 from hugwbc.settings import settings
-from hugwbc.sim.scenes.thing import Placement, Weighed, darker
+from hugwbc.sim.scenes.thing import Placement, Thing, darker
 from hugwbc.sim.scenes.varied import Length, Mass, Number, between, settled
 
 _BOX, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
@@ -15,7 +15,7 @@ _Edge = Annotated[Number, between(0.05, 10.0)]  # [m], of a tray
 
 
 @settings(kw_only=True)
-class Movable(Weighed):
+class Movable(Thing):
     """A thing that moves freely.
 
     Attributes:
@@ -23,6 +23,8 @@ class Movable(Weighed):
     """
 
     movable: ClassVar[bool] = True
+
+    mass: Mass = 1.0
 
     def _free(self, spec: mujoco.MjSpec, place: Placement, height: float, name: str | None = None) -> Any:  # noqa: ANN401
         body = self._body(spec, place, height, name)
@@ -37,8 +39,6 @@ class Box(Movable):
     Attributes:
         size: length along x, width along y, and height [m].
     """
-
-    kind: ClassVar[str] = "box"
 
     size: tuple[Length, Length, Length]
 
@@ -58,8 +58,6 @@ class Cylinder(Movable):
         radius: [m].
         height: [m].
     """
-
-    kind: ClassVar[str] = "cylinder"
 
     radius: Length
     height: Length
@@ -85,8 +83,6 @@ class Cart(Movable):
         handle: height of the handle above the ground [m].
         rolling: rolling resistance, as a coefficient of friction.
     """
-
-    kind: ClassVar[str] = "cart"
 
     size: tuple[_Side, _Side, Annotated[Number, between(0.15, 2.0)]] = (0.8, 0.5, 0.25)
     mass: Mass = 20.0
@@ -131,8 +127,6 @@ class Tray(Movable):
         cup_radius, cup_height: [m].
         cup_mass: [kg].
     """
-
-    kind: ClassVar[str] = "tray"
 
     size: tuple[_Edge, _Edge, Length] = (0.35, 0.45, 0.012)
     mass: Mass = 0.6

@@ -13,7 +13,7 @@ from pydantic import AfterValidator
 from hugwbc import rotations
 from hugwbc.errors import SceneError
 from hugwbc.settings import settings
-from hugwbc.sim.scenes.varied import Colour, Mass, Number, between, drawn, options, scaled, settled, varies
+from hugwbc.sim.scenes.varied import Colour, Number, between, drawn, options, scaled, settled, varies
 
 FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
 # Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
@@ -98,7 +98,7 @@ class Thing:
         colour: "#rrggbb".
     """
 
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # by which a file names it: its class in lower case
     movable: ClassVar[bool] = False
 
     name: Annotated[str, AfterValidator(_name)]
@@ -107,6 +107,10 @@ class Thing:
     on: str | None = None
     friction: Annotated[Number, between(LEAST_FRICTION, 5.0)] = 0.8
     colour: Colour = "#b9a58a"
+
+    def __init_subclass__(cls, **more: Any) -> None:  # noqa: ANN401
+        super().__init_subclass__(**more)
+        cls.kind = vars(cls).get("kind", cls.__name__.lower())
 
     @property
     def label(self) -> str:
@@ -170,13 +174,10 @@ class Thing:
         mass: float = 0.0,
         friction: float | None = None,
         rgb: str | None = None,
-        movable: bool | None = None,
         **more: Any,  # noqa: ANN401  further fields of MuJoCo's geom
     ) -> None:
         """Add a shape that is drawn and collides; sizes are halves, as MuJoCo's."""
-        movable = self.movable if movable is None else movable
-        torsion, rolling = _TORSION, _ROLLING
-        round_shape = kind != mujoco.mjtGeom.mjGEOM_BOX
+        movable, round_shape = self.movable, kind != mujoco.mjtGeom.mjGEOM_BOX
         fields: dict[str, Any] = {
             "contype": _TOUCHED,
             "conaffinity": _TOUCHES,
@@ -190,19 +191,8 @@ class Thing:
             fields.update(solref=[MOVABLE_TIME_CONSTANT, 1.0], solimp=[*MOVABLE_IMPEDANCE, 0.5, 2.0])
         friction = settled(self.friction) if friction is None else friction
         geom = body.add_geom(type=kind, size=[*size, *[0.0] * (3 - len(size))], pos=list(pos), **fields)
-        geom.friction = [friction, torsion, rolling]
+        geom.friction = [friction, _TORSION, _ROLLING]
         geom.mass = mass
-
-
-@settings(kw_only=True)
-class Weighed(Thing):
-    """An object with a moving part.
-
-    Attributes:
-        mass: of what moves [kg].
-    """
-
-    mass: Mass = 1.0
 
 
 def rgb_of(colour: str) -> tuple[float, float, float]:
