@@ -125,7 +125,8 @@ class RobotSide(Line):
         decision = self.pilot.observe(state, requests, fault, behind=behind)
         if decision.new:
             self._message = None if decision.command is None else self._messages.pack_command(decision.command)
-            self._grip()
+            if self.pilot.grips and not self.settings.dry_run:
+                self._endpoint.publish(GRIPS, text_of_grips(self.pilot.grips))
         message = self._message
         self._record(recording.DECISION, message or b"")
         active = self.pilot.machine.active
@@ -150,11 +151,6 @@ class RobotSide(Line):
             self._record(recording.SEEN, text.encode())
             self.pilot.see(capture)
             return
-
-    def _grip(self) -> None:
-        """Ask the grippers for what the pilot's source wants now."""
-        if self.pilot.grips and not self.settings.dry_run:
-            self._endpoint.publish(GRIPS, text_of_grips(self.pilot.grips))
 
     def _time_over(self, now: float) -> None:
         """Stop when the duration is over, and end when the joints have been damped for a while."""

@@ -112,7 +112,7 @@ class ControlLoop:
             qpos=simulation.qpos,
             gait=int(self.control.chain.command.gait),
             phase=self.control.guard.phase,
-            foot_contact=foot_contacts(state),
+            foot_contact=state.foot_force[:, 2] > CONTACT_FORCE,
             foot_force=state.foot_force.copy(),
             pressure_centre=simulation.pressure_centres,
             foothold=self.control.guard.footholds,
@@ -138,12 +138,6 @@ class ControlLoop:
         if solution is None or self.control.hands is None:
             return np.zeros(2, dtype=bool)
         return solution.reachable & self.control.hands.given
-
-
-def foot_contacts(state: RobotState) -> np.ndarray:
-    """Return whether the left and the right foot are on the ground, shape (2,), bool."""
-    assert state.foot_force is not None
-    return state.foot_force[:, 2] > CONTACT_FORCE
 
 
 def world_targets(hands: HandTargets | None, state: RobotState) -> np.ndarray:

@@ -98,15 +98,12 @@ class Simulation(Engine):
         # implicit integrator knows the derivatives of the torque.
         self.model.actuator_gainprm[self._layout.ctrl, 0] = self.variation.strength
         if self.scene is not None:
-            self._take_objects(self.scene, seed)
+            names, lowest = self.scene.body_names, 0.0 if terrain is None else float(terrain.heights.min())
+            self._scene_objects = SceneObjects(self.model, self.data, names, self.robot, self.sensing, seed, lowest)
+            self.objects, self.gripper = self._scene_objects, Gripper(self.model, self.data, names, self.robot)
         self.reset()
         if self.scene is not None:
             self._check_room(self.scene)
-
-    def _take_objects(self, scene: Scene, seed: int) -> None:
-        names, lowest = scene.body_names, 0.0 if self.terrain is None else float(self.terrain.heights.min())
-        self._scene_objects = SceneObjects(self.model, self.data, names, self.robot, self.sensing, seed, lowest)
-        self.objects, self.gripper = self._scene_objects, Gripper(self.model, self.data, names, self.robot)
 
     def _check_room(self, scene: Scene) -> None:
         """Refuse an object in which the robot stands at the start."""
@@ -149,7 +146,7 @@ class Simulation(Engine):
         elif self.terrain is not None:
             rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
             joints[self.robot.pair("ankle_pitch")] -= math.atan(rise)
-        if self._scene_objects is not None and self.gripper is not None:
+        if self.gripper is not None:
             self.gripper.reset()
         # The drives give no torque before the first command: not by the last gains, nor by the keyframe's target.
         self.data.ctrl[self._layout.ctrl], self.model.actuator_biasprm[self._layout.ctrl] = 0.0, 0.0
