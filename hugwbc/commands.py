@@ -195,19 +195,12 @@ class Command:
 
 @dataclasses.dataclass(frozen=True)
 class CommandChange:
-    """A command value that was replaced; `str` makes the sentence for people.
+    """A command value that was replaced; `str` makes the sentence for people."""
 
-    Attributes:
-        name: one of `COMMAND_NAMES`.
-        asked: the value as commanded.
-        used: the value in its place.
-        why: a clause that continues "name = asked", such as "is outside -0.6 to 2".
-    """
-
-    name: str
-    asked: float
-    used: float
-    why: str
+    name: str  # one of `COMMAND_NAMES`
+    asked: float  # the value as commanded
+    used: float  # the value in its place
+    why: str  # a clause that continues "name = asked", such as "is outside -0.6 to 2"
 
     def __str__(self) -> str:
         """Return the change as a clause, with the value used to three digits."""

@@ -20,24 +20,15 @@ MEASURED_NAMES = ("v_x", "v_y", "omega", "h", "p", "w")
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
-    """The commanded quantities as the robot executes them; units as in `Command`.
+    """The commanded quantities as the robot executes them."""
 
-    Attributes:
-        v_x, v_y: pelvis velocity in the heading frame [m/s].
-        omega: yaw rate about gravity [rad/s].
-        h: pelvis height above the ground below it, minus the nominal height [m].
-        p: pelvis pitch [rad].
-        w: waist angle [rad].
-        clearance: height of the left and the right sole centre above the ground [m].
-    """
-
-    v_x: float
+    v_x: float  # pelvis velocity in the heading frame [m/s]
     v_y: float
-    omega: float
-    h: float
-    p: float
-    w: float
-    clearance: tuple[float, float]
+    omega: float  # yaw rate about gravity [rad/s]
+    h: float  # pelvis height above the ground below it, minus the nominal height [m]
+    p: float  # pelvis pitch [rad]
+    w: float  # waist angle [rad]
+    clearance: tuple[float, float]  # height of the left and the right sole centre above the ground [m]
 
 
 @functools.cache

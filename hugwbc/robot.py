@@ -23,17 +23,11 @@ FRICTION_SPEED = 0.2  # [rad/s] at which three quarters of the Coulomb friction 
 
 @dataclasses.dataclass(frozen=True)
 class Capsule:
-    """A cylinder with round ends along the z axis of a link's frame.
+    """A cylinder with round ends along the z axis of a link's frame."""
 
-    Attributes:
-        pos: centre [m].
-        radius: radius of the cylinder and its ends [m].
-        length: length of the cylinder without its ends [m].
-    """
-
-    pos: tuple[float, float, float]
-    radius: float
-    length: float
+    pos: tuple[float, float, float]  # centre [m]
+    radius: float  # of the cylinder and its ends [m]
+    length: float  # of the cylinder without its ends [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -349,15 +343,10 @@ def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tu
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Mirror:
-    """The index and sign of every joint's mirror image in the x-z plane: mirrored = vector[joint_index] * joint_sign.
+    """Every joint's mirror image in the x-z plane: mirrored = vector[joint_index] * joint_sign."""
 
-    Attributes:
-        joint_index: index of each joint's partner, which has the other side in its name, shape (n,).
-        joint_sign: +1 or -1, shape (n,).
-    """
-
-    joint_index: np.ndarray
-    joint_sign: np.ndarray
+    joint_index: np.ndarray  # of each joint's partner, which has the other side in its name, shape (n,)
+    joint_sign: np.ndarray  # +1 or -1, shape (n,)
 
     def joints(self, vector: np.ndarray) -> np.ndarray:
         """Mirror joint positions, velocities, torques or actions, shape (..., n)."""

@@ -34,15 +34,10 @@ OF_KEY = {"s": Request.START, "r": Request.RUN, "q": Request.STOP, " ": Request.
 
 @dataclasses.dataclass(frozen=True)
 class Remote:
-    """One reading of the remote control.
+    """One reading of the remote control."""
 
-    Attributes:
-        pressed: names of the pressed buttons, of `BUTTONS`.
-        lx, ly, rx, ry: sticks, from -1 to 1; x to the right, y ahead.
-    """
-
-    pressed: frozenset[str] = frozenset()
-    lx: float = 0.0
+    pressed: frozenset[str] = frozenset()  # names of the pressed buttons, of `BUTTONS`
+    lx: float = 0.0  # sticks, from -1 to 1; x to the right, y ahead
     ly: float = 0.0
     rx: float = 0.0
     ry: float = 0.0

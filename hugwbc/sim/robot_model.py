@@ -120,17 +120,11 @@ def _replace_floor(spec: mujoco.MjSpec, terrain: HeightField) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """The robot's part of a model's state, found by the names of its joints.
+    """The robot's part of a model's state, found by the names of its joints."""
 
-    Attributes:
-        qpos: pelvis position, quaternion (w, x, y, z) and joint positions in the order of `Robot.joint_names`.
-        qvel: pelvis velocity, angular velocity and joint velocities in the same order.
-        ctrl: the joints' actuators in the same order.
-    """
-
-    qpos: slice
-    qvel: slice
-    ctrl: slice
+    qpos: slice  # pelvis position, quaternion (w, x, y, z) and joint positions in the order of `Robot.joint_names`
+    qvel: slice  # pelvis velocity, angular velocity and joint velocities in the same order
+    ctrl: slice  # the joints' actuators in the same order
 
     @functools.cached_property
     def joints(self) -> slice:

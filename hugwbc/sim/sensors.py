@@ -112,29 +112,17 @@ def sensor_profile(name: str) -> SensorProfile:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reading:
-    """What perfect sensors say at one time, from whichever engine.
+    """What perfect sensors say at one time, from whichever engine."""
 
-    Attributes:
-        time: [s].
-        qpos: pelvis position [m], quaternion (w, x, y, z) and joint positions [rad], shape (7 + n,).
-        qvel: pelvis velocity in the world [m/s] and in the pelvis [rad/s], joint velocities [rad/s], shape (6 + n,).
-        imu_orientation: IMU to world, unit quaternion, shape (4,).
-        imu_gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
-        foot_force: ground reaction on the left and the right foot in the world [N], shape (2, 3).
-        accelerometer: specific force at the IMU over the last physics step, in its own frame [m/s^2], shape (3,).
-        torque: joint torques over the last physics step [N*m], shape (n,).
-        hand_force: force on the left and the right forearm, of contacts and of an idealised gripper, in the world [N],
-            shape (2, 3); None in an engine without it.
-    """
-
-    time: float
-    qpos: np.ndarray
-    qvel: np.ndarray
-    imu_orientation: np.ndarray
-    imu_gyro: np.ndarray
-    foot_force: np.ndarray
-    accelerometer: np.ndarray
-    torque: np.ndarray
+    time: float  # [s]
+    qpos: np.ndarray  # see `Engine.qpos`, shape (7 + n,)
+    qvel: np.ndarray  # see `Engine.qvel`, shape (6 + n,)
+    imu_orientation: np.ndarray  # IMU to world, unit quaternion (w, x, y, z), shape (4,)
+    imu_gyro: np.ndarray  # angular velocity of the IMU in its own frame [rad/s], shape (3,)
+    foot_force: np.ndarray  # ground reaction on the left and the right foot in the world [N], shape (2, 3)
+    accelerometer: np.ndarray  # specific force at the IMU over the last step, in its own frame [m/s^2], shape (3,)
+    torque: np.ndarray  # joint torques over the last physics step [N*m], shape (n,)
+    # Force on both forearms, of contacts and grippers, in the world [N], shape (2, 3); None in an engine without it.
     hand_force: np.ndarray | None = None
 
 

@@ -52,19 +52,13 @@ class ObjectState:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Picture:
-    """One picture of the motion capture.
+    """One picture of the motion capture."""
 
-    Attributes:
-        time: when it was taken [s].
-        age: how long ago that was [s].
-        poses: position [m] and quaternion (w, x, y, z) of every object, in the order of `Objects.names`, shape (n, 7).
-        robot: the same of the robot's pelvis, shape (7,).
-    """
-
-    time: float
-    age: float
+    time: float  # when it was taken [s]
+    age: float  # how long ago that was [s]
+    # Position [m] and quaternion (w, x, y, z) of every object, in the order of `Objects.names`, shape (n, 7).
     poses: np.ndarray
-    robot: np.ndarray
+    robot: np.ndarray  # the same of the robot's pelvis, shape (7,)
 
 
 class Objects(Mapping[str, ObjectState]):

@@ -51,15 +51,10 @@ def _position(position: tuple[Number, ...]) -> tuple[Number, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Placement:
-    """Where a thing stands.
+    """Where a thing stands."""
 
-    Attributes:
-        base: middle of its lowest side in the world [m].
-        yaw: its heading [rad].
-    """
-
-    base: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    yaw: float = 0.0
+    base: tuple[float, float, float] = (0.0, 0.0, 0.0)  # middle of its lowest side in the world [m]
+    yaw: float = 0.0  # its heading [rad]
 
     @property
     def quaternion(self) -> np.ndarray:
