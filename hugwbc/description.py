@@ -14,6 +14,7 @@ from hugwbc.errors import ModelError
 
 _SOLE_DEPTH = 0.01  # [m], of the foot's lowest part that counts as its sole
 _TILTED = 5.0  # [degrees], of a box in the foot, above which it is no sole in the link's axes
+CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))  # of a cube
 _SHAPES = mujoco.mjtGeom
 _SIMPLE = (_SHAPES.mjGEOM_BOX, _SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE, _SHAPES.mjGEOM_CYLINDER)
 
@@ -150,15 +151,17 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     return {"x": [x0, x1], "y": [y0, y1], "z": z}
 
 
-def _cloud(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the vertices of a mesh, or the corners around another shape, in its body's frame [m], shape (n, 3)."""
-    points = (
-        np.array(list(itertools.product((-1, 1), repeat=3))) * model.geom_aabb[geom, 3:] + model.geom_aabb[geom, :3]
-    )
+def outline(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return the vertices of a mesh, or the corners around another shape, in its own frame [m], shape (n, 3)."""
     if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
         first, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
-        points = model.mesh_vert[first : first + count]
-    return points @ rotations.to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
+        return model.mesh_vert[first : first + count]
+    return CORNERS * model.geom_aabb[geom, 3:] + model.geom_aabb[geom, :3]
+
+
+def _cloud(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return the outline of a shape in its body's frame [m], shape (n, 3)."""
+    return outline(model, geom) @ rotations.to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
 
 
 def collision_boxes(file: pathlib.Path) -> dict[str, dict[str, list[float]]]:

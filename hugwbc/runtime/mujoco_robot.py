@@ -16,6 +16,7 @@ import pinocchio as pin
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand
+from hugwbc.description import CORNERS, outline
 from hugwbc.errors import ConfigError, ModelError
 from hugwbc.kinematics import pinocchio_model
 from hugwbc.numeric import frozen
@@ -349,18 +350,14 @@ def _last(joints: np.ndarray) -> list[int]:
 
 def _lowest_points(model: mujoco.MjModel, pose: mujoco.MjData, bodies: np.ndarray) -> np.ndarray:
     """Return the corners of what can touch the ground, or of the lower side of what is round [m], shape (n, 3)."""
-    corners, kind, points = np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3), mujoco.mjtGeom, [np.zeros((0, 3))]
+    kind, points = mujoco.mjtGeom, [np.zeros((0, 3))]
     for geom in np.flatnonzero(
         np.isin(model.geom_bodyid, bodies) & ((model.geom_contype | model.geom_conaffinity) > 0)
     ):
-        size, radius = model.geom_size[geom], 0.0
-        if model.geom_type[geom] == kind.mjGEOM_MESH:
-            first = int(model.mesh_vertadr[model.geom_dataid[geom]])
-            local = model.mesh_vert[first : first + int(model.mesh_vertnum[model.geom_dataid[geom]])]
-        elif model.geom_type[geom] in (int(kind.mjGEOM_SPHERE), int(kind.mjGEOM_CAPSULE)):
-            local, radius = corners * [0.0, 0.0, size[1]], size[0]
-        else:
-            local = model.geom_aabb[geom, :3] + corners * model.geom_aabb[geom, 3:]
+        local, radius = outline(model, int(geom)), 0.0
+        if model.geom_type[geom] in (int(kind.mjGEOM_SPHERE), int(kind.mjGEOM_CAPSULE)):
+            radius, length, _ = model.geom_size[geom]
+            local = CORNERS * [0.0, 0.0, length]
         points.append(pose.geom_xpos[geom] + local @ pose.geom_xmat[geom].reshape(3, 3).T - [0.0, 0.0, radius])
     return np.concatenate(points)
 
