@@ -65,17 +65,14 @@ def _axis_frame(axis: np.ndarray) -> np.ndarray:
     return rotations.from_axis_angle(normal / np.linalg.norm(normal), float(np.arccos(x @ axis)))
 
 
-class _Groups:
-    """PhysX's collision groups: everything against the ground, and the pairs of the robot's table."""
+def _groups(pairs: list[list[str]], name: str, *, on_ground: bool = True) -> list[int]:
+    """Return PhysX's collision groups of a link's shapes, from the pairs of links that collide.
 
-    def __init__(self, pairs: list[list[str]]) -> None:
-        self._pairs = pairs
-
-    def of(self, name: str, *, on_ground: bool = True) -> list[int]:
-        """Return the groups of a link's shapes: two shapes collide if a bit of one's first is in the other's second."""
-        first = sum(2 << k for k, (one, _) in enumerate(self._pairs) if one == name)
-        second = sum(2 << k for k, (_, other) in enumerate(self._pairs) if other == name)
-        return [first, second | int(on_ground), 0, 0]
+    Two shapes collide if a bit of one's first group is in the other's second; the lowest bit is the ground's.
+    """
+    first = sum(2 << k for k, (one, _) in enumerate(pairs) if one == name)
+    second = sum(2 << k for k, (_, other) in enumerate(pairs) if other == name)
+    return [first, second | int(on_ground), 0, 0]
 
 
 class PhysxSimulation(Engine):
@@ -127,7 +124,6 @@ class PhysxSimulation(Engine):
         friction = FRICTION if self.variation.friction is None else self.variation.friction
         self._material = self._physx.PhysxMaterial(friction, friction, 0.0)
         self._add_ground()
-        groups = _Groups(table["collision_pairs"])
         joints = {joint["child"]: joint for joint in table["joints"]}
         builder = self._scene.create_articulation_builder()
         makers: dict[str, Any] = {}
@@ -138,7 +134,7 @@ class PhysxSimulation(Engine):
             frame, moments = _principal(link)
             mass = self.variation.loaded(link["mass"]) if name == self.robot.trunk else link["mass"]
             maker.set_mass_and_inertia(mass, sapien.Pose(frame), moments)
-            maker.collision_groups = groups.of(name)
+            maker.collision_groups = _groups(table["collision_pairs"], name)
             if box := link.get("collision_box"):
                 half = [size / 2.0 for size in box["size"]]
                 maker.add_box_collision(sapien.Pose(box["center"]), half, self._material)
@@ -152,7 +148,7 @@ class PhysxSimulation(Engine):
                 maker.set_joint_properties("revolute", [joint["range"]], in_parent, sapien.Pose([0, 0, 0], turn))
         self._articulation = builder.build(fix_root_link=self._fixed_pelvis)
         self._links = {link.name: link for link in self._articulation.links}
-        self._prepare_links(groups)
+        self._prepare_links()
         self._prepare_joints()
 
     def _add_ground(self) -> None:
@@ -176,7 +172,7 @@ class PhysxSimulation(Engine):
         half = [(x1 - x0) / 2.0, (y1 - y0) / 2.0, _ANKLE_BOX_HEIGHT]
         maker.add_box_collision(pose([(x0 + x1) / 2.0, 0.0, z + 0.03]), half, self._material)
 
-    def _prepare_links(self, groups: _Groups) -> None:
+    def _prepare_links(self) -> None:
         """Set what the builder does not: no damping, no speed limits, and the collision groups of the feet."""
         self._articulation.set_solver_position_iterations(_POSITION_ITERATIONS)
         self._articulation.set_solver_velocity_iterations(_VELOCITY_ITERATIONS)
@@ -188,7 +184,8 @@ class PhysxSimulation(Engine):
                 shape.contact_offset, shape.rest_offset = _CONTACT_OFFSET, 0.0
                 if name in self.robot.foot_links:
                     is_sphere = isinstance(shape, self._physx.PhysxCollisionShapeSphere)
-                    shape.set_collision_groups([0, 1, 0, 0] if is_sphere else groups.of(name, on_ground=False))
+                    others = _groups(self._table["collision_pairs"], name, on_ground=False)
+                    shape.set_collision_groups([0, 1, 0, 0] if is_sphere else others)
         self._feet = [self._links[name] for name in self.robot.foot_links]
         self._torso, self._imu_link = self._links[self.robot.trunk], self._links[self.robot.imu_link]
         self._pelvis = self._links[self.robot.base]
@@ -215,15 +212,14 @@ class PhysxSimulation(Engine):
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
         self._clear(joints)
         self._step_count = 0
-        height = self.robot.nominal_height + _START_HEIGHT
-        self._place(np.array([*xy, height]), rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0), joints)
+        self._place(xy, yaw, joints)
         self._start_sensors()
         return self.state()
 
-    def _place(self, position: np.ndarray, orientation: np.ndarray, joints: np.ndarray) -> None:
-        """Put the robot somewhere at rest."""
-        articulation = self._articulation
-        articulation.set_root_pose(self._sapien.Pose(position, orientation))
+    def _place(self, xy: tuple[float, float], yaw: float, joints: np.ndarray) -> None:
+        """Put the robot on the ground at rest; arguments as in `reset`."""
+        articulation, position = self._articulation, [*xy, self.robot.nominal_height + _START_HEIGHT]
+        articulation.set_root_pose(self._sapien.Pose(position, rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)))
         articulation.set_qpos(joints[self._columns].astype(np.float32))
         articulation.set_root_linear_velocity(np.zeros(3))
         articulation.set_root_angular_velocity(np.zeros(3))
@@ -272,8 +268,7 @@ class PhysxSimulation(Engine):
         """Stand the robot up again after the physics has failed, so that all numbers are finite."""
         self.diverged = True
         self._build_world()
-        height = self.robot.nominal_height + _START_HEIGHT
-        self._place(np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]), self.robot.nominal)
+        self._place((0.0, 0.0), 0.0, self.robot.nominal)
 
     def _read_state(self) -> None:
         """Read positions and velocities; PhysX gives the velocity of a link at its centre of mass."""

@@ -9,13 +9,13 @@ import numpy as np
 from pydantic import Field
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError, ModelError, SceneError
+from hugwbc.errors import ConfigError, ModelError
 from hugwbc.robot import Robot
 from hugwbc.settings import Positive, settings
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.footing import PLANE_NAME, add_footing
 from hugwbc.sim.scenes.gripper import add_grips
-from hugwbc.sim.scenes.scene import Scene
+from hugwbc.sim.scenes.scene import Scene, compiled
 from hugwbc.sim.terrain import Ground, HeightField
 
 TRAINING_TIMESTEP = 0.005  # [s], the paper's
@@ -73,10 +73,7 @@ def _compile_with(scene: Scene, spec: mujoco.MjSpec, terrain: HeightField | None
     start = spec.keys[0]
     qpos = np.array(start.qpos)
     start.qpos, start.ctrl = [], []  # MuJoCo fills what is missing with the objects' own start
-    try:
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise SceneError(f"MuJoCo refuses the scene: {' '.join(str(error).split())}") from error
+    model = compiled(spec)
     model.key_qpos[0, : qpos.size] = qpos  # the robot comes first, as `robot_layout` checks
     return model
 

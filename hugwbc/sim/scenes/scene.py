@@ -188,10 +188,7 @@ class Scene:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         self.add_to(spec)
-        try:
-            return spec.compile()
-        except (ValueError, mujoco.FatalError) as error:
-            raise SceneError(f"MuJoCo refuses the scene: {' '.join(str(error).split())}") from error
+        return compiled(spec)
 
     def _check_overlap(self) -> None:
         model = self.model()
@@ -215,6 +212,14 @@ class Scene:
             if not any(mujoco.mj_geomDistance(model, data, *pair, 1.0, None) < _GAP for pair in pairs):
                 how = "does not touch it; give a position relative to the middle of its top"
                 raise SceneError(f"{thing.label} on '{thing.on}' {how}", at=("objects", index))
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile what holds the objects of a scene."""
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise SceneError(f"MuJoCo refuses the scene: {' '.join(str(error).split())}") from error
 
 
 @functools.cache
