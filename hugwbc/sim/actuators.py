@@ -96,12 +96,7 @@ class TorqueSpeedLimit:
     """The torque that drives can give at given joint speeds."""
 
     def __init__(self, robot: Robot, torque_limit: np.ndarray) -> None:
-        """Take the speeds from a robot.
-
-        Args:
-            robot: robot with the drives.
-            torque_limit: torque limits at low speed [N*m], shape (..., n).
-        """
+        """Take the speeds from a robot, and its torque limits at low speed [N*m], shape (..., n)."""
         # The last axis of all: downwards and upwards, as in MuJoCo's force range.
         self._limit = np.asarray(torque_limit)[..., None] * _WAYS
         self._slope = (1.0 / (robot.velocity_limit - robot.corner_speed))[:, None] * _WAYS

@@ -100,16 +100,11 @@ class Arena:
         return DRIVES[self.drives]
 
     def simulation(self, **episode: Unpack[EpisodeOptions]) -> Simulation:
-        """Return a robot of this arena in MuJoCo; see `simulation_in` for the arguments."""
+        """Return a robot of this arena in MuJoCo; see `simulation_in`."""
         return self.simulation_in(Simulation, **episode)
 
     def simulation_in(self, engine: type[EngineT], **episode: Unpack[EpisodeOptions]) -> EngineT:
-        """Return a robot of this arena in an engine.
-
-        Args:
-            engine: the engine, one of `ENGINES`.
-            episode: what differs between episodes, see `EpisodeOptions` and the constructor of `Engine`.
-        """
+        """Return a robot of this arena in one of `ENGINES`; `EpisodeOptions` may differ between episodes."""
         return engine(
             sensing=self.profile,
             robot=load_robot(self.robot),

@@ -90,13 +90,7 @@ class FaultInjector:
     """Faults of one robot; the readings pass through `apply`, and what the drives are told through `drive`."""
 
     def __init__(self, faults: tuple[Fault, ...], robot: Robot, seed: int) -> None:
-        """Set up.
-
-        Args:
-            faults: all of them; those that overlap add up in this order.
-            robot: names of the joints.
-            seed: of disorder, noise and lost readings.
-        """
+        """Set up; faults that overlap add up in their order, and what is random of them follows from the seed."""
         self._faults = faults
         self._columns = {f: robot.index(f.joint) for f in faults if f.joint is not None}
         self._seed = seed

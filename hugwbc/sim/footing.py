@@ -55,13 +55,7 @@ class Footing:
     """
 
     def __init__(self, model: mujoco.MjModel, terrain: HeightField, place: Place = np.asarray) -> None:
-        """Find the geoms.
-
-        Args:
-            model: model that `add_footing` has changed.
-            terrain: height field of the ground.
-            place: makes its constants tensors, if those are what it is given.
-        """
+        """Find the geoms of a model that `add_footing` has changed; `place` makes tensors of constants."""
         spheres = np.flatnonzero(model.geom_conaffinity == FOOT_CONTACT_BIT)
         self.geoms = place(np.append(spheres, model.geom(PLANE_NAME).id))
         self._heights, self._size = place(terrain.heights), terrain.size

@@ -93,14 +93,7 @@ class HandPull:
     """
 
     def __init__(self, simulation: Engine, vector: np.ndarray, start: float, rise: float) -> None:
-        """Set up for a robot.
-
-        Args:
-            simulation: the robot.
-            vector: the whole force in the heading frame [N], shape (3,).
-            start: when it begins to rise [s].
-            rise: time in which it rises to its full size [s].
-        """
+        """Pull by a vector in the heading frame [N], shape (3,), from `start` [s] on, fully after `rise` [s]."""
         self._vector, self._start, self._rise = np.asarray(vector, dtype=float), start, max(rise, 1e-6)
         self._simulation, self._kinematics = simulation, Kinematics(simulation.robot)
         names = simulation.robot.hand_links

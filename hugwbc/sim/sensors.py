@@ -130,13 +130,7 @@ class Sensors:
     """The sensors of one robot."""
 
     def __init__(self, profile: SensorProfile, seed: int, robot: Robot) -> None:
-        """Draw the errors of the first episode.
-
-        Args:
-            profile: which sensors there are, and how good they are.
-            seed: seed of noise, biases and offsets.
-            robot: robot with the sensors.
-        """
+        """Draw the errors of the first episode."""
         self.profile = profile
         self._rng = np.random.default_rng(seed)
         self._robot, self._joints = robot, len(robot.joint_names)

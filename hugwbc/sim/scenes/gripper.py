@@ -25,12 +25,9 @@ _KINDS = {"grip": mujoco.mjtEq.mjEQ_WELD, "hook": mujoco.mjtEq.mjEQ_CONNECT}
 
 
 def add_grips(spec: mujoco.MjSpec, names: Iterable[str], robot: Robot) -> None:
-    """Add what a `Gripper` needs: a ball around each hand to measure with, and idle joints to each moving body.
+    """Add what a `Gripper` needs to a model with robot and objects, whose bodies have these names.
 
-    Args:
-        spec: model with robot and objects.
-        names: bodies of the objects; those without a joint of their own are left out.
-        robot: robot with the hands.
+    It is a ball around each hand to measure with, and idle joints to each body that moves.
     """
     moving = [body.name for body in spec.bodies if body.name in set(names) and list(body.joints)]
     for side, hand in zip(SIDES, robot.hand_links, strict=True):
@@ -57,14 +54,7 @@ class Gripper:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, names: Iterable[str], robot: Robot) -> None:
-        """Find the joints and the shapes to measure distances to.
-
-        Args:
-            model: model that `add_grips` has changed.
-            data: its data.
-            names: bodies of the objects.
-            robot: robot with the hands.
-        """
+        """Find the joints, and the shapes to measure distances to, in a model that `add_grips` has changed."""
         self._model, self._data = model, data
         self._hands = [model.body(link).id for link in robot.hand_links]
         self._balls = [model.geom(f"{side}_hand_ball").id for side in SIDES]

@@ -106,9 +106,8 @@ class Cart(Movable):
                 wheel = [x, y, ground + radius]
                 self._geom(body, _SPHERE, [radius], wheel, mass=0.02 * mass, friction=rolling, rgb=dark, condim=3)
                 gap = -ground - board / 2 - 2 * radius  # between wheel and board
-                if gap > 0.002:
-                    fork = [x, y, ground + 2 * radius + gap / 2]
-                    self._geom(body, _BOX, [0.015, 0.015, gap / 2], fork, mass=0.01 * mass, rgb=metal)
+                fork = [x, y, ground + 2 * radius + gap / 2]
+                self._geom(body, _BOX, [0.015, 0.015, gap / 2], fork, mass=0.01 * mass, rgb=metal)
         bar, rear = ground + handle, -length / 2
         for side in (-1, 1):
             middle = [rear, side * (width / 2 - post), (bar + board / 2) / 2]

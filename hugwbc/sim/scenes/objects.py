@@ -112,17 +112,7 @@ class SceneObjects(Objects):
         seed: int,
         ground: float,
     ) -> None:
-        """Find the bodies.
-
-        Args:
-            model: model with robot and objects.
-            data: its data.
-            names: names of the objects' bodies.
-            robot: robot among them.
-            sensing: how well they are seen.
-            seed: seed of the noise.
-            ground: lowest height of the ground [m].
-        """
+        """Find the bodies; `ground` is the lowest height of the ground [m], the seed that of the pictures' noise."""
         super().__init__()
         self.names = names
         self._model, self._data, self._sensing, self._ground = model, data, sensing, ground

@@ -133,12 +133,9 @@ class Scene:
         return any(thing.varies for thing in self.objects)
 
     def draw(self, seed: int) -> "Scene":
-        """Return the scene of one episode, without variation.
+        """Return the scene of the episode of a seed, 0 or more, without variation.
 
         What is drawn for an object depends on the seed and its name alone: others may come and go.
-
-        Args:
-            seed: seed of the episode, 0 or more.
         """
         if not self.varies:
             return self
@@ -159,12 +156,7 @@ class Scene:
         return tuple(name for thing in self.objects for name in thing.body_names())
 
     def add_to(self, spec: mujoco.MjSpec, terrain: HeightField | None = None) -> None:
-        """Add the objects to a model, after what is in it.
-
-        Args:
-            spec: the model.
-            terrain: ground below the objects; None for a plane at z = 0.
-        """
+        """Add the objects to a model, after what is in it, on a terrain or on a plane at z = 0."""
         for thing in self.objects:
             thing.build(spec, self._placement(thing, terrain))
 

@@ -131,11 +131,7 @@ class Thing:
         return dataclasses.replace(self, **values)
 
     def surface(self, part: str | None) -> float:
-        """Return the height above its base at which other things stand on it [m]; it must have been drawn.
-
-        Args:
-            part: which of its surfaces; None for its top.
-        """
+        """Return the height above its base of a part, or of its top, where other things stand [m], once it is drawn."""
         raise SceneError(
             f"nothing can stand on {self.label}; use a table, shelf, step, box, cart or tray, or the ground"
         )
