@@ -105,12 +105,7 @@ class ArmServo:
         return changed(upper_body, q=q, tau=tau, kp=kp, kd=self.robot.arm_kd)
 
     def jacobians(self, q_arm: np.ndarray, state: RobotState) -> np.ndarray:
-        """Return how both hands move with the joints of both arms, world axes [m/rad], shape (2, 3, k).
-
-        Args:
-            q_arm: positions of the arm joints [rad], shape (k,).
-            state: the robot now; its arms are replaced by the given ones.
-        """
+        """Return how both hands move with the joints of both arms at `q_arm` [rad], world axes [m/rad], (2, 3, k)."""
         self._place(q_arm, state)
         pin.computeJointJacobians(self._model, self._data, self._q)
         pin.updateFramePlacements(self._model, self._data)
@@ -208,11 +203,8 @@ class ArmServo:
 def _free_directions(force: np.ndarray) -> np.ndarray:
     """Return the directions in which hands give way: unit vectors for the left and the right hand, shape (k, 6).
 
-    Each hand with a force gives way along it. Two hands whose forces balance each other give way against each other
-    only: their middle is held, or what they squeeze would drift off.
-
-    Args:
-        force: on each hand, world axes [N], shape (2, 3).
+    Each hand with a force, world axes [N], shape (2, 3), gives way along it. Two hands whose forces balance each other
+    give way against each other only: their middle is held, or what they squeeze would drift off.
     """
     lengths = np.sqrt((force * force).sum(axis=1))
     pressing = [hand for hand in range(len(SIDES)) if lengths[hand] > 0.0]

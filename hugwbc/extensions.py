@@ -63,12 +63,7 @@ def names_object(words: str) -> bool:
 
 
 def load_object(words: str, kind: str) -> Any:  # noqa: ANN401  whatever the file holds
-    """Run a Python file, once in a process, and return an object of it.
-
-    Args:
-        words: `FILE.py:NAME`.
-        kind: what the object is, in words, such as "controller".
-    """
+    """Run a Python file, once in a process, and return what `FILE.py:NAME` names; the kind is a word for messages."""
     path, name = split_object(words)
     module = run_file(path, kind)
     if name not in vars(module):
@@ -85,12 +80,7 @@ def split_object(words: str) -> tuple[pathlib.Path, str]:
 
 
 def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
-    """Run a Python file, once for each content of it in a process, and return its module.
-
-    Args:
-        path: path of the file.
-        kind: what the file is to hold, in words, for messages.
-    """
+    """Run a Python file, once for each content of it in a process, and return its module; the kind is for messages."""
     try:
         code = tuple((file, digest(file.read_bytes())) for file in code_of(path))
     except OSError as error:

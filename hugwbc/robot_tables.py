@@ -53,14 +53,7 @@ def table_file(name: str) -> pathlib.Path:
 
 
 def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
-    """Return the table of a robot: with its description, its differences, its drives' figures at their joints.
-
-    Args:
-        name: see `load_robot`.
-
-    Raises:
-        ModelError: if the table or one of its fields is missing.
-    """
+    """Return the table of a robot (`load_robot`): with its description, its differences, its drives at their joints."""
     return copy.deepcopy(_robot_table(name))
 
 

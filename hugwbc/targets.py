@@ -126,18 +126,9 @@ class HandTargets:
             raise TargetError(
                 f"orientation_weight is {_cut(orientation_weight)}; give a number above 0, up to {HEAVY_TURN:g} m²/rad²"
             )
+        given = dict(zip(("left", "right", *_DIRECTIONS, *ORIENTATIONS), (*points, *directions, *turns), strict=True))
         return cls(
-            points[0],
-            points[1],
-            frame,  # type: ignore[arg-type]
-            directions[0],
-            directions[1],
-            together,
-            whole_body,
-            wrench=wrench,
-            left_orientation=turns[0],
-            right_orientation=turns[1],
-            orientation_weight=weight,
+            **given, frame=frame, together=together, whole_body=whole_body, wrench=wrench, orientation_weight=weight
         )
 
     def check(self, robot: Robot) -> None:
@@ -231,12 +222,7 @@ def _both(check: Callable[[str, object], np.ndarray], what: str, *values: object
 
 
 def position(name: str, value: object) -> np.ndarray:
-    """Return the value as a read-only point, shape (3,).
-
-    Args:
-        name: what the point is, for the message.
-        value: any sequence of three numbers [m].
-    """
+    """Return any sequence of three numbers [m] as a read-only point, shape (3,); its name is for the message."""
     point = floats(value, (3,))
     # A NaN fails the comparison.
     if point is None or not np.all(np.abs(point) <= FARTHEST):
@@ -248,12 +234,7 @@ def position(name: str, value: object) -> np.ndarray:
 
 
 def direction(name: str, value: object) -> np.ndarray:
-    """Return the value as a read-only unit vector, shape (3,).
-
-    Args:
-        name: what the vector is, for the message.
-        value: any sequence of three numbers.
-    """
+    """Return any sequence of three numbers as a read-only unit vector, shape (3,); its name is for the message."""
     vector = position(name, value)
     length = float(np.linalg.norm(vector))
     if length < 1e-6:
@@ -262,12 +243,7 @@ def direction(name: str, value: object) -> np.ndarray:
 
 
 def orientation(name: str, value: object) -> np.ndarray:
-    """Return the value as a read-only unit quaternion, shape (4,); zeros for a hand that is level.
-
-    Args:
-        name: what the orientation is, for the message.
-        value: any sequence of four numbers (w, x, y, z), or "level".
-    """
+    """Return any sequence of numbers (w, x, y, z) as a read-only unit quaternion, shape (4,); zeros for "level"."""
     if isinstance(value, str) and value == "level":
         return frozen(np.zeros(4))
     quaternion = floats(value, (4,))

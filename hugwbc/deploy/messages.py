@@ -163,13 +163,7 @@ class Messages:
             self.machine = int(record(self.state, state)["mode_machine"])
 
     def unpack_state(self, message: bytes, age: float = 0.0, turns: int = 0) -> StateMessage:
-        """Read a state message whose check sum is right.
-
-        Args:
-            message: the state.
-            age: assumed age of the reading [s].
-            turns: how often the count of ticks has started again before it.
-        """
+        """Read a state message whose check sum is right, of an age [s], after so many turns of the count of ticks."""
         content, slots = record(self.state, message), self.slots
         imu, motors = content["imu_state"], content["motor_state"][slots]
         q, dq, gyro = motors["q"].astype(float), motors["dq"].astype(float), imu["gyroscope"].astype(float)

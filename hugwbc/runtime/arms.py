@@ -104,12 +104,9 @@ class PayloadObserver:
         self.payload = np.zeros(len(SIDES))
 
     def complete(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
-        """Return the arm targets with the learned payload, if none is told.
+        """Return the arm targets with the learned payload, if none is told, `dt` [s] after the last call.
 
-        Args:
-            upper_body: targets of the arms.
-            state: the robot now, which must be finite; without forces on the hands nothing is learned.
-            dt: time since the last call [s].
+        The state must be finite; without forces on the hands nothing is learned.
         """
         wrench, told = upper_body.wrench, upper_body.wrench.payload
         if wrench.stiffness is not None:

@@ -86,12 +86,7 @@ class HandForceObserver:
         self.force = np.zeros((len(SIDES), 3))
 
     def infer(self, residual: np.ndarray, dt: float) -> None:
-        """Take in the residual of one reading.
-
-        Args:
-            residual: generalised external force [N, N*m], shape (6 + n,).
-            dt: since the last reading [s].
-        """
+        """Take in the residual of one reading [N, N*m], shape (6 + n,), `dt` [s] after the last one."""
         model, data = self._kinematics.model, self._kinematics.data
         share = 1.0 - math.exp(-_HAND_RATE * dt)
         self.force = self.force.copy()
@@ -176,9 +171,7 @@ class ContactObserver:
     def __init__(self, kinematics: Kinematics, base_weight: float = BASE_WEIGHT) -> None:
         """Set up for the robot of a kinematics, which the owner places before each `infer`; call `reset` first.
 
-        Args:
-            kinematics: its frames and Jacobians are left at the last reading.
-            base_weight: of the floating base, see `BASE_WEIGHT`.
+        The frames and Jacobians of the kinematics are left at the last reading.
         """
         self._kinematics = kinematics
         self.inertia = SwingInertia(kinematics)

@@ -38,14 +38,7 @@ class Guard:
         limit: Callable[[JointCommand], JointCommand],
         log: SafetyLog,
     ) -> None:
-        """Stand around a controller.
-
-        Args:
-            controller: any object with the members of `Controller`.
-            check: judges the states of a robot, whose gains and nominal pose stand in.
-            limit: brings a joint command within all limits before the guard keeps it.
-            log: counts what the controller does wrong.
-        """
+        """Stand around a controller of the robot that `check` knows; `limit` brings commands within all limits."""
         self.name, self.period = check_controller(controller, "the controller")
         self.controller, self.robot = controller, check.robot
         self._check, self._limit, self._log = check, limit, log

@@ -154,9 +154,6 @@ class MujocoRobot:
         actuator's own loses the share :math:`|k_d - D| h / I`, with the joint's inertia I: applied late, it would
         shake the joint.
 
-        Args:
-            command: what the controller wants.
-
         Raises:
             ConfigError: if inputs are kept for longer than the controller's period.
         """

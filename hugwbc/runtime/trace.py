@@ -162,12 +162,7 @@ class Trace:
 
 
 def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
-    """Write a record to a file and return its path.
-
-    Args:
-        path: path of the file; .npz is added to a name without it.
-        trace: the record.
-    """
+    """Write a record to a file and return its path; .npz is added to a name without it."""
     path = pathlib.Path(path)
     path = path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")
     arrays: dict[str, np.ndarray] = {}
@@ -194,11 +189,7 @@ def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
 
 
 def read_trace(path: str | pathlib.Path) -> Trace:
-    """Read a record that `write_trace` wrote.
-
-    Args:
-        path: path of the file.
-    """
+    """Read a record that `write_trace` wrote."""
     path = pathlib.Path(path)
     try:
         with np.load(path, allow_pickle=False) as stored:

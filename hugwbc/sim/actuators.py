@@ -103,12 +103,7 @@ class TorqueSpeedLimit:
         self._reserve = np.abs(robot.velocity_limit[:, None] * self._slope)
 
     def write(self, velocity: np.ndarray, force_range: np.ndarray) -> None:
-        """Write the range of the torque at joint speeds.
-
-        Args:
-            velocity: joint speeds [rad/s], shape (..., n).
-            force_range: lowest and highest torque [N*m], shape (..., n, 2); written in place.
-        """
+        """Write the lowest and highest torque [N*m], shape (..., n, 2), at joint speeds [rad/s], shape (..., n)."""
         share = self._reserve - velocity[..., None] * self._slope
         # A diverged robot's NaN, which MuJoCo must not see in its model, becomes 1.
         np.multiply(self._limit, np.fmax(np.fmin(share, 1.0, out=share), 0.0, out=share), out=force_range)

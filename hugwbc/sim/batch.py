@@ -199,13 +199,7 @@ class BatchSimulation(RobotBatch):
     """
 
     def __init__(self, count: int, *, threads: int = 1, **settings: Any) -> None:  # noqa: ANN401
-        """Build the batch.
-
-        Args:
-            count: number of robots.
-            threads: number of threads; 0 for one per processor.
-            settings: those of `RobotBatch`.
-        """
+        """Build the batch, on so many threads, 0 for one per processor, with the settings of `RobotBatch`."""
         super().__init__(count, **settings)
         # With persistent data, a step reuses the position and velocity stages that the last step has computed.
         self.batch = Batch(self.model, count, threads, persistent=True)

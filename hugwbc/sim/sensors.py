@@ -177,11 +177,8 @@ class Sensors:
     def read(self, reading: Reading, now: float | None = None) -> RobotState:
         """Return what the sensors say; what the robot has no sensor for is None.
 
-        Orientation and angular velocity are those of the IMU, carried over to the pelvis.
-
-        Args:
-            reading: what perfect sensors say.
-            now: time at which the reading is used [s]; None for its own.
+        Orientation and angular velocity are those of the IMU, carried over to the pelvis. The reading is used at a time
+        `now` [s]; None for its own.
         """
         p, qpos, qvel = self.profile, reading.qpos, reading.qvel
         if self._noisy:

@@ -60,11 +60,7 @@ class WarpBatch(RobotBatch):
     def __init__(self, count: int, *, device: str = "cuda", contacts: int = CONTACTS, **settings: Any) -> None:  # noqa: ANN401
         """Build the batch; the first one compiles for about a minute, the next ones find that in a cache.
 
-        Args:
-            count: number of robots.
-            device: device in torch.
-            contacts: contacts for which there is memory, for each robot on average.
-            settings: those of `RobotBatch`.
+        There is memory for so many contacts of each robot on average. The settings are those of `RobotBatch`.
         """
         super().__init__(count, **settings)
         # Warp has no midphase to switch off. Without its own convex collision it takes MuJoCo's of box against box.
