@@ -78,20 +78,12 @@ class Trace:
         command: the eight commanded values, clamped to their ranges, in the order of COMMAND_NAMES, shape (T, 8). They
             include the h, p and w of hand targets that ask for the whole body, but not the changes by the guard
             (`runtime.command_chain`), which therefore count as errors.
-        gait: values of `Gait`, shape (T,).
         measured: v_x, v_y, omega, h, p, w as executed (see `kinematics.Measured`), shape (T, 6).
         clearance: height of the left and right sole above the ground [m], shape (T, 2).
-        phase: common gait phase in [0, 1), shape (T,); NaN for a controller without one.
-        foot_contact: whether each foot is on the ground, shape (T, 2), bool.
-        foot_force: ground reaction on each foot, world frame [N], shape (T, 2, 3).
-        pressure_centre: point where that force acts [m], shape (T, 2, 3); NaN for a foot in the air.
-        foothold: where the controller plans to put each sole next, x and y [m], shape (T, 2, 2); NaN without a plan.
-        qpos: pelvis position, quaternion (w, x, y, z) and joint positions, shape (T, 7 + n).
+        qpos, gait, phase, foot_contact, foot_force, pressure_centre, foothold: those of `Snapshot`, in T rows.
+        hand_target_world, arm_target, hand_force, object_pose: likewise; the last two are empty without a scene.
         qvel: pelvis velocity [m/s], angular velocity in its own frame and joint velocities [rad/s], shape (T, 6 + n).
         target: joint position targets of the joint command at this time [rad], shape (T, n).
-        hand_target_world: targets of both hands [m], shape (T, 2, 3); NaN without one.
-        arm_target: arm positions that the inverse kinematics asks for [rad], shape (T, k); NaN where it does not move
-            the arms.
         hand_error: distance of each hand to its target, reachable or not [m], shape (T, 2); NaN without a target.
         reachable: whether the inverse kinematics can reach each hand's target, shape (T, 2), bool.
         torque: joint torques in the physics step before this time [N*m], shape (T, n).
@@ -110,9 +102,6 @@ class Trace:
         steps: number of control steps executed.
         safety: what was changed on the way to the joints.
         robot: name of the simulated robot.
-        hand_force: force on each hand from outside, world frame [N], shape (T, 2, 3); empty without a scene.
-        object_pose: position [m] and quaternion (w, x, y, z) of every body of the scene, in the order of
-            `Scene.body_names`, shape (T, bodies, 7); empty without a scene.
         scene: the objects around the robot, as drawn; None for none.
         problems: what went wrong with the objects, such as one that left the world.
     """
