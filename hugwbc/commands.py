@@ -107,7 +107,7 @@ class Command:
         omega: yaw rate about gravity [rad/s].
         f: stride frequency, from touch-down to touch-down of one foot [Hz].
         l: highest sole clearance of a swing [m]; the default is the H1's, `default_command` has other robots'.
-        h: pelvis height above the ground below it, minus the nominal 0.98 m [m].
+        h: pelvis height above the ground below it, minus the nominal one (0.98 m of an H1) [m].
         p: pelvis pitch, forward positive [rad].
         w: waist yaw, the angle of the torso joint [rad].
         gait: one of the gaits; its name and its number are understood as well.
@@ -175,13 +175,8 @@ class Command:
     def clamp(self, robot: Robot | None = None) -> tuple["Command", tuple["CommandChange", ...]]:
         """Return the nearest valid command and what was changed; NaN becomes the default.
 
-        Control loops call this instead of `validate`, because nothing may raise inside a loop.
-
-        Args:
-            robot: whose ranges count; None for the paper's.
-
-        Returns:
-            The command, and one record for each value that was changed.
+        Control loops call this instead of `validate`, because nothing may raise inside a loop. The ranges are those of
+        the robot, or the paper's.
         """
         changes, fields = [], vars(self)
         for name, limits in command_ranges(self.gait, robot).items():

@@ -39,7 +39,7 @@ class HandTargets:
             for a level frame at the pelvis that turns with its yaw only; "steady" for that frame without the sway of
             the steps; "world" for the world frame.
         left_direction, right_direction: unit vectors along which the forearms should point, shape (3,); None where it
-            does not matter. An arm has four joints; one is left to point the forearm once the hand is in place.
+            does not matter. Of four joints, one is left to point the forearm once the hand is in place.
         together: whether the hands hold one object; their relative position then has priority over their positions.
         whole_body: whether h, p and w may differ from the command to bring the hands nearer.
         stamp: time at which the targets were made, on the clock of `RobotState.time` [s]; None for targets that are new

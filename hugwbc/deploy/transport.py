@@ -53,15 +53,9 @@ class Endpoint(Protocol):
         ...
 
     def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
-        """Call the robot's motion switcher.
+        """Call the robot's motion switcher by the number of the call, with a parameter in JSON.
 
-        Args:
-            number: of the call.
-            parameter: JSON.
-            timeout: how long to wait for the answer [s].
-
-        Returns:
-            The code of the answer, `UNREACHABLE` without one, and its data.
+        Return the code of the answer, `UNREACHABLE` without one until the timeout [s], and its data.
         """
         ...
 

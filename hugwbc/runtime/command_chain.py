@@ -36,9 +36,6 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     Args:
         command: each value finite and within its range (`Command.clamp`).
         robot: whose ranges are the semi-axes of the ellipse, and whose legs allow so much (`highest_swing`).
-
-    Returns:
-        The command, and one record for each value that was changed.
     """
     if command.gait is Gait.STANDING:
         return command, ()

@@ -54,7 +54,7 @@ _HAND_TORQUE = 0.3  # [N*m], that of a joint's residual besides friction: motor 
 class HandForceObserver:
     """Estimate the force on each hand from outside, from the residual of the generalised momentum.
 
-    The H1 has no sensors for it. The residual's rows of an arm's four joints hold the force f on that hand alone:
+    The H1 has no sensors for it. The residual's rows of an arm's joints hold the force f on that hand alone:
     r = J^T f, with the hand's Jacobian J over these joints. Weighted least squares with a prior gives
 
         f = (J W J^T + 1 / s^2)^-1 J W r.

@@ -1,4 +1,4 @@
-"""One H1 in MuJoCo, driven by joint commands."""
+"""One robot in MuJoCo, driven by joint commands."""
 
 import math
 

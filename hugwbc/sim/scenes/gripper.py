@@ -89,16 +89,15 @@ class Gripper:
         return found
 
     def attach(self, name: str, side: str, breaking_force: float = BREAKING_FORCE, *, hook: bool = False) -> bool:
-        """Join an object to a hand as they are now, if their surfaces are within `REACH`; the hand lets go of another.
+        """Join an object to the "left" or "right" hand as they are now, and return whether the hand holds it.
+
+        Their surfaces must be within `REACH`; the hand lets go of another object.
 
         Args:
             name: the object.
-            side: "left" or "right".
+            side: of the hand.
             breaking_force: force between hand and object at which the joint breaks [N].
             hook: let the hand turn about its origin, as if it hung on a handle; otherwise it is welded on.
-
-        Returns:
-            Whether the hand holds the object.
         """
         hand = _hand(side)
         if not breaking_force > 0.0:
