@@ -109,16 +109,13 @@ _VECTORS = tuple(name for name, shape in _NUMBERS.items() if shape)
 def pelvis_from_torso_imu(
     orientation: np.ndarray, gyro: np.ndarray, waist: float, waist_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pelvis orientation and angular velocity from the IMU, which the waist may turn (`Robot.imu_turn`).
+    """Return pelvis orientation, (4,), and angular velocity, (3,), from the IMU, which the waist may turn.
 
     Args:
         orientation: IMU to world, shape (4,).
         gyro: angular velocity of the IMU in its own frame [rad/s], shape (3,).
-        waist: angle by which the joints turn the IMU [rad].
+        waist: angle by which the joints turn the IMU (`Robot.imu_turn`) [rad].
         waist_rate: and its rate [rad/s].
-
-    Returns:
-        Pelvis orientation, shape (4,), and pelvis angular velocity in the pelvis frame [rad/s], shape (3,).
     """
     if not math.isfinite(waist):
         return np.full(4, np.nan), np.full(3, np.nan)

@@ -206,16 +206,13 @@ class ContactObserver:
             self.residual = np.concatenate([(*force, 0.0, 0.0) for force in self.force]) @ self._wrench_jacobians()
 
     def infer(self, torque: np.ndarray, dt: float, planned: np.ndarray | None = None) -> np.ndarray:
-        """Take in one reading, at whose state the kinematics has been placed.
+        """Take in one reading, at whose state the kinematics has been placed; return which feet stand, (2,), bool.
 
         Args:
             torque: joint torques since the last reading [N*m], shape (n,).
             dt: since the last reading [s].
             planned: joint accelerations that the controller planned for that time [rad/s^2], shape (n,). Without them
                 nothing is learnt of the legs.
-
-        Returns:
-            Which feet stand, shape (2,), bool.
         """
         kinematics = self._kinematics
         v = kinematics.v

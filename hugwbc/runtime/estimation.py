@@ -184,15 +184,12 @@ class StateEstimator:
         return self._observer.force
 
     def reset(self, state: RobotState, period: float = _READING) -> RobotState:
-        """Start from a robot that stands at rest.
+        """Start from a robot that stands at rest, and return the first estimate.
 
         Args:
             state: a reading. Its orientation is where the filter starts, and its position, if it has one; else the
                 robot stands above the origin.
             period: usual time between two updates [s].
-
-        Returns:
-            The first estimate.
         """
         self.guard.reset(state, period)
         self._joints.reset(state.q, np.zeros_like(state.dq))
@@ -267,13 +264,10 @@ class StateEstimator:
         return self._estimate(state)
 
     def covariance(self) -> np.ndarray:
-        """Return what the filter believes of its errors: pelvis orientation, then velocity, in world axes.
+        """Return the covariance of the filter's errors: pelvis orientation, then velocity, world axes, shape (6, 6).
 
         The errors are the rotation vector from the true to the estimated orientation [rad] and the estimated velocity
         less the true one [m/s].
-
-        Returns:
-            Covariance, shape (6, 6).
         """
         rate = self._rate
         velocity = self._v + self._R.dot(self._lever.dot(rate) - self._arm_velocity)

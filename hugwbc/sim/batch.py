@@ -72,16 +72,7 @@ class RobotBatch(abc.ABC):
         actuators: Actuators | None = None,
         ground: Ground | None = None,
     ) -> None:
-        """Compile the model.
-
-        Args:
-            count: number of robots.
-            timestep: physics time step [s].
-            terrain: height field to stand on; None for a plane.
-            robot: robot to simulate.
-            actuators: drives of the joints; None for real ones. Their delay is left to the caller, who sets `ctrl`.
-            ground: firmness of the ground; None for firm.
-        """
+        """Compile the model (`load_model`); the delay of the drives is left to the caller, who sets `ctrl`."""
         self.count, self.terrain = count, terrain
         self.robot, actuators = robot, actuators or Actuators()
         self.model = load_model(timestep, terrain, lean=True, robot=self.robot, actuators=actuators, ground=ground)
