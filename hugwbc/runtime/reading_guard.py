@@ -101,24 +101,17 @@ class ReadingGuard:
             if not (np.abs(raw) <= LARGEST_READING).all():
                 return state
             self._last, self._raw = raw, raw
-        if timely and self._is_sound(raw):
-            self._take(state, raw, raw)
-            return dataclasses.replace(state, time=time, lost=self._lost) if self._lost else state
-        bad = self._judge(raw, timely)
-        if not bad.any() and np.isfinite(raw[self._torque]).all():
+        if not (timely and self._is_sound(raw)):
+            bad = self._judge(raw, timely)
+            if bad.any() or not (np.abs(raw[self._torque]) <= self._strongest).all():  # nor is NaN
+                return self._coast(state, raw, bad, time)
             self._analogue = -1
             self._gone[:] = 0.0
             self._calm = not self._equal.any()
-            given = raw if (np.abs(raw[self._torque]) <= self._strongest).all() else self._patched(raw, bad)
-            self._take(state, raw, given)
-            return dataclasses.replace(state, time=time, lost=self._lost) if self._lost else state
-        return self._coast(state, raw, bad, time)
-
-    def _take(self, state: RobotState, raw: np.ndarray, given: np.ndarray) -> None:
-        """Note a reading whose devices all work, and the numbers that the estimator is given."""
-        self._remember(given)
-        self._last, self._raw = given, raw
+        self._remember(raw)
+        self._last, self._raw = raw, raw
         self._attitude = state.orientation, state.angular_velocity
+        return dataclasses.replace(state, time=time, lost=self._lost) if self._lost else state
 
     def _is_sound(self, raw: np.ndarray) -> bool:
         """Return whether nothing at all is wrong with a reading, after one with which nothing was: the usual case."""
@@ -234,11 +227,11 @@ class ReadingGuard:
         given[self._torque] = np.where(usable, torque, past[self._torque])
         return given
 
-    def _remember(self, given: np.ndarray) -> None:
+    def _remember(self, raw: np.ndarray) -> None:
         """Append a good reading to the past, which moves along its memory and now and then back to its beginning."""
         if self._end == len(self._records):
             self._records[: self._history], self._end = self._past, self._history
-        self._records[self._end] = given
+        self._records[self._end] = raw
         self._end += 1
         self._past = self._records[self._end - self._history : self._end]
         self._length = min(self._length + 1, self._history)

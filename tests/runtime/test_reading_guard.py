@@ -55,6 +55,16 @@ def test_sound_readings_pass_unchanged(walked):
     assert guard.admit(state) is state and guard.rejected == {}
 
 
+@pytest.mark.parametrize("value", [5000.0, np.nan])
+def test_a_torque_that_no_motor_has_is_replaced(walked, value):
+    """A motor's torque is no device that could fail: nothing coasts."""
+    guard, rng = walked
+    truth = reading(1000, rng)
+    state = guard.admit(changed(truth, joint=KNEE, torque=value))
+    np.testing.assert_allclose(state.torque, truth.torque, atol=8.0)
+    assert not state.coasted and guard.rejected == {}
+
+
 @pytest.mark.parametrize(
     ("name", "value", "device"),
     [
