@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from hugwbc.controller import UpperBody
 from hugwbc.hand_wrench import FREE
-from hugwbc.kinematics import joint_columns, pinocchio_model
+from hugwbc.kinematics import Kinematics
 from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
@@ -64,13 +64,10 @@ class ArmServo:
         self.robot = robot
         self._arms = self.robot.arms
         self._limit = self.robot.torque_limit[self._arms]
-        self._model = pinocchio_model(self.robot)
-        self._data = self._model.createData()
-        self._columns = joint_columns(self._model, self.robot)
-        self._arm_columns = self._columns[self._arms]
-        self._q = pin.neutral(self._model)
-        self._v, self._a = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        self._hands = [self._model.getFrameId(f"{side}_hand") for side in SIDES]
+        self._kinematics = kinematics = Kinematics(self.robot)
+        self._model, self._data, self._a = kinematics.model, kinematics.data, np.zeros(kinematics.model.nv)
+        self._columns = kinematics.columns[self._arms]
+        self._hands = [kinematics.frame_id(f"{side}_hand") for side in SIDES]
 
     def friction(self, dq_arm: np.ndarray) -> np.ndarray:
         """Return the friction of the robot's drives at the commanded speeds dq_arm (..., k) [rad/s]: [N*m], (..., k).
@@ -107,11 +104,11 @@ class ArmServo:
     def jacobians(self, q_arm: np.ndarray, state: RobotState) -> np.ndarray:
         """Return how both hands move with the joints of both arms at `q_arm` [rad], world axes [m/rad], (2, 3, k)."""
         self._place(q_arm, state)
-        pin.computeJointJacobians(self._model, self._data, self._q)
+        pin.computeJointJacobians(self._model, self._data, self._kinematics.q)
         pin.updateFramePlacements(self._model, self._data)
         return np.array(
             [
-                pin.getFrameJacobian(self._model, self._data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, self._arm_columns]
+                pin.getFrameJacobian(self._model, self._data, hand, pin.LOCAL_WORLD_ALIGNED)[:3, self._columns]
                 for hand in self._hands
             ]
         )
@@ -184,20 +181,19 @@ class ArmServo:
             dq_arm: velocities [rad/s], shape (k,); None for arms and body at rest.
             ddq_arm: accelerations [rad/s^2], shape (k,); None for none.
         """
-        self._place(q_arm, state)
+        self._place(q_arm, state, dq_arm)
+        q, v = self._kinematics.q, self._kinematics.v
         if dq_arm is None:
-            return pin.computeGeneralizedGravity(self._model, self._data, self._q)[self._arm_columns]
-        # A constant linear velocity of the base needs no torque, so it may be left at zero.
-        self._v[3:6] = state.angular_velocity
-        self._v[self._columns] = state.dq
-        self._v[self._arm_columns] = dq_arm
-        self._a[self._arm_columns] = 0.0 if ddq_arm is None else ddq_arm
-        return pin.rnea(self._model, self._data, self._q, self._v, self._a)[self._arm_columns]
+            return pin.computeGeneralizedGravity(self._model, self._data, q)[self._columns]
+        self._a[self._columns] = 0.0 if ddq_arm is None else ddq_arm
+        return pin.rnea(self._model, self._data, q, v, self._a)[self._columns]
 
-    def _place(self, q_arm: np.ndarray, state: RobotState) -> None:
-        self._q[3:6], self._q[6] = state.orientation[1:], state.orientation[0]
-        self._q[self._columns + 1] = state.q
-        self._q[self._arm_columns + 1] = q_arm
+    def _place(self, q_arm: np.ndarray, state: RobotState, dq_arm: np.ndarray | None = None) -> None:
+        q, dq = state.q.copy(), state.dq.copy()
+        q[self._arms], dq[self._arms] = q_arm, 0.0 if dq_arm is None else dq_arm
+        self._kinematics.place_joints(q, dq)
+        # A constant linear velocity of the base needs no torque, so it may be left at zero.
+        self._kinematics.place_pelvis(state.orientation, state.angular_velocity, None, None)
 
 
 def _free_directions(force: np.ndarray) -> np.ndarray:
