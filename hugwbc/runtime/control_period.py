@@ -26,11 +26,7 @@ _ROUNDING = 1e-9  # [s]
 
 
 class Due:
-    """Tells when the next period begins. After a gap in time it leaves periods out: it keeps in step with the others.
-
-    Attributes:
-        period: [s].
-    """
+    """Tells when the next period [s] begins. After a gap in time it leaves periods out, to keep in step with others."""
 
     def __init__(self, period: float) -> None:
         self.period = period

@@ -24,10 +24,6 @@ class Guard:
     first good state.
 
     Attributes:
-        controller: behind the guard.
-        name: of the controller.
-        period: of the controller [s].
-        robot: whose joints the controller commands.
         last_tick_s: time that the last call of the controller took [s]; 0 where it was not called.
     """
 

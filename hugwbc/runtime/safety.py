@@ -73,11 +73,7 @@ _BEYOND_RANGE = 0.5  # [rad] outside a joint's range; stops of rubber give way, 
 
 
 class StateCheck:
-    """A judge of a robot's states.
-
-    Attributes:
-        robot: the robot.
-    """
+    """A judge of a robot's states."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self._fastest = robot, _FASTEST_JOINT * robot.velocity_limit

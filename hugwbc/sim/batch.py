@@ -183,11 +183,7 @@ class RobotBatch(abc.ABC):
 
 
 class BatchSimulation(RobotBatch):
-    """The robots on `mujoco.batch`, in double precision; the tensors are views of MuJoCo's arrays.
-
-    Attributes:
-        batch: MuJoCo's batch.
-    """
+    """The robots on `mujoco.batch`, in double precision; the tensors are views of MuJoCo's arrays."""
 
     def __init__(self, count: int, *, threads: int = 1, **settings: Any) -> None:  # noqa: ANN401
         """Build the batch, on so many threads, 0 for one per processor, with the settings of `RobotBatch`."""
