@@ -15,7 +15,8 @@ from hugwbc.targets import HandTargets
 
 BUTTONS = ("R1", "L1", "Start", "Select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
 REMOTE_SIZE = 40  # bytes
-_BUTTONS_AT, _STICKS = 2, {"lx": 4, "rx": 8, "ry": 12, "ly": 20}
+STICKS = {"lx": 4, "rx": 8, "ry": 12, "ly": 20}  # and where they are in the field
+_BUTTONS_AT = 2
 _DEAD = 0.05  # a stick's rest position is off by up to this
 
 
@@ -47,14 +48,14 @@ class Remote:
         """Read the field `wireless_remote`. A stick that is not a number, or is near its rest, is at 0."""
         bits = int.from_bytes(data[_BUTTONS_AT : _BUTTONS_AT + 2], "little")
         pressed = frozenset(name for bit, name in enumerate(BUTTONS) if bits >> bit & 1)
-        return cls(pressed, **{name: _stick(data, at) for name, at in _STICKS.items()})
+        return cls(pressed, **{name: _stick(data, at) for name, at in STICKS.items()})
 
     def pack(self) -> bytes:
         """Return the field `wireless_remote`."""
         data = bytearray(REMOTE_SIZE)
         bits = sum(1 << BUTTONS.index(name) for name in self.pressed)
         data[_BUTTONS_AT : _BUTTONS_AT + 2] = bits.to_bytes(2, "little")
-        for name, at in _STICKS.items():
+        for name, at in STICKS.items():
             struct.pack_into("<f", data, at, getattr(self, name))
         return bytes(data)
 

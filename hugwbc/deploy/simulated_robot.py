@@ -13,7 +13,7 @@ from pydantic import Field
 from hugwbc.controller import JointCommand
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, grips_of
 from hugwbc.deploy.messages import TICK, Messages
-from hugwbc.deploy.remote import BUTTONS, Remote
+from hugwbc.deploy.remote import BUTTONS, STICKS, Remote
 from hugwbc.deploy.timing import real_time
 from hugwbc.deploy.transport import Endpoint, SimulatedSwitcher
 from hugwbc.errors import CaptureError, ConfigError
@@ -129,7 +129,6 @@ class Hoist:
 
 
 HOIST_WORDS = ("lift", "lower", "release")
-_STICKS = ("lx", "ly", "rx", "ry")
 _PRESS = 0.2  # [s] for which a button is held
 
 
@@ -149,7 +148,7 @@ class Schedule:
         """Begin before the first one."""
         self._next = sorted(happenings, key=lambda one: one.time)
         self._held: dict[str, float] = {}
-        self._sticks: dict[str, float] = dict.fromkeys(_STICKS, 0.0)
+        self._sticks: dict[str, float] = dict.fromkeys(STICKS, 0.0)
         self.remote = Remote()  # the remote control now
 
     @classmethod
@@ -186,8 +185,8 @@ def _happening(item: str) -> Happening:
         value = float(number) if number else 0.0
     except (IndexError, ValueError):
         raise ConfigError(f"'{item}' in the schedule is not valid; {valid}") from None
-    known = name in _STICKS if number else name in (*BUTTONS, *HOIST_WORDS)
-    if len(words) != 2 or not known or not 0.0 <= time < float("inf") or not -1.0 <= value <= 1.0:
+    known = name in STICKS if number else name in (*BUTTONS, *HOIST_WORDS)
+    if len(words) != 2 or not known or not 0.0 <= time < math.inf or not -1.0 <= value <= 1.0:
         raise ConfigError(f"'{item}' in the schedule is not valid; {valid}")
     return Happening(time, name, value)
 

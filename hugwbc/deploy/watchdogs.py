@@ -4,14 +4,12 @@ import math
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.deploy.messages import TICK, TICKS, Messages, StateMessage
 from hugwbc.robot import Robot
 from hugwbc.settings import Positive, settings
 from hugwbc.state import RobotState
 
 _RESTART = 1.0  # [s] of robot time without a fresh tick, after which a lower count is that of a restarted robot
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 @settings
@@ -139,7 +137,7 @@ class BodyLimits:
 
 def tilt(state: RobotState) -> float:
     """Return the angle between the pelvis's axis and the vertical [rad]; NaN if the orientation is not known."""
-    upright = float(rotations.rotate(state.orientation, _UP)[2])
+    upright = -float(state.projected_gravity[2])
     return math.acos(min(max(upright, -1.0), 1.0)) if math.isfinite(upright) else math.nan
 
 
