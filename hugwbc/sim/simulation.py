@@ -114,13 +114,13 @@ class Simulation(Engine):
             if len(inside) == 1 and _FLOOR_BODY not in bodies:
                 raise SceneError(_NO_ROOM.format(inside[0]))
         # The pelvis touches nothing: its shapes are for pictures.
-        solid, points = (model.geom_contype != 0) | (model.geom_conaffinity != 0), np.zeros(6)
+        solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         pelvis = np.flatnonzero(model.geom_bodyid == model.body(self.robot.base).id)
         for geom in np.flatnonzero(solid & (model.geom_type != mujoco.mjtGeom.mjGEOM_HFIELD)):
             body = model.body(int(model.geom_bodyid[geom])).name
             if body not in names:
                 continue
-            if any(mujoco.mj_geomDistance(model, self.data, g, geom, 0.1, points) < -OVERLAP for g in pelvis):
+            if any(mujoco.mj_geomDistance(model, self.data, g, geom, 0.1, None) < -OVERLAP for g in pelvis):
                 raise SceneError(_NO_ROOM.format(body))
 
     def redraw(self, seed: int) -> RobotState:

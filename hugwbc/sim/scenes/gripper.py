@@ -80,13 +80,10 @@ class Gripper:
 
     def distance(self, name: str, side: str) -> float:
         """Return the distance between the surfaces of a hand and an object [m], at most 1 m."""
-        hand = _hand(side)
+        model, data, ball = self._model, self._data, self._balls[_hand(side)]
         if name not in self._bodies:
             raise UnknownNameError("object", name, self._bodies)
-        found, points = 1.0, np.zeros(6)
-        for geom in self._geoms[name]:
-            found = min(found, mujoco.mj_geomDistance(self._model, self._data, self._balls[hand], geom, 1.0, points))
-        return found
+        return min((mujoco.mj_geomDistance(model, data, ball, g, 1.0, None) for g in self._geoms[name]), default=1.0)
 
     def attach(self, name: str, side: str, breaking_force: float = BREAKING_FORCE, *, hook: bool = False) -> bool:
         """Join an object to the "left" or "right" hand as they are now, and return whether the hand holds it.

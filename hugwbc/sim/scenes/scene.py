@@ -229,11 +229,11 @@ def _geoms(model: mujoco.MjModel, thing: Thing) -> list[int]:
 
 def _depth(model: mujoco.MjModel, data: mujoco.MjData, ones: list[int], others: list[int]) -> float:
     """Return how deep any of some geoms is in any of others, at least 0 [m]."""
-    deepest, points = 0.0, np.zeros(6)
+    deepest = 0.0
     for one, other in itertools.product(ones, others):
         apart = float(np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other]))
         if apart < model.geom_rbound[one] + model.geom_rbound[other]:
-            deepest = max(deepest, -mujoco.mj_geomDistance(model, data, one, other, 1.0, points))
+            deepest = max(deepest, -mujoco.mj_geomDistance(model, data, one, other, 1.0, None))
     return deepest
 
 
