@@ -265,5 +265,8 @@ class ContactObserver:
         return forces
 
     def _wrench_jacobians(self) -> np.ndarray:
-        """Rows that turn the wrenches of both feet into generalised forces, shape (10, 6 + n)."""
-        return self.sole_jacobians.reshape(-1, self._tau.size)[_TRANSMITTED]
+        """Rows that turn forces in the world and moments in each sole's axes into generalised forces, (10, 6 + n)."""
+        jacobians = self.sole_jacobians.copy()
+        for jacobian, sole in zip(jacobians, self._soles, strict=True):
+            jacobian[3:] = self._kinematics.data.oMf[sole].rotation.T.dot(jacobian[3:])
+        return jacobians.reshape(-1, self._tau.size)[_TRANSMITTED]

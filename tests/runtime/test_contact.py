@@ -67,6 +67,22 @@ def test_soles_that_part_do_not_both_stand():
         assert observer.force.any(axis=1).tolist() == stands
 
 
+def test_the_heading_changes_no_force():
+    """A torque about a foot's roll, which a narrow sole does not transmit, is told apart in every heading."""
+    kinematics, still = Kinematics(load_robot()), Simulation(sensing="exact").reset()
+    torque = np.random.default_rng(0).normal(0.0, 30.0, 19)
+    forces = []
+    for heading in (0.0, 1.0, 2.5):
+        turn = rotations.from_yaw_pitch_roll(heading, 0.0, 0.0)
+        state = dataclasses.replace(still, orientation=rotations.multiply(turn, still.orientation))
+        observer = ContactObserver(kinematics)
+        observer.reset(state)
+        kinematics.place(state)
+        observer.infer(torque, DT)
+        forces.append(rotations.rotate_inverse(turn[None], observer.force))
+    np.testing.assert_allclose(forces[1:], [forces[0]] * 2, atol=1e-6)
+
+
 def _walk(seed, duration, v_x=0.5, told="h1"):
     """Walk on the estimate; errors of tilt and velocity, inferred and true contacts, after the first second."""
     robot = load_robot("h1")
