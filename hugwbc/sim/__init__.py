@@ -1,4 +1,4 @@
-"""Simulation of the H1: in MuJoCo on a plane or a height field, with objects, or in PhysX on a plane."""
+"""Simulation of a robot: in MuJoCo on a plane or a height field, with objects, or in PhysX on a plane."""
 
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.arena import Arena
