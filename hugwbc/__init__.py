@@ -1,6 +1,6 @@
-"""Whole-body control of humanoid robots: one command interface, a learned policy, the QP and hand IK.
+"""Whole-body control of humanoids: one command interface, a learned policy, a whole-body QP and hand IK.
 
-The package root loads neither torch nor Pinocchio nor placo; the pillars live in `hugwbc.learned`, `hugwbc.mbc` and
+The package root loads neither torch nor Pinocchio nor placo; they live in `hugwbc.learned`, `hugwbc.mbc` and
 `hugwbc.upper_ik`.
 """
 

@@ -28,6 +28,15 @@ PACKAGES = (
     "hugwbc.targets",
 )
 """What programs import from."""
+FURTHER = {
+    "Body": "hugwbc.learned.env.readings",
+    "Curriculum": "hugwbc.learned.env.curriculum",
+    "HandWrench": "hugwbc.hand_wrench",
+    "ObservationTerm": "hugwbc.learned.policy.terms",
+    "Sensed": "hugwbc.learned.policy.terms",
+    "Transition": "hugwbc.learned.env.readings",
+}
+"""Names of other modules, which functions of a user's own are given or return."""
 _UNREAD = ("api", "log")  # documents: a skeleton that the site fills, and diaries
 _BOUNDS = {"ge": "from", "gt": "above", "le": "to", "lt": "below"}
 _WIDTH = 100  # characters
@@ -119,8 +128,9 @@ def reference(name: str) -> str | None:
         return "\n".join([about(plain), "", *rows])
     room, _, last = plain.rpartition(".")
     entries: dict[int, str] = {}  # a name may be exported twice, or mean two things
-    for package in PACKAGES:
-        if room in ("", package) and last in exported(package):
+    packages = [package for package in PACKAGES if last in exported(package)]
+    for package in (*packages, *filter(None, [FURTHER.get(last)])):
+        if room in ("", package):
             value = getattr(importlib.import_module(package), last)
             entries.setdefault(id(value), f"from {package} import {last}\n\n{_entry(last, value)}")
     return "\n\n\n".join(entries.values()) or None

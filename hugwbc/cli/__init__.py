@@ -17,15 +17,15 @@ VERBS = {
     "report": "run the paper's experiments and some of ours with each controller, and write tables and figures",
     "compare": "play a script or a task, or run an experiment, with each controller, and compare the results",
     "evaluate": "run one of the experiments and print its figures next to the paper's",
-    "tasks": "list the tasks of loco-manipulation, or record demonstrations of them",
-    "play": "drive or watch a robot in the browser",
-    "docs": "list the documents and scripts that come with the package, or print one",
+    "tasks": "list the tasks of loco-manipulation, or record or replay demonstrations of them",
+    "play": "drive a robot from the browser, or watch a command, script, task or motion",
+    "docs": "list the documents, scripts and tasks that come with the package, or print one, or a name of the API",
     "deploy": "control a robot over the network, a real or a simulated one",
     "simulate-robot": "simulate a robot behind the messages of a real one",
     "train": "train a policy, or continue a training",
     "export": "write a policy as an ONNX file",
-    "check": "verify the installation, or how a policy was made",
-    "bench": "measure speed: training environment, controllers, IK",
+    "check": "verify the installation, the table of a robot, or how a policy was made",
+    "bench": "measure the speed of training, controllers, hand IK and whole episodes",
 }
 _HINTS = ("`hugwbc VERB --help` lists a verb's options.", "`hugwbc --version` says which version this is.")
 USAGE_ERROR = 2

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import tyro
 
 from hugwbc.cli.output import parse, say
-from hugwbc.reference import PACKAGES, about, document, document_names, document_title, exported, reference
+from hugwbc.reference import FURTHER, PACKAGES, about, document, document_names, document_title, exported, reference
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +39,7 @@ def run(words: Sequence[str]) -> int:
         texts = [path.read_text(encoding="utf-8").rstrip() for path in sources.get(str(name), ())]
         say("\n\n\n".join(filter(None, (*texts, entry))))
     elif name is not None:
-        names = {each for package in PACKAGES for each in exported(package)} - set(sources)
+        names = {*FURTHER, *(each for package in PACKAGES for each in exported(package))} - set(sources)
         _print(document(name, besides=(*sources, *PACKAGES, *difflib.get_close_matches(name, names))))
     else:
         listed = {each: document_title(each) for each in document_names()}

@@ -93,7 +93,7 @@ class PlayOptions:
     command: tyro.conf.OmitArgPrefixes[CommandOptions] = dataclasses.field(default_factory=CommandOptions)
     # The live page
     page: tyro.conf.OmitArgPrefixes[PageOptions] = dataclasses.field(default_factory=PageOptions)
-    # What the simulation stands for: engine, robot, drives, sensors, ground
+    # What is simulated: robot, drives, sensors, ground
     arena: tyro.conf.OmitArgPrefixes[Arena] = dataclasses.field(default_factory=Arena)
 
     @property

@@ -30,7 +30,7 @@ BY_BEHAVIOUR = frozenset({"gait", "settle", "intervention", "motions"})  # what 
 class Settings:
     """Settings that every experiment has."""
 
-    # seed of the sampled commands, the ground, the sensor noise and the arm motion; its class is in `hugwbc.settings`
+    # seed of the sampled commands, the ground, the sensor noise and the arm motion (its classes: docs/evaluation.md)
     seed: Seed = SELECTION_SEED
     duration: Positive = 10.0  # duration of an episode [s]
     settle: NotNegative = SETTLE_S  # start of an episode that is left out of the errors [s]

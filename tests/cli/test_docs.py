@@ -15,6 +15,8 @@ from hugwbc.reference import PACKAGES, document, document_names, document_title,
 from hugwbc.scripts import SCRIPT_NAMES
 
 ROOT = pathlib.Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *(page for page in (ROOT / "docs").rglob("*.md") if "log" not in page.parts)]
+SAID = {name for page in PAGES for name in re.findall(r"`hugwbc docs ([\w./-]+)`", page.read_text())}
 
 
 def test_the_list_has_every_document_with_its_title(capsys):
@@ -91,3 +93,9 @@ def test_a_package_lists_what_it_exports(name, capsys):
     assert "BoxGrip              How two hands hold a box." in capsys.readouterr().out
     assert main(["docs", "walk_too"]) == 2
     assert "Did you mean 'walk_to'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", sorted(SAID))
+def test_what_the_documents_say_to_read_is_there(name, capsys):
+    assert main(["docs", name]) == 0
+    assert len(capsys.readouterr().out.splitlines()) >= 3
