@@ -216,10 +216,7 @@ class VelocityTrim:
     """
 
     def __init__(self, params: ControllerParams) -> None:
-        self._gain = params.velocity_integral
-        self._bound = params.velocity_integral_bound
-        self._change = params.velocity_integral_change
-        self._limit = params.max_velocity_trim
+        self._params = params
         self.reset()
 
     def reset(self) -> None:
@@ -248,7 +245,7 @@ class VelocityTrim:
         before = self._before = self._before or asked
         for axis, actual in enumerate(velocity.tolist()):
             self._sum[axis] += (asked[axis] - actual) * dt
-            self._changed |= abs(asked[axis] - before[axis]) > self._change
+            self._changed |= abs(asked[axis] - before[axis]) > self._params.velocity_integral_change
         self._wanted = asked
         self._time += dt
 
@@ -266,11 +263,12 @@ class VelocityTrim:
             self._clear()
             return
         if self._previous is not None:
-            both = np.clip([error, self._previous], -self._bound, self._bound)
-            step = self._gain * (2 if leap else 1) * 0.5 * both.sum(axis=0)
+            bound = self._params.velocity_integral_bound
+            both = np.clip([error, self._previous], -bound, bound)
+            step = self._params.velocity_integral * (2 if leap else 1) * 0.5 * both.sum(axis=0)
             wanted, lack = np.array(self._wanted), 0.5 * (error + self._previous)
             held = wanted @ wanted > _SLOWEST_HELD**2 and (lack - _HELD * wanted) @ wanted > 0.0
-            most = np.abs(self.value) if held else self._limit
+            most = np.abs(self.value) if held else self._params.max_velocity_trim
             self.value = np.clip(self.value + step, -most, most)
         self._previous = error
         self._clear()

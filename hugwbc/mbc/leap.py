@@ -116,7 +116,7 @@ class Leap:
         rotation = dynamics.frame(dynamics.robot.base).rotation
         base[:3, :3] = base[3:6, 3:] = rotation.T @ to_heading.T
         for foot in self._plan.legs:
-            sole, columns = dynamics.frame(f"{SIDES[foot]}_sole"), dynamics.columns[self._legs[foot]]
+            sole, columns = dynamics.frame(feet.SOLES[foot]), dynamics.columns[self._legs[foot]]
             # Five rows for five joints: the line contact leaves the roll of the foot free.
             jacobian = np.vstack((sole.jacobian[:3], (sole.rotation.T @ sole.jacobian[3:])[1:]))
             leg = jacobian[:, columns]
@@ -142,7 +142,7 @@ class Leap:
         legs = self._plan.legs
         points = [dynamics.point(CONTACT_POINTS[2 * foot + end]) for foot in legs for end in (0, 1)]
         ankles = [dynamics.point(self._ankles[foot]) for foot in legs]
-        lateral = [dynamics.frame(f"{SIDES[foot]}_sole").rotation[:, 1] for foot in legs]
+        lateral = [dynamics.frame(feet.SOLES[foot]).rotation[:, 1] for foot in legs]
         return Stance(
             np.array(points) @ to_heading.T,
             np.array(ankles) @ to_heading.T,

@@ -3,7 +3,6 @@
 import dataclasses
 import enum
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
-from hugwbc.mbc.dynamics import Dynamics, Predictor
+from hugwbc.mbc.dynamics import Dynamics, Predictor, pitch_of
 from hugwbc.mbc.feet import SOLES, SlipWatch
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.hand_load import HandLoad
@@ -115,12 +114,9 @@ class WholeBodyController:
         self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
         self._delay = self._robot.command_delay
-        self._waist = PostureTask(np.array([self._robot.waist]), 10.0)
-        self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
-        self._waist.weight[:] = self.params.waist_weight
-        self._still = PostureTask(held, 10.0)
+        self._waist = PostureTask(np.array([self._robot.waist]), 10.0, self.params.waist_gains)
+        self._still = PostureTask(held, 10.0, self.params.waist_gains)
         self._still.target[:] = robot.nominal[held]
-        self._still.stiffness[:], self._still.damping[:] = self.params.waist_gains
         self._arms = PostureTask(self._robot.arms, self.params.takeover_speed)
         self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
         self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
@@ -132,7 +128,7 @@ class WholeBodyController:
         self._relaxed = 0
         self._held = 0
         self._last: JointCommand | None = None
-        self._outcome: _Outcome | None = None
+        self._outcome: tuple[Output, QpSolution] | None = None  # of the last tick
         self._waist.rate[0] = 0.0
         self._hand_load.reset()
         self.dynamics.hand_force = self._hand_load.force
@@ -161,10 +157,9 @@ class WholeBodyController:
     @property
     def planned_acceleration(self) -> np.ndarray | None:
         """Joint accelerations that the last command should cause [rad/s^2], shape (n,); None for a fallback."""
-        outcome = self._outcome
-        if outcome is None or outcome.output is not Output.SOLUTION:
+        if self._outcome is None or self._outcome[0] is not Output.SOLUTION:
             return None
-        return outcome.solution.acceleration[self._columns]
+        return self._outcome[1].acceleration[self._columns]
 
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, which has position and velocity, standing."""
@@ -176,11 +171,9 @@ class WholeBodyController:
         self._predictor.reset()
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
-        ground = min(self.dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
-        pelvis = self.dynamics.frame(self._robot.base)
-        height = float(pelvis.position[2] - ground - self._robot.nominal_height)
-        pitch = float(np.arcsin(np.clip(-pelvis.rotation[2, 0], -1.0, 1.0)))
-        self._filter.reset(height, pitch, float(state.q[self._robot.waist]))
+        pelvis, ground = self.dynamics.frame(self._robot.base), self._locomotion.references.ground
+        height = float(pelvis.position[2]) - ground - self._robot.nominal_height
+        self._filter.reset(height, pitch_of(pelvis.rotation), float(state.q[self._robot.waist]))
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the joint command for the next period.
@@ -210,7 +203,7 @@ class WholeBodyController:
         if not self._arms_free:
             terms[-1] = self._attainable(terms[-1])
         points = self._locomotion.contact_points(self.dynamics)
-        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.planned_forces)
+        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.leap.forces)
         if solution.status is QpStatus.FAILED:
             return self._fall_back(solution)
         self._relaxed += solution.status is QpStatus.RELAXED
@@ -218,7 +211,7 @@ class WholeBodyController:
         # The next reading may be older than this command: the predictor has to know what happened in between.
         self._predictor.record(solution.acceleration)
         self._last = self._joint_command(state, solution)
-        self._outcome = _Outcome(Output.SOLUTION, solution)
+        self._outcome = Output.SOLUTION, solution
         return self._last
 
     def _watch_slips(self, state: RobotState) -> None:
@@ -313,9 +306,9 @@ class WholeBodyController:
         self._held += 1
         self._predictor.record(np.zeros(self.dynamics.nv))  # what a fallback causes is not known
         if self._last is not None and self._held * self.period <= self.params.hold_time:
-            self._outcome = _Outcome(Output.HELD, solution)
+            self._outcome = Output.HELD, solution
             return self._last
-        self._outcome = _Outcome(Output.DAMPING, solution)
+        self._outcome = Output.DAMPING, solution
         zero = np.zeros_like(self._robot.kp)
         return JointCommand(
             q=self._robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self._robot.kd.copy(), tau=zero.copy()
@@ -338,8 +331,8 @@ class WholeBodyController:
             contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
-            out_of_reach=self._locomotion.out_of_reach,
-            failed_plans=self._locomotion.failed_plans,
+            out_of_reach=self._locomotion.walking.out_of_reach,
+            failed_plans=self._locomotion.leap.failures,
             friction=self._slip.friction,
         )
 
@@ -352,10 +345,3 @@ def _motion(state: RobotState) -> tuple[np.ndarray, np.ndarray]:
             "hugwbc.runtime.StateEstimator"
         )
     return state.position, state.velocity
-
-
-class _Outcome(NamedTuple):
-    """Results of a tick, from which `diagnostics` is assembled only when it is read."""
-
-    output: Output
-    solution: QpSolution
