@@ -9,7 +9,7 @@ from eigenpy import LLT
 from hugwbc import rotations
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
 from hugwbc.upper_ik.detour import MOVED, Detours, Scout
@@ -313,8 +313,7 @@ def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) ->
             points[hand] = away if turn is None else turn @ away
         if direction is not None:
             directions[hand] = direction if turn is None else turn @ direction
-    usable = np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())
-    if not usable:
+    if not (np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())):
         return None
     turns = [None if given is None else _axes(given, turn, state) for given in targets.orientations]
     level = np.array([given is not None and not given.any() for given in targets.orientations])
@@ -333,5 +332,4 @@ def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray | None:
     """Return the rotation from a hand frame to the pelvis frame, shape (3, 3); None for the pelvis frame itself."""
     if frame == "pelvis":
         return None
-    world_to_pelvis = rotations.to_matrix(state.orientation).T
-    return world_to_pelvis if frame == "world" else world_to_pelvis @ rotations.rotation_z(state.yaw)
+    return rotations.to_matrix(state.orientation).T @ frame_axes(frame, state.orientation)
