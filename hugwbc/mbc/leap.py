@@ -68,12 +68,11 @@ class Leap:
         # Feet push for whole periods. Unless the plan knows, the last one adds up to 0.06 m/s to the take-off. Hops are
         # tuned with that.
         overtime = -time_left % tick.dt if plan.on_both else 0.0
-        to_heading = self._to_heading()
         young = self._age < params.mpc_period - 0.5 * tick.dt
         # Close to take-off the last plan runs out: a shorter one would correct small errors by large forces.
         if not young and (self._force_plan is None or time_left > params.mpc_shortest_stance):
             self._solve(tick, time_left + overtime, overtime)
-        self._use(tick.dynamics, to_heading.T)
+        self._use(tick.dynamics)
 
     def _to_heading(self) -> np.ndarray:
         """Return the rotation from the world into the heading frame, shape (3, 3)."""
@@ -150,10 +149,10 @@ class Leap:
             time_left,
         )
 
-    def _use(self, dynamics: Dynamics, from_heading: np.ndarray) -> None:
+    def _use(self, dynamics: Dynamics) -> None:
         """Pass the planned forces of this moment and the resulting accelerations to the tasks."""
         assert self._force_plan is not None
-        planned = self._force_plan.at(self._age) @ from_heading.T
+        planned = self._force_plan.at(self._age) @ self._to_heading()
         points = [2 * foot + end for foot in self._plan.legs for end in (0, 1)]
         self.forces = np.zeros((len(CONTACT_POINTS), 3))
         self.forces[points] = planned
