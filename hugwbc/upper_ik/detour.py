@@ -168,15 +168,10 @@ class Scout:
         if self.done[arm]:
             return
         if not self._searching[arm]:
-            self._begin(arm, goal[arm])
-            self.q[joints] = q[joints]
+            self._searching[arm], self._goal[arm], self.q[joints] = True, goal[arm], q[joints]
+            self._best_residual[arm] = self.direct[arm] = np.inf
         elif self._settled[arm]:
             self._go_on(arm, joints, q, float(body[self._waist]))
-
-    def _begin(self, arm: int, point: np.ndarray) -> None:
-        self._searching[arm] = True
-        self._goal[arm] = point
-        self._best_residual[arm] = self.direct[arm] = np.inf
 
     def _go_on(self, arm: int, joints: slice, q: np.ndarray, waist: float) -> None:
         if self._best_residual[arm] == np.inf:

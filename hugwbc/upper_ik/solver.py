@@ -144,7 +144,9 @@ class ArmIK:
         carried = self._carried(np.where(np.isfinite(state.q), state.q, self._body), dt)
         goal = dataclasses.replace(goal, speed=self._speed(goal.points, dt), carried=carried)
         try:
-            q = self._descend(goal, dt)
+            count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
+            self._descent.descend(goal, dt / count, count)
+            q, self._residual, self._reachable = self._descent.q, self._descent.residual, ~self._descent.stalled
             # A stream's targets stand still between two messages: their differences say nothing.
             smooth = (self._residual < FOLLOWED) & ~self._detours.active & (targets.stamp is None)
             turn = _turn_to_pelvis(targets.frame, state)
@@ -179,12 +181,6 @@ class ArmIK:
             return np.zeros(2)
         speed = np.minimum(lengths(self._descent.hands - before) / dt, self.config.hand_speed)
         return np.where(speed**2 > 2.0 * self.config.hand_deceleration * self.config.tolerance, speed, 0.0)
-
-    def _descend(self, goal: Goal, dt: float) -> np.ndarray:
-        count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
-        self._descent.descend(goal, dt / count, count)
-        self._residual, self._reachable = self._descent.residual, ~self._descent.stalled
-        return self._descent.q
 
     def _go_round(self, q: np.ndarray, goal: Goal, dt: float) -> np.ndarray:
         """Return arm positions: `q` of the direct way, or those of a detour for an arm that is stuck on it."""
