@@ -133,10 +133,10 @@ class CommandFilter:
             share = legs.fastest / speed
             wanted = (share * wanted[0], share * wanted[1], share * wanted[2])
         # On three numbers, floats are several times faster than arrays.
-        rates, (speed, aside, turn) = params.velocity_rate, self._velocity
-        speed = _towards(speed, wanted[0], rates[0] * dt)
-        aside = _towards(aside, wanted[1], (params.hop_side_rate if limiting.hops else rates[1]) * dt)
-        turn = _towards(turn, wanted[2], rates[2] * dt)
+        (ahead_rate, side_rate, turn_rate), (speed, aside, turn) = params.velocity_rate, self._velocity
+        speed = _towards(speed, wanted[0], ahead_rate * dt)
+        aside = _towards(aside, wanted[1], (params.hop_side_rate if limiting.hops else side_rate) * dt)
+        turn = _towards(turn, wanted[2], turn_rate * dt)
         self._velocity = speed, aside, turn
         self._frequency = command.f if self._frequency is None else self._frequency
         if not changing or gait is Gait.STANDING:
@@ -150,7 +150,9 @@ class CommandFilter:
             h = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
         leaping = legs.running.flight and not legs.waiting
         posed = abs(h - self._posture[0]) <= self._close[0] and abs(pitch - self._posture[1]) <= self._close[1]
-        self._follow((h, pitch, waist), self._leap_limits[limiting.hops] if leaping else self._limits, dt)
+        rates = self._leap_limits[limiting.hops] if leaping else self._limits
+        for axis, (target, limits) in enumerate(zip((h, pitch, waist), rates, strict=True)):
+            self._posture[axis], self._rate[axis] = approach(self._posture[axis], self._rate[axis], target, limits, dt)
         height = self._posture[0]
         if limiting.flight:
             apex = highest_leap_clearance(params, height, self._frequency, self._robot)
@@ -193,13 +195,6 @@ class CommandFilter:
             # Where the room of the stance leg ends, the trailing leg of a fast walk still needs its lowering.
             wanted = max(wanted, lowest if gait.flight else lowest - lowering)
         return wanted
-
-    def _follow(self, target: tuple[float, float, float], rates: tuple[tuple[float, float], ...], dt: float) -> None:
-        """Move the posture towards a target with bounded rates and bounded accelerations."""
-        for axis, limits in enumerate(rates):
-            self._posture[axis], self._rate[axis] = approach(
-                self._posture[axis], self._rate[axis], target[axis], limits, dt
-            )
 
 
 class VelocityTrim:

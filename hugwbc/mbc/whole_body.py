@@ -73,6 +73,7 @@ class WholeBodyController:
 
     Attributes:
         name: "qp".
+        robot: the robot that the controller was told.
         period: time between two calls of `act` [s].
         params: gains, weights and limits for the size of the robot.
         dynamics: robot model at the last state.
@@ -96,30 +97,30 @@ class WholeBodyController:
         self.params = (params or ControllerParams()).of_size(robot)
         self.period = period
         self.dynamics = Dynamics(robot)
-        self._robot = robot
-        self._nominal_arms = self._robot.nominal[self._robot.arms]
-        self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
+        self.robot = robot
+        self._nominal_arms = self.robot.nominal[self.robot.arms]
+        self._highest_torque = self.robot.torque_limit * self.params.torque_fraction
         self._lowest_torque = -self._highest_torque
-        self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
+        self._kp, self._kd = self.params.joint_stiffness * self.robot.kp, self.params.joint_damping * self.robot.kd
         # Drives hold these joints: a task of the QP alone leaves them where friction does.
         held = robot.held
         self._holding_kp, self._holding_kd = self._kp.copy(), self._kd.copy()
         self._holding_kp[held], self._holding_kd[held] = robot.kp[held], robot.kd[held]
         for gains in (self._kp, self._kd, self._holding_kp, self._holding_kd):  # all commands share these arrays
             gains.setflags(write=False)
-        self._filter = CommandFilter(self.params, self._robot)
-        self._locomotion = Locomotion(self.params, self._robot)
+        self._filter = CommandFilter(self.params, self.robot)
+        self._locomotion = Locomotion(self.params, self.robot)
         self._columns = in_place(self.dynamics.columns)
-        arms = self.dynamics.columns[self._robot.arms]
+        arms = self.dynamics.columns[self.robot.arms]
         self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
-        self._delay = self._robot.command_delay
-        self._waist = PostureTask(np.array([self._robot.waist]), 10.0, self.params.waist_gains)
+        self._delay = self.robot.command_delay
+        self._waist = PostureTask(np.array([self.robot.waist]), 10.0, self.params.waist_gains)
         self._still = PostureTask(held, 10.0, self.params.waist_gains)
         self._still.target[:] = robot.nominal[held]
-        self._arms = PostureTask(self._robot.arms, self.params.takeover_speed)
+        self._arms = PostureTask(self.robot.arms, self.params.takeover_speed)
         self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
-        self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
+        self._qp = WholeBodyQp(self.params, self.robot, self.dynamics.nv, self.dynamics.columns)
         self._slip = SlipWatch(self.params.friction, robot.weight)
         self._clear()
 
@@ -133,11 +134,6 @@ class WholeBodyController:
         self._hand_load.reset()
         self.dynamics.hand_force = self._hand_load.force
         self._free_arms()
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that the controller was told."""
-        return self._robot
 
     @property
     def phase(self) -> float:
@@ -171,9 +167,9 @@ class WholeBodyController:
         self._predictor.reset()
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
-        pelvis, ground = self.dynamics.frame(self._robot.base), self._locomotion.references.ground
-        height = float(pelvis.position[2]) - ground - self._robot.nominal_height
-        self._filter.reset(height, pitch_of(pelvis.rotation), float(state.q[self._robot.waist]))
+        pelvis, ground = self.dynamics.frame(self.robot.base), self._locomotion.references.ground
+        height = float(pelvis.position[2]) - ground - self.robot.nominal_height
+        self._filter.reset(height, pitch_of(pelvis.rotation), float(state.q[self.robot.waist]))
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the joint command for the next period.
@@ -197,7 +193,7 @@ class WholeBodyController:
         smooth = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
         self._set_posture(smooth, upper_body)
-        still = [self._still] if self._robot.held.size else []
+        still = [self._still] if self.robot.held.size else []
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *still, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
         if not self._arms_free:
@@ -255,7 +251,7 @@ class WholeBodyController:
         dynamics, joints = self.dynamics, self._arm_columns
         inertia, bias = dynamics.M[self._arm_block], dynamics.bias[joints]
         torque = inertia.dot(arms.acceleration) + bias
-        most = _ARM_SHARE * self._highest_torque[self._robot.arms]
+        most = _ARM_SHARE * self._highest_torque[self.robot.arms]
         allowed = np.minimum(np.maximum(torque, -most), most)
         if (allowed == torque).all():
             return arms
@@ -280,18 +276,18 @@ class WholeBodyController:
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
         dq = state.dq + half * acceleration
-        friction = self._robot.friction_torque(dq)
+        friction = self.robot.friction_torque(dq)
         # A sticking waist has no speed to compensate friction for, so the desired speed counts.
-        waist = self._robot.waist
+        waist = self.robot.waist
         sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
-        friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
+        friction[waist] += sticks * self.robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
         if turn := self._locomotion.turn:  # nor have hips, which would stick at each landing and let go with a jerk
-            hips = self._robot.pair("hip_yaw")
+            hips = self.robot.pair("hip_yaw")
             sticks = 1.0 - np.abs(np.tanh(dq[hips] / FRICTION_SPEED))
-            friction[hips] -= sticks * self._robot.friction[hips] * math.tanh(turn / FRICTION_SPEED)
-        q, held, kp, kd = state.q + half * state.dq, self._robot.held, self._kp, self._kd
+            friction[hips] -= sticks * self.robot.friction[hips] * math.tanh(turn / FRICTION_SPEED)
+        q, held, kp, kd = state.q + half * state.dq, self.robot.held, self._kp, self._kd
         if not self._locomotion.plan.legs:
-            q[held], dq[held], kp, kd = self._robot.nominal[held], 0.0, self._holding_kp, self._holding_kd
+            q[held], dq[held], kp, kd = self.robot.nominal[held], 0.0, self._holding_kp, self._holding_kd
         return JointCommand(
             q=q,
             dq=dq,
@@ -309,9 +305,9 @@ class WholeBodyController:
             self._outcome = Output.HELD, solution
             return self._last
         self._outcome = Output.DAMPING, solution
-        zero = np.zeros_like(self._robot.kp)
+        zero = np.zeros_like(self.robot.kp)
         return JointCommand(
-            q=self._robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self._robot.kd.copy(), tau=zero.copy()
+            q=self.robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self.robot.kd.copy(), tau=zero.copy()
         )
 
     @property
