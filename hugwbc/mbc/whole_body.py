@@ -94,34 +94,31 @@ class WholeBodyController:
             raise ConfigError(
                 f"period is {period} s; give a finite time above 0 s, up to {_LONGEST_PERIOD} s, such as 0.004 s"
             )
-        self.params = (params or ControllerParams()).of_size(robot)
-        self.period = period
+        params = (params or ControllerParams()).of_size(robot)
+        self.robot, self.params, self.period = robot, params, period
         self.dynamics = Dynamics(robot)
-        self.robot = robot
-        self._nominal_arms = self.robot.nominal[self.robot.arms]
-        self._highest_torque = self.robot.torque_limit * self.params.torque_fraction
-        self._lowest_torque = -self._highest_torque
-        self._kp, self._kd = self.params.joint_stiffness * self.robot.kp, self.params.joint_damping * self.robot.kd
+        self._nominal_arms = robot.nominal[robot.arms]
+        self._highest_torque = robot.torque_limit * params.torque_fraction
+        self._kp, self._kd = params.joint_stiffness * robot.kp, params.joint_damping * robot.kd
         # Drives hold these joints: a task of the QP alone leaves them where friction does.
         held = robot.held
         self._holding_kp, self._holding_kd = self._kp.copy(), self._kd.copy()
         self._holding_kp[held], self._holding_kd[held] = robot.kp[held], robot.kd[held]
         for gains in (self._kp, self._kd, self._holding_kp, self._holding_kd):  # all commands share these arrays
             gains.setflags(write=False)
-        self._filter = CommandFilter(self.params, self.robot)
-        self._locomotion = Locomotion(self.params, self.robot)
+        self._filter = CommandFilter(params, robot)
+        self._locomotion = Locomotion(params, robot)
         self._columns = in_place(self.dynamics.columns)
-        arms = self.dynamics.columns[self.robot.arms]
+        arms = self.dynamics.columns[robot.arms]
         self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
-        self._delay = self.robot.command_delay
-        self._waist = PostureTask(np.array([self.robot.waist]), 10.0, self.params.waist_gains)
-        self._still = PostureTask(held, 10.0, self.params.waist_gains)
+        self._waist = PostureTask(np.array([robot.waist]), 10.0, params.waist_gains)
+        self._still = PostureTask(held, 10.0, params.waist_gains)
         self._still.target[:] = robot.nominal[held]
-        self._arms = PostureTask(self.robot.arms, self.params.takeover_speed)
-        self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
-        self._qp = WholeBodyQp(self.params, self.robot, self.dynamics.nv, self.dynamics.columns)
-        self._slip = SlipWatch(self.params.friction, robot.weight)
+        self._arms = PostureTask(robot.arms, params.takeover_speed)
+        self._hand_load = HandLoad(params.hand_force_rate, params.least_hand_force)
+        self._qp = WholeBodyQp(params, robot, self.dynamics.nv, self.dynamics.columns)
+        self._slip = SlipWatch(params.friction, robot.weight)
         self._clear()
 
     def _clear(self) -> None:
@@ -163,7 +160,6 @@ class WholeBodyController:
         self._clear()
         self._qp.reset()
         self._slip.reset()
-        self._locomotion.plan.reset()
         self._predictor.reset()
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
@@ -184,7 +180,7 @@ class WholeBodyController:
         """
         self._locomotion.follow_jumps(*_motion(state), self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
-        state = self._predictor.predict(state, self._delay)
+        state = self._predictor.predict(state, self.robot.command_delay)
         stepping = self._locomotion.plan.mode is Mode.WALKING
         self._hand_load.update(state, upper_body, self.period, stepping=stepping)
         self.dynamics.hand_force = self._hand_load.force
@@ -293,7 +289,7 @@ class WholeBodyController:
             dq=dq,
             kp=kp,
             kd=kd,
-            tau=np.minimum(np.maximum(solution.torque + friction, self._lowest_torque), self._highest_torque),
+            tau=np.minimum(np.maximum(solution.torque + friction, -self._highest_torque), self._highest_torque),
         )
 
     def _fall_back(self, solution: QpSolution) -> JointCommand:
