@@ -18,8 +18,10 @@ _ROUNDING = 1e-9  # [s]
 HANDS, _FEET = (tuple(f"{side}_{part}" for side in SIDES) for part in ("hand", "foot"))
 TRUNK = ("pelvis", "trunk")
 """What a record calls the links of hands, base and trunk; others but the feet have their own names."""
-_WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "knee": "shank", "shoulder_roll": "shoulder"}
-_WORDS |= {"shoulder_yaw": "upper arm"}
+# The thigh is the last link before the knee: an H1's hip ends with its pitch, a G1's with its yaw. Forearms that end in
+# a hand without wrists are called hands.
+_WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "hip_yaw": "thigh", "knee": "shank", "shoulder_roll": "shoulder"}
+_WORDS |= {"shoulder_yaw": "upper arm", "elbow": "forearm"}
 _UPRIGHT = 0.7  # vertical part of the normal of a contact on which a foot stands
 _BRIEF = 0.05  # [s], a touch that needs no duration
 _MOVED, _LEANS = 0.05, 0.2  # [m], [rad] from which on an object is not where it was
