@@ -8,7 +8,6 @@ from hugwbc.behaviours import BehaviourSource
 from hugwbc.behaviours.course import Course
 from hugwbc.behaviours.hands import points_in
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
 from hugwbc.gym.task_action import Wish
 from hugwbc.hand_wrench import HandWrench
 from hugwbc.runtime.loop import ControlLoop
@@ -40,8 +39,7 @@ class Episode:
 
         A wish acts one control period after what was seen for it; a recorded one acts at once, as in the recording.
         """
-        if simulation.scene is None:
-            raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
+        assert simulation.scene is not None
         self.simulation, self.shapes = simulation, shapes_of(simulation.scene)
         follower = FollowRow if recorded else FollowWish
         self.behaviour = follower(nearest_in(simulation))  # carries out its `wish`; set it

@@ -173,13 +173,8 @@ class TaskWatch:
     """
 
     def __init__(self, simulation: Simulation) -> None:
-        """Find the bodies.
-
-        Args:
-            simulation: robot and objects.
-        """
-        if simulation.scene is None:
-            raise ConfigError("a task needs objects; give the simulation the task's scene")
+        """Find the bodies of robot and objects; the simulation has a scene."""
+        assert simulation.scene is not None
         self._simulation, self._scene, model = simulation, simulation.scene, simulation.model
         names = self._scene.body_names
         self._objects = {model.body(name).id: name for name in names}
@@ -247,11 +242,7 @@ class TaskWatch:
             self._samples.setdefault(name, []).append(value)
 
     def record(self, ending: Ending) -> TaskRecord:
-        """Return the record of the episode up to now, at least one sample.
-
-        Args:
-            ending: how the behaviour ended.
-        """
+        """Return the record of the episode up to now, at least one sample, and how the behaviour ended."""
         samples = {name: np.array(values) for name, values in self._samples.items()}
         poses, travel = samples.pop("poses"), samples.pop("travel")
         return TaskRecord(
