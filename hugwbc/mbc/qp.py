@@ -136,8 +136,6 @@ class WholeBodyQp:
         self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in range(len(CONTACT_POINTS))]
         self._contact = [True] * len(CONTACT_POINTS)
         self._box_low[nv + 2 :: 3], self._box_high[nv + 2 :: 3] = 0.0, params.max_normal_force
-        self._left, self._speed = np.zeros((2, joints)), np.zeros((2, joints))
-        self._left_each, self._speed_each = tuple(self._left), tuple(self._speed)
         self._joints_high, self._joints_low = self._box_high[self._joints], self._box_low[self._joints]
         self._torques_high, self._torques_low = self._high[:joints], self._low[:joints]
         self._motion_v = self._motion[:, :nv]
@@ -264,22 +262,13 @@ class WholeBodyQp:
         `joint_horizon`, so that the bound does not ask for more torque than there is.
         """
         brake, horizon = self._params.joint_brake, self._params.joint_horizon
-        q, v, left, speed = dynamics.q[7:], dynamics.v[self._joints], self._left, self._speed
-        # Rows of both arrays: towards the upper and towards the lower limit. First the distances, then the speeds.
-        np.subtract(self._highest, q, out=self._left_each[0])
-        np.subtract(q, self._lowest, out=self._left_each[1])
-        np.sqrt(np.maximum(2.0 * brake * left, 0.0, out=speed), out=speed)
-        np.minimum(speed, np.divide(left, horizon, out=left), out=speed)
-        upwards, downwards = self._speed_each
-        np.divide(np.subtract(upwards, v, out=upwards), horizon, out=self._joints_high)
-        np.divide(np.add(downwards, v, out=downwards), -horizon, out=self._joints_low)
-        # The same for the speed limit; `left` is free again.
-        upwards, downwards = self._left_each
-        np.subtract(self._fastest, v, out=upwards)
-        np.add(self._fastest, v, out=downwards)
-        np.divide(left, np.where(left > 0.0, self._params.speed_horizon, horizon), out=left)
-        np.minimum(self._joints_high, upwards, out=self._joints_high)
-        np.maximum(self._joints_low, np.negative(downwards, out=downwards), out=self._joints_low)
+        q, v = dynamics.q[7:], dynamics.v[self._joints]
+        # First rows: towards the upper limit; second rows: towards the lower one.
+        left, spare = np.array((self._highest - q, q - self._lowest)), np.array((self._fastest - v, self._fastest + v))
+        speed = np.minimum(np.sqrt(np.maximum(2.0 * brake * left, 0.0)), left / horizon)
+        braking = (speed - np.array((v, -v))) / horizon
+        most = np.minimum(braking, spare / np.where(spare > 0.0, self._params.speed_horizon, horizon))
+        self._joints_high[:], self._joints_low[:] = most[0], -most[1]
 
     @property
     def problem(self) -> tuple[np.ndarray, ...]:
