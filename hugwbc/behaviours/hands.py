@@ -44,7 +44,7 @@ def move(view: View, aim: Aim, *, speed: float = HAND_SPEED, tolerance: float = 
         level: whether the legs keep the forearms level (`levelled`).
     """
     goal = aim(view)
-    start = points_in(view, now(view), goal.frame)
+    start = points_in(view, hands_in(view, "world"), goal.frame)
     far = float(np.nanmax(np.linalg.norm(goal.array() - start, axis=1)))
     duration, begin = max(_PEAK * far / speed, SHORTEST), view.time
     progress = "the hands are on their way"
@@ -205,14 +205,6 @@ def points_of(view: View, hands: HandTargets) -> np.ndarray:
     """Return hand targets in the world [m], shape (2, 3); NaN for a hand without one."""
     points = hands.array()
     return points if hands.frame == "world" else view.position + points @ axes_of(view, hands.frame).T
-
-
-def now(view: View) -> np.ndarray:
-    """Return the hand targets in the world, or else the hand positions [m], shape (2, 3)."""
-    if view.last.hands is None:
-        return view.hands.copy()
-    asked = points_of(view, view.last.hands)
-    return np.where(np.isnan(asked), view.hands, asked)
 
 
 def hands_in(view: View, frame: HandFrame) -> np.ndarray:

@@ -26,11 +26,11 @@ from hugwbc.behaviours.course import (
 from hugwbc.behaviours.hands import (
     HALF_WIDTH,
     TIP,
+    hands_in,
     held_targets,
     in_frame,
     levelled,
     move,
-    now,
     points_of,
     shifted,
 )
@@ -89,7 +89,7 @@ def squeeze(
     open_half = width / 2 + HALF_WIDTH + _ROOM
     middle, ahead, _ = place(view)
     # First up and apart where the hands are, so that they do not meet the object or the table on their way.
-    away = min(float((now(view) - middle).mean(axis=0) @ ahead), -0.15)
+    away = min(float((hands_in(view, "world") - middle).mean(axis=0) @ ahead), -0.15)
     spread = aim(view, half=open_half, away=away)
     view = yield from move(view, lambda _: spread, tolerance=0.1, level=True)
     view = yield from move(view, lambda v: aim(v, half=open_half), tolerance=_BESIDE, level=True)

@@ -8,7 +8,6 @@ from hugwbc.behaviours import BehaviourSource
 from hugwbc.behaviours.course import Course
 from hugwbc.behaviours.hands import points_in
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
 from hugwbc.gym.task_action import Wish
 from hugwbc.hand_wrench import HandWrench
 from hugwbc.runtime.loop import ControlLoop
@@ -40,8 +39,7 @@ class Episode:
 
         A wish acts one control period after what was seen for it; a recorded one acts at once, as in the recording.
         """
-        if simulation.scene is None:
-            raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
+        assert simulation.scene is not None
         self.simulation, self.shapes = simulation, shapes_of(simulation.scene)
         follower = FollowRow if recorded else FollowWish
         self.behaviour = follower(nearest_in(simulation))  # carries out its `wish`; set it
@@ -50,7 +48,7 @@ class Episode:
         self._loop.reset()
         self._task, self._watch = task, TaskWatch(simulation)
         self._ticks, self.time = 0, 0.0
-        self._recorded, self._decided = recorded, False
+        self._recorded = recorded
         self._settle()
         task.check(self._watch.record(_ASKED))
 
@@ -72,7 +70,8 @@ class Episode:
     def advance(self, ticks: int) -> None:
         """Run the control loop for so many of its periods; a robot that falls ends it early."""
         for _ in range(ticks):
-            self._decide()
+            if self._recorded:
+                self._command = self._loop.decide(self.time)
             for _ in range(self._loop.substeps):
                 self._loop.step_physics(self._command)
                 self._watch.look()
@@ -82,16 +81,10 @@ class Episode:
             if self.fell:
                 return
 
-    def _decide(self) -> None:
-        """Take the joint command of this period."""
-        if not self._decided:
-            self._command, self._decided = self._loop.decide(self.time), True
-
     def _settle(self) -> None:
-        """End a period: take a sample where one is due."""
-        self._decided = False
+        """End a period: decide on the next one unless its wish is still to come, and take a sample where one is due."""
         if not self._recorded:
-            self._decide()
+            self._command = self._loop.decide(self.time)
         self._watch.sample(self.time, self._loop.control.chain.command.gait)
 
     def judge(self) -> Verdict:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from hugwbc.behaviours.hands import points_in, points_of
-from hugwbc.commands import Command, command_ranges, default_command
+from hugwbc.commands import VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.gait import Gait
 from hugwbc.robot import SIDES, Robot
 from hugwbc.scripts.view import Action, View
@@ -66,7 +66,6 @@ def _within(entry: Entry, low: float, high: float) -> Entry:
 
 GRIPS = {"squeeze": (Entry("squeeze", -60.0, 60.0, "N"),), "attach": tuple(Entry(f"{side}_grip") for side in SIDES)}
 """How a task's hands grip: by a force between both, or by the idealised gripper of each; and the entries for it."""
-_VELOCITIES = ("v_x", "v_y", "omega")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -129,7 +128,7 @@ class ActionLayout:
         walks = value["walk"] > 0.0
         numbers = {name: value[name] for name in ("h", "p", "w")}
         if walks:
-            numbers |= {name: value[name] for name in _VELOCITIES}
+            numbers |= {name: value[name] for name in VELOCITY_NAMES}
         return Wish(
             command=Command.from_mapping(numbers, Gait.WALKING if walks else Gait.STANDING, self._robot),
             used=np.array([value[f"{side}_hand"] > 0.0 for side in SIDES]),
@@ -141,7 +140,7 @@ class ActionLayout:
     def encode(self, wish: Wish) -> np.ndarray:
         """Return the action of a wish, clipped to the ranges of the actions, shape (len(names),)."""
         command = wish.command
-        value = {name: getattr(command, name) for name in (*_VELOCITIES, "h", "p", "w")} | {"squeeze": wish.squeeze}
+        value = {name: getattr(command, name) for name in (*VELOCITY_NAMES, "h", "p", "w")} | {"squeeze": wish.squeeze}
         on = {"walk": command.gait is not Gait.STANDING}
         for index, side in enumerate(SIDES):
             value |= {f"{side}_{axis}": wish.points[index, k] for k, axis in enumerate("xyz")}

@@ -133,10 +133,10 @@ class CommandFilter:
             share = legs.fastest / speed
             wanted = (share * wanted[0], share * wanted[1], share * wanted[2])
         # On three numbers, floats are several times faster than arrays.
-        rates, (speed, aside, turn) = params.velocity_rate, self._velocity
-        speed = _towards(speed, wanted[0], rates[0] * dt)
-        aside = _towards(aside, wanted[1], (params.hop_side_rate if limiting.hops else rates[1]) * dt)
-        turn = _towards(turn, wanted[2], rates[2] * dt)
+        (ahead_rate, side_rate, turn_rate), (speed, aside, turn) = params.velocity_rate, self._velocity
+        speed = _towards(speed, wanted[0], ahead_rate * dt)
+        aside = _towards(aside, wanted[1], (params.hop_side_rate if limiting.hops else side_rate) * dt)
+        turn = _towards(turn, wanted[2], turn_rate * dt)
         self._velocity = speed, aside, turn
         self._frequency = command.f if self._frequency is None else self._frequency
         if not changing or gait is Gait.STANDING:
@@ -150,7 +150,9 @@ class CommandFilter:
             h = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
         leaping = legs.running.flight and not legs.waiting
         posed = abs(h - self._posture[0]) <= self._close[0] and abs(pitch - self._posture[1]) <= self._close[1]
-        self._follow((h, pitch, waist), self._leap_limits[limiting.hops] if leaping else self._limits, dt)
+        rates = self._leap_limits[limiting.hops] if leaping else self._limits
+        for axis, (target, limits) in enumerate(zip((h, pitch, waist), rates, strict=True)):
+            self._posture[axis], self._rate[axis] = approach(self._posture[axis], self._rate[axis], target, limits, dt)
         height = self._posture[0]
         if limiting.flight:
             apex = highest_leap_clearance(params, height, self._frequency, self._robot)
@@ -194,13 +196,6 @@ class CommandFilter:
             wanted = max(wanted, lowest if gait.flight else lowest - lowering)
         return wanted
 
-    def _follow(self, target: tuple[float, float, float], rates: tuple[tuple[float, float], ...], dt: float) -> None:
-        """Move the posture towards a target with bounded rates and bounded accelerations."""
-        for axis, limits in enumerate(rates):
-            self._posture[axis], self._rate[axis] = approach(
-                self._posture[axis], self._rate[axis], target[axis], limits, dt
-            )
-
 
 class VelocityTrim:
     """Integral correction of the velocity plan, once per step.
@@ -216,10 +211,7 @@ class VelocityTrim:
     """
 
     def __init__(self, params: ControllerParams) -> None:
-        self._gain = params.velocity_integral
-        self._bound = params.velocity_integral_bound
-        self._change = params.velocity_integral_change
-        self._limit = params.max_velocity_trim
+        self._params = params
         self.reset()
 
     def reset(self) -> None:
@@ -248,7 +240,7 @@ class VelocityTrim:
         before = self._before = self._before or asked
         for axis, actual in enumerate(velocity.tolist()):
             self._sum[axis] += (asked[axis] - actual) * dt
-            self._changed |= abs(asked[axis] - before[axis]) > self._change
+            self._changed |= abs(asked[axis] - before[axis]) > self._params.velocity_integral_change
         self._wanted = asked
         self._time += dt
 
@@ -266,11 +258,12 @@ class VelocityTrim:
             self._clear()
             return
         if self._previous is not None:
-            both = np.clip([error, self._previous], -self._bound, self._bound)
-            step = self._gain * (2 if leap else 1) * 0.5 * both.sum(axis=0)
+            bound = self._params.velocity_integral_bound
+            both = np.clip([error, self._previous], -bound, bound)
+            step = self._params.velocity_integral * (2 if leap else 1) * 0.5 * both.sum(axis=0)
             wanted, lack = np.array(self._wanted), 0.5 * (error + self._previous)
             held = wanted @ wanted > _SLOWEST_HELD**2 and (lack - _HELD * wanted) @ wanted > 0.0
-            most = np.abs(self.value) if held else self._limit
+            most = np.abs(self.value) if held else self._params.max_velocity_trim
             self.value = np.clip(self.value + step, -most, most)
         self._previous = error
         self._clear()

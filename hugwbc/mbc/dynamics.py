@@ -176,6 +176,11 @@ class Dynamics(Kinematics):
         return motion
 
 
+def pitch_of(rotation: np.ndarray) -> float:
+    """Return the pitch of a frame with these axes in the world, shape (3, 3), positive with its front down [rad]."""
+    return math.asin(min(max(-float(rotation[2, 0]), -1.0), 1.0))
+
+
 class Predictor:
     """Carries a late reading to the present by integrating the accelerations that were commanded since.
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.dynamics import Dynamics, pitch_of
 from hugwbc.mbc.qp import CONTACT_POINTS
 from hugwbc.mbc.reach import toe_down
 from hugwbc.robot import SIDES, Robot
@@ -104,8 +104,8 @@ def swing_pitch(dynamics: Dynamics, foot: int, to_heading: np.ndarray, slope: fl
         slope: slope of the ground along the foot, positive with the toe down [rad].
     """
     shank = dynamics.robot.moved["knee"][foot]
-    lean = math.asin(min(max(-float(dynamics.rotation(shank)[2, 0]), -1.0), 1.0))
-    return toe_down(lean, float(to_heading[1].dot(dynamics.velocity(shank)[3:5])), slope, dynamics.robot)
+    rate = float(to_heading[1].dot(dynamics.velocity(shank)[3:5]))
+    return toe_down(pitch_of(dynamics.rotation(shank)), rate, slope, dynamics.robot)
 
 
 class Ground:
@@ -137,19 +137,18 @@ class Ground:
             yaw: heading of the robot [rad].
             dt: time since the last call [s].
         """
-        for foot, side in enumerate(SIDES):
+        for foot, name in enumerate(SOLES):
             load = dynamics.load(foot)
             if load is None or not contact[foot]:
                 self.resting[foot], self.slopes[foot] = False, self.slope_along(yaw)
                 continue
-            sole = dynamics.frame(f"{side}_sole")
+            sole = dynamics.frame(name)
             rate = float(sole.rotation[:, 1].dot(sole.velocity[3:]))
             # Only a sole that is loaded and does not rotate has both ends down, so that its pitch is the ground's.
             rests = load > _LOADED * dynamics.robot.weight and abs(rate) < _RESTING_RATE
             self.resting[foot] = rests
             if rests:
-                pitch = math.asin(min(max(-float(sole.rotation[2, 0]), -1.0), 1.0))
-                self.slopes[foot] += (pitch - self.slopes[foot]) * min(dt / _SLOPE_TIME, 1.0)
+                self.slopes[foot] += (pitch_of(sole.rotation) - self.slopes[foot]) * min(dt / _SLOPE_TIME, 1.0)
 
     def touched(self, dynamics: Dynamics, foot: int) -> bool | None:
         """Return whether a swinging foot has come down; None where the state has no foot forces."""
@@ -169,7 +168,7 @@ class Ground:
         """
         if not self.resting[foot]:
             return
-        self._stances.append(np.array([dynamics.point(f"{SIDES[foot]}_{end}") for end in ("heel", "toe")]))
+        self._stances.append(np.array([dynamics.point(end) for end in _ENDS[foot]]))
         points = np.concatenate(self._stances)
         points = points - points.mean(axis=0)
         across = points[:, :2]

@@ -46,17 +46,8 @@ class GaitPlan:
 
     def reset(self) -> None:
         """Stand, and forget the past."""
-        self.mode = Mode.STANDING
-        self.gait = Gait.STANDING
-        self.phase = 0.0
         self.frequency = 2.0
-        self.swing: int | None = None
-        self.legs: tuple[int, ...] = ()
-        self.elapsed = 0.0
-        self._gather = 0.0
-        self._last = False
-        self.overdue = 0.0
-        self._keep_time()
+        self._enter(Mode.STANDING, Gait.STANDING)
 
     def _keep_time(self) -> None:
         self.delay = 0.0
@@ -208,10 +199,8 @@ class GaitPlan:
         self._set_feet()
 
     def _set_feet(self) -> None:
-        self.legs = (0, 1) if self.mode is Mode.LANDING else ()
+        self.legs: tuple[int, ...] = (0, 1) if self.mode is Mode.LANDING else ()
         if self.mode is Mode.LEAPING:
             self.legs = (0, 1) if self._last else self.gait.feet
-        if self.mode is Mode.WALKING:
-            self.swing = int(np.argmax(foot_phases(self.phase, Gait.WALKING)))
-        else:
-            self.swing = None
+        walks = self.mode is Mode.WALKING
+        self.swing = int(np.argmax(foot_phases(self.phase, Gait.WALKING))) if walks else None

@@ -68,12 +68,11 @@ class Leap:
         # Feet push for whole periods. Unless the plan knows, the last one adds up to 0.06 m/s to the take-off. Hops are
         # tuned with that.
         overtime = -time_left % tick.dt if plan.on_both else 0.0
-        to_heading = self._to_heading()
         young = self._age < params.mpc_period - 0.5 * tick.dt
         # Close to take-off the last plan runs out: a shorter one would correct small errors by large forces.
         if not young and (self._force_plan is None or time_left > params.mpc_shortest_stance):
             self._solve(tick, time_left + overtime, overtime)
-        self._use(tick.dynamics, to_heading.T)
+        self._use(tick.dynamics)
 
     def _to_heading(self) -> np.ndarray:
         """Return the rotation from the world into the heading frame, shape (3, 3)."""
@@ -116,7 +115,7 @@ class Leap:
         rotation = dynamics.frame(dynamics.robot.base).rotation
         base[:3, :3] = base[3:6, 3:] = rotation.T @ to_heading.T
         for foot in self._plan.legs:
-            sole, columns = dynamics.frame(f"{SIDES[foot]}_sole"), dynamics.columns[self._legs[foot]]
+            sole, columns = dynamics.frame(feet.SOLES[foot]), dynamics.columns[self._legs[foot]]
             # Five rows for five joints: the line contact leaves the roll of the foot free.
             jacobian = np.vstack((sole.jacobian[:3], (sole.rotation.T @ sole.jacobian[3:])[1:]))
             leg = jacobian[:, columns]
@@ -142,7 +141,7 @@ class Leap:
         legs = self._plan.legs
         points = [dynamics.point(CONTACT_POINTS[2 * foot + end]) for foot in legs for end in (0, 1)]
         ankles = [dynamics.point(self._ankles[foot]) for foot in legs]
-        lateral = [dynamics.frame(f"{SIDES[foot]}_sole").rotation[:, 1] for foot in legs]
+        lateral = [dynamics.frame(feet.SOLES[foot]).rotation[:, 1] for foot in legs]
         return Stance(
             np.array(points) @ to_heading.T,
             np.array(ankles) @ to_heading.T,
@@ -150,10 +149,10 @@ class Leap:
             time_left,
         )
 
-    def _use(self, dynamics: Dynamics, from_heading: np.ndarray) -> None:
+    def _use(self, dynamics: Dynamics) -> None:
         """Pass the planned forces of this moment and the resulting accelerations to the tasks."""
         assert self._force_plan is not None
-        planned = self._force_plan.at(self._age) @ from_heading.T
+        planned = self._force_plan.at(self._age) @ self._to_heading()
         points = [2 * foot + end for foot in self._plan.legs for end in (0, 1)]
         self.forces = np.zeros((len(CONTACT_POINTS), 3))
         self.forces[points] = planned

@@ -35,6 +35,7 @@ class Locomotion:
         references: heading, height and orientation of the pelvis.
         contact: whether the left and the right foot stand, shape (2,), bool.
         footholds: where the centres of the soles in the air should land, world [m], shape (2, 2); NaN for the others.
+        walking, leap: the gaits' plans.
         momentum: task of the angular momentum.
         stance, swing, free_leg: tasks of the left and the right leg.
     """
@@ -45,8 +46,8 @@ class Locomotion:
         self.ground = feet.Ground()
         self.references = References(params, self.plan, self.ground)
         self._standing = Standing(params, self.plan, self.references)
-        self._walking = Walking(params, self.plan, self.references, self.ground)
-        self._leap = Leap(params, self.plan, self.references, self._robot)
+        self.walking = Walking(params, self.plan, self.references, self.ground)
+        self.leap = Leap(params, self.plan, self.references, self._robot)
         self._trim = VelocityTrim(params)
         self.footholds = np.full((2, 2), np.nan)
         self.momentum = AngularMomentumTask(params)
@@ -61,16 +62,15 @@ class Locomotion:
     def _make_free_leg(self, foot: int) -> PostureTask:
         params, robot = self._params, self._robot
         joints = robot.legs.reshape(len(SIDES), -1)[foot]
-        task = PostureTask(joints, 10.0)
+        task = PostureTask(joints, 10.0, params.free_leg_gains)
         sign = 1.0 if foot == 0 else load_mirror(robot).joint_sign[joints]
         task.target[:] = sign * robot.leg_postures["tucked"] + 0.0
-        task.stiffness[:], task.damping[:] = params.free_leg_gains
         task.weight[:] = params.free_leg_weight
         return task
 
     def reset(self, dynamics: Dynamics) -> None:
         """Stand where the robot is."""
-        for part in (self.plan, self._trim, self._leap, self.ground, self._standing, self._walking):
+        for part in (self.plan, self._trim, self.leap, self.ground, self._standing, self.walking):
             part.reset()
         self.references.reset(dynamics)
         self.contact = np.ones(2, dtype=bool)
@@ -80,15 +80,15 @@ class Locomotion:
 
     def tasks(self) -> list[Task]:
         """Return the tasks that count in this tick."""
-        self.momentum.planned = self._leap.momentum_rate
+        self.momentum.planned = self.leap.momentum_rate
         tasks: list[Task] = [self.references.orientation, self.momentum]
         if self.plan.legs:
             # The force plan moves the centre of mass in the stance of a leap, and nothing does in flight.
-            if self.planned_forces is not None:
-                tasks.append(self._leap.motion)
+            if self.leap.forces is not None:
+                tasks.append(self.leap.motion)
         else:
             walks = self.plan.mode is Mode.WALKING
-            tasks += [self.references.height, self._walking.travel if walks else self._standing.com]
+            tasks += [self.references.height, self.walking.travel if walks else self._standing.com]
         for foot in range(2):
             in_air = self.free_leg[foot] if self.plan.legs and foot not in self.plan.legs else self.swing[foot]
             tasks.append(self.stance[foot] if self.contact[foot] else in_air)
@@ -104,7 +104,7 @@ class Locomotion:
         walks = self.contact & (not plan.legs)
         self.ground.update(dynamics, walks, self.references.yaw, dt)
         if plan.mode is Mode.WALKING:
-            self._walking.watch_landing(dynamics)
+            self.walking.watch_landing(dynamics)
         lift_off = plan.advance(
             Gait.WALKING if catching else command.gait,
             command.f,
@@ -112,7 +112,7 @@ class Locomotion:
             may_start=catching or (standing.ready and (command.posed or not command.gait.flight)),
             first_swing=standing.first_swing if catching else 0,
             may_stop=self._may_stop(dynamics, command),
-            landed=self._walking.loaded,
+            landed=self.walking.loaded,
         )
         dynamics.edge = feet.hop_edge(dynamics.robot) if len(plan.legs) == 1 else 0.0  # where the ground pushes
         self.references.update(dynamics, command, dt)
@@ -124,7 +124,7 @@ class Locomotion:
             self.contact[:] = True
             self._trim.reset()
             self._excess = 0.0
-            self._leap.release()
+            self.leap.release()
             standing.update(dynamics)
         for foot, stance in enumerate(self.stance):
             if self.contact[foot]:
@@ -145,28 +145,13 @@ class Locomotion:
             return
         self.references.ground += float(offset[2])
         self.ground.shift(offset)
-        for trajectory in (self._walking.trajectory, *self._leap.trajectories):
+        for trajectory in (self.walking.trajectory, *self.leap.trajectories):
             trajectory.shift(offset)
-
-    @property
-    def out_of_reach(self) -> int:
-        """Number of ticks since the reset in which the foothold of a walk was out of reach."""
-        return self._walking.out_of_reach
-
-    @property
-    def failed_plans(self) -> int:
-        """Number of force plans since the reset that were not solved."""
-        return self._leap.failures
-
-    @property
-    def planned_forces(self) -> np.ndarray | None:
-        """Contact forces of the force plan [N], shape (4, 3); None without one."""
-        return self._leap.forces
 
     @property
     def turn(self) -> float:
         """Rate at which a jump turns on its standing feet [rad/s]; zero in other states."""
-        stands = self.plan.on_both and self.planned_forces is not None
+        stands = self.plan.on_both and self.leap.forces is not None
         return self.references.orientation.yaw_rate if stands else 0.0
 
     def state(self, fastest: float) -> GaitState:
@@ -192,7 +177,7 @@ class Locomotion:
         """
         pushes = []
         for foot, (carries, rests) in enumerate(zip(self.contact.tolist(), self.ground.resting.tolist(), strict=True)):
-            carries = carries and (foot != self.plan.swing or self._walking.loaded)
+            carries = carries and (foot != self.plan.swing or self.walking.loaded)
             if rests or not carries:
                 pushes += [carries, carries]
                 continue
@@ -209,7 +194,7 @@ class Locomotion:
         self._excess += (float(velocity[0] - command.velocity[0]) - self._excess) * min(dt / _STRAY_TIME, 1.0)
 
     def _walk(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
-        walking, swing, stance = self._walking, self.plan.swing, self.plan.stance
+        walking, swing, stance = self.walking, self.plan.swing, self.plan.stance
         assert swing is not None and stance is not None
         self._measure(dynamics, command, dt)
         if lift_off:
@@ -222,7 +207,7 @@ class Locomotion:
         self.contact[stance], self.contact[swing] = True, walking.landed
 
     def _jump(self, dynamics: Dynamics, command: SmoothCommand, dt: float, lift_off: bool) -> None:
-        plan, leap = self.plan, self._leap
+        plan, leap = self.plan, self.leap
         self._measure(dynamics, command, dt)
         tick = Tick(dynamics, command, command.velocity + self._trim.value, dt)
         if lift_off:

@@ -114,7 +114,6 @@ class WholeBodyQp:
         self._joints = slice(_BASE, nv)
         order = np.argsort(columns)
         self._highest_torque = params.torque_fraction * robot.torque_limit[order]
-        self._lowest_torque = -self._highest_torque
         self._lowest = robot.lower[order] + params.joint_margin
         self._highest = robot.upper[order] - params.joint_margin
         self._fastest = robot.velocity_limit[order]
@@ -136,13 +135,7 @@ class WholeBodyQp:
         self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in range(len(CONTACT_POINTS))]
         self._contact = [True] * len(CONTACT_POINTS)
         self._box_low[nv + 2 :: 3], self._box_high[nv + 2 :: 3] = 0.0, params.max_normal_force
-        self._left, self._speed = np.zeros((2, joints)), np.zeros((2, joints))
-        self._left_each, self._speed_each = tuple(self._left), tuple(self._speed)
         self._joints_high, self._joints_low = self._box_high[self._joints], self._box_low[self._joints]
-        self._torques_high, self._torques_low = self._high[:joints], self._low[:joints]
-        self._motion_v = self._motion[:, :nv]
-        self._H_v, self._diagonal_v, self._diagonal_f = self._H[:nv, :nv], self._diagonal[:nv], self._diagonal[nv:]
-        self._g_v, self._g_f = self._g[:nv], self._g[nv:]
         self.reset()
 
     @property
@@ -217,26 +210,24 @@ class WholeBodyQp:
         lacking = drift - acceleration
         np.minimum(np.maximum(lacking, -_LARGEST_DEMAND, out=lacking), _LARGEST_DEMAND, out=lacking)
         weighted = jacobian * weight[:, None]
-        params = self._params
-        np.matmul(jacobian.T, weighted, out=self._H_v)
-        self._diagonal_v += params.acceleration_regularisation
-        lacking.dot(weighted, out=self._g_v)
+        params, nv = self._params, self._nv
         stiffness = params.force_regularisation if planned is None else params.planned_force_weight
-        self._diagonal_f[:] = stiffness
-        self._g_f[:] = 0.0
+        self._H[:nv, :nv] = np.matmul(jacobian.T, weighted)
+        self._diagonal[:nv] += params.acceleration_regularisation
+        self._diagonal[nv:] = stiffness
+        self._g[:nv], self._g[nv:] = lacking.dot(weighted), 0.0
         if planned is not None:
-            self._g_f.reshape(-1, 3)[self._contact] = -stiffness * planned[self._contact]
+            self._g[nv:].reshape(-1, 3)[self._contact] = -stiffness * planned[self._contact]
 
     def _fill_dynamics(self, dynamics: Dynamics) -> None:
         """Fill the equation of motion, M dv/dt - J^T f = torque - bias, and the torque bounds."""
         for columns, stands, name in zip(self._forces, self._contact, CONTACT_POINTS, strict=True):
             if stands:
                 np.negative(dynamics.point_jacobian(name).T, out=columns)
-        self._motion_v[:] = dynamics.M
-        np.negative(dynamics.bias[:_BASE], out=self._b)
-        bias = dynamics.bias[_BASE:]
-        np.subtract(self._lowest_torque, bias, out=self._torques_low)
-        np.subtract(self._highest_torque, bias, out=self._torques_high)
+        self._motion[:, : self._nv] = dynamics.M
+        self._b[:] = -dynamics.bias[:_BASE]
+        torque, bias = self._highest_torque, dynamics.bias[_BASE:]
+        self._low[: bias.size], self._high[: bias.size] = -torque - bias, torque - bias
 
     def _fill_contact(self, contact: np.ndarray) -> None:
         """Switch the effect and the bounds of the forces whose contact has changed."""
@@ -264,22 +255,13 @@ class WholeBodyQp:
         `joint_horizon`, so that the bound does not ask for more torque than there is.
         """
         brake, horizon = self._params.joint_brake, self._params.joint_horizon
-        q, v, left, speed = dynamics.q[7:], dynamics.v[self._joints], self._left, self._speed
-        # Rows of both arrays: towards the upper and towards the lower limit. First the distances, then the speeds.
-        np.subtract(self._highest, q, out=self._left_each[0])
-        np.subtract(q, self._lowest, out=self._left_each[1])
-        np.sqrt(np.maximum(2.0 * brake * left, 0.0, out=speed), out=speed)
-        np.minimum(speed, np.divide(left, horizon, out=left), out=speed)
-        upwards, downwards = self._speed_each
-        np.divide(np.subtract(upwards, v, out=upwards), horizon, out=self._joints_high)
-        np.divide(np.add(downwards, v, out=downwards), -horizon, out=self._joints_low)
-        # The same for the speed limit; `left` is free again.
-        upwards, downwards = self._left_each
-        np.subtract(self._fastest, v, out=upwards)
-        np.add(self._fastest, v, out=downwards)
-        np.divide(left, np.where(left > 0.0, self._params.speed_horizon, horizon), out=left)
-        np.minimum(self._joints_high, upwards, out=self._joints_high)
-        np.maximum(self._joints_low, np.negative(downwards, out=downwards), out=self._joints_low)
+        q, v = dynamics.q[7:], dynamics.v[self._joints]
+        # First rows: towards the upper limit; second rows: towards the lower one.
+        left, spare = np.array((self._highest - q, q - self._lowest)), np.array((self._fastest - v, self._fastest + v))
+        speed = np.minimum(np.sqrt(np.maximum(2.0 * brake * left, 0.0)), left / horizon)
+        braking = (speed - np.array((v, -v))) / horizon
+        most = np.minimum(braking, spare / np.where(spare > 0.0, self._params.speed_horizon, horizon))
+        self._joints_high[:], self._joints_low[:] = most[0], -most[1]
 
     @property
     def problem(self) -> tuple[np.ndarray, ...]:

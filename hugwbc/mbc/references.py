@@ -165,17 +165,14 @@ class Crouch:
         pelvis = dynamics.position(dynamics.robot.base)
         # The hips travel with the centre of mass until the foot comes down; a leg's length then bounds their height.
         travel = pendulum.com_after(step.cop, remaining) - pendulum.com
+        longest = dynamics.robot.leg_length - self._params.leg_reserve
         for foot, pivot in ((1 - swing, pendulum.pivot), (swing, step.foothold)):
             hip = dynamics.position(dynamics.robot.moved["hip_pitch"][foot])
             above = height + float(hip[2] - pelvis[2]) - dynamics.robot.sole_depth
-            allowed = self._hip_height(hip[:2] + travel - pivot, dynamics.robot.leg_length)
+            offset = hip[:2] + travel - pivot
+            allowed = math.sqrt(max(longest**2 - float(offset.dot(offset)), 0.0))
             self._needed = max(self._needed, above - allowed)
         self._needed = min(self._needed, self._params.max_crouch)
-
-    def _hip_height(self, offset: np.ndarray, straight: float) -> float:
-        """Return the greatest height of a hip above an ankle that is this far away along the ground [m]."""
-        longest = straight - self._params.leg_reserve
-        return math.sqrt(max(longest**2 - float(offset.dot(offset)), 0.0))
 
 
 def _measured_yaw(dynamics: Dynamics) -> float:

@@ -70,10 +70,8 @@ class SwingTrajectory:
 
     def start(self, position: np.ndarray) -> None:
         """Start a swing at rest at a position in the world [m], shape (3,)."""
-        self.position = np.array(position, dtype=float)
-        self.velocity = np.zeros(3)
-        self.acceleration = np.zeros(3)
-        self._axes = tuple((x, 0.0, 0.0) for x in self.position.tolist())
+        self._axes = tuple((x, 0.0, 0.0) for x in position.tolist())
+        self.position, self.velocity, self.acceleration = np.array(self._axes).T
         self._origin: tuple[float, float] | None = None
 
     def shift(self, offset: np.ndarray) -> None:

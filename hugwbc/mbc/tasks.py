@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from hugwbc import rotations
 from hugwbc.kinematics import in_place
-from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.dynamics import Dynamics, pitch_of
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.robot import Robot
 
@@ -297,8 +297,7 @@ class StanceContactTask:
         error = -rows.dot(foot.velocity)
         error[2] -= self.settle
         acceleration = self._damping * error
-        slope = math.asin(min(max(-float(foot.rotation[2, 0]), -1.0), 1.0))
-        acceleration[-2] += self._pitch_stiffness * (self.slope - slope)
+        acceleration[-2] += self._pitch_stiffness * (self.slope - pitch_of(foot.rotation))
         if not self._axes.start:
             acceleration[3] -= self._pitch_stiffness * math.asin(min(max(float(foot.rotation[2, 1]), -1.0), 1.0))
         return TaskTerms(rows.dot(foot.jacobian), rows.dot(foot.drift), acceleration, self._weight)
@@ -365,18 +364,18 @@ class PostureTask:
         closing: speed that the last `evaluate` wanted [rad/s], shape (k,).
     """
 
-    def __init__(self, joints: np.ndarray, speed: float) -> None:
-        """Create a task for some joints.
+    def __init__(self, joints: np.ndarray, speed: float, gains: tuple[float, float] = (1.0, 1.0)) -> None:
+        """Create a task of weight 1 for some joints.
 
         Args:
             joints: indices into the robot's joint vectors, shape (k,).
             speed: bound on the closing speed [rad/s].
+            gains: k_p [1/s^2] and k_d [1/s] of all of them.
         """
         self.target = np.zeros(joints.size)
         self.rate = np.zeros(joints.size)
         self.acceleration = np.zeros(joints.size)
-        self.stiffness = np.ones(joints.size)
-        self.damping = np.ones(joints.size)
+        self.stiffness, self.damping = (np.full(joints.size, gain) for gain in gains)
         self.weight = np.ones(joints.size)
         self.speed = speed
         self.closing = np.zeros(joints.size)

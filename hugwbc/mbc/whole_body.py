@@ -3,7 +3,6 @@
 import dataclasses
 import enum
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from hugwbc.controller import JointCommand, UpperBody
 from hugwbc.errors import ConfigError
 from hugwbc.kinematics import in_place
 from hugwbc.mbc.command_filter import CommandFilter, SmoothCommand
-from hugwbc.mbc.dynamics import Dynamics, Predictor
+from hugwbc.mbc.dynamics import Dynamics, Predictor, pitch_of
 from hugwbc.mbc.feet import SOLES, SlipWatch
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.hand_load import HandLoad
@@ -74,6 +73,7 @@ class WholeBodyController:
 
     Attributes:
         name: "qp".
+        robot: the robot that the controller was told.
         period: time between two calls of `act` [s].
         params: gains, weights and limits for the size of the robot.
         dynamics: robot model at the last state.
@@ -94,37 +94,31 @@ class WholeBodyController:
             raise ConfigError(
                 f"period is {period} s; give a finite time above 0 s, up to {_LONGEST_PERIOD} s, such as 0.004 s"
             )
-        self.params = (params or ControllerParams()).of_size(robot)
-        self.period = period
+        params = (params or ControllerParams()).of_size(robot)
+        self.robot, self.params, self.period = robot, params, period
         self.dynamics = Dynamics(robot)
-        self._robot = robot
-        self._nominal_arms = self._robot.nominal[self._robot.arms]
-        self._highest_torque = self._robot.torque_limit * self.params.torque_fraction
-        self._lowest_torque = -self._highest_torque
-        self._kp, self._kd = self.params.joint_stiffness * self._robot.kp, self.params.joint_damping * self._robot.kd
+        self._nominal_arms = robot.nominal[robot.arms]
+        self._highest_torque = robot.torque_limit * params.torque_fraction
+        self._kp, self._kd = params.joint_stiffness * robot.kp, params.joint_damping * robot.kd
         # Drives hold these joints: a task of the QP alone leaves them where friction does.
         held = robot.held
         self._holding_kp, self._holding_kd = self._kp.copy(), self._kd.copy()
         self._holding_kp[held], self._holding_kd[held] = robot.kp[held], robot.kd[held]
         for gains in (self._kp, self._kd, self._holding_kp, self._holding_kd):  # all commands share these arrays
             gains.setflags(write=False)
-        self._filter = CommandFilter(self.params, self._robot)
-        self._locomotion = Locomotion(self.params, self._robot)
+        self._filter = CommandFilter(params, robot)
+        self._locomotion = Locomotion(params, robot)
         self._columns = in_place(self.dynamics.columns)
-        arms = self.dynamics.columns[self._robot.arms]
+        arms = self.dynamics.columns[robot.arms]
         self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
-        self._delay = self._robot.command_delay
-        self._waist = PostureTask(np.array([self._robot.waist]), 10.0)
-        self._waist.stiffness[:], self._waist.damping[:] = self.params.waist_gains
-        self._waist.weight[:] = self.params.waist_weight
-        self._still = PostureTask(held, 10.0)
+        self._waist = PostureTask(np.array([robot.waist]), 10.0, params.waist_gains)
+        self._still = PostureTask(held, 10.0, params.waist_gains)
         self._still.target[:] = robot.nominal[held]
-        self._still.stiffness[:], self._still.damping[:] = self.params.waist_gains
-        self._arms = PostureTask(self._robot.arms, self.params.takeover_speed)
-        self._hand_load = HandLoad(self.params.hand_force_rate, self.params.least_hand_force)
-        self._qp = WholeBodyQp(self.params, self._robot, self.dynamics.nv, self.dynamics.columns)
-        self._slip = SlipWatch(self.params.friction, robot.weight)
+        self._arms = PostureTask(robot.arms, params.takeover_speed)
+        self._hand_load = HandLoad(params.hand_force_rate, params.least_hand_force)
+        self._qp = WholeBodyQp(params, robot, self.dynamics.nv, self.dynamics.columns)
+        self._slip = SlipWatch(params.friction, robot.weight)
         self._clear()
 
     def _clear(self) -> None:
@@ -132,16 +126,11 @@ class WholeBodyController:
         self._relaxed = 0
         self._held = 0
         self._last: JointCommand | None = None
-        self._outcome: _Outcome | None = None
+        self._outcome: tuple[Output, QpSolution] | None = None  # of the last tick
         self._waist.rate[0] = 0.0
         self._hand_load.reset()
         self.dynamics.hand_force = self._hand_load.force
         self._free_arms()
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that the controller was told."""
-        return self._robot
 
     @property
     def phase(self) -> float:
@@ -161,10 +150,9 @@ class WholeBodyController:
     @property
     def planned_acceleration(self) -> np.ndarray | None:
         """Joint accelerations that the last command should cause [rad/s^2], shape (n,); None for a fallback."""
-        outcome = self._outcome
-        if outcome is None or outcome.output is not Output.SOLUTION:
+        if self._outcome is None or self._outcome[0] is not Output.SOLUTION:
             return None
-        return outcome.solution.acceleration[self._columns]
+        return self._outcome[1].acceleration[self._columns]
 
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, which has position and velocity, standing."""
@@ -172,15 +160,12 @@ class WholeBodyController:
         self._clear()
         self._qp.reset()
         self._slip.reset()
-        self._locomotion.plan.reset()
         self._predictor.reset()
         self.dynamics.update(state)
         self._locomotion.reset(self.dynamics)
-        ground = min(self.dynamics.frame(f"{side}_sole").position[2] for side in SIDES)
-        pelvis = self.dynamics.frame(self._robot.base)
-        height = float(pelvis.position[2] - ground - self._robot.nominal_height)
-        pitch = float(np.arcsin(np.clip(-pelvis.rotation[2, 0], -1.0, 1.0)))
-        self._filter.reset(height, pitch, float(state.q[self._robot.waist]))
+        pelvis, ground = self.dynamics.frame(self.robot.base), self._locomotion.references.ground
+        height = float(pelvis.position[2]) - ground - self.robot.nominal_height
+        self._filter.reset(height, pitch_of(pelvis.rotation), float(state.q[self.robot.waist]))
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the joint command for the next period.
@@ -195,7 +180,7 @@ class WholeBodyController:
         """
         self._locomotion.follow_jumps(*_motion(state), self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
-        state = self._predictor.predict(state, self._delay)
+        state = self._predictor.predict(state, self.robot.command_delay)
         stepping = self._locomotion.plan.mode is Mode.WALKING
         self._hand_load.update(state, upper_body, self.period, stepping=stepping)
         self.dynamics.hand_force = self._hand_load.force
@@ -204,13 +189,13 @@ class WholeBodyController:
         smooth = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
         self._set_posture(smooth, upper_body)
-        still = [self._still] if self._robot.held.size else []
+        still = [self._still] if self.robot.held.size else []
         tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *still, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
         if not self._arms_free:
             terms[-1] = self._attainable(terms[-1])
         points = self._locomotion.contact_points(self.dynamics)
-        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.planned_forces)
+        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.leap.forces)
         if solution.status is QpStatus.FAILED:
             return self._fall_back(solution)
         self._relaxed += solution.status is QpStatus.RELAXED
@@ -218,7 +203,7 @@ class WholeBodyController:
         # The next reading may be older than this command: the predictor has to know what happened in between.
         self._predictor.record(solution.acceleration)
         self._last = self._joint_command(state, solution)
-        self._outcome = _Outcome(Output.SOLUTION, solution)
+        self._outcome = Output.SOLUTION, solution
         return self._last
 
     def _watch_slips(self, state: RobotState) -> None:
@@ -262,7 +247,7 @@ class WholeBodyController:
         dynamics, joints = self.dynamics, self._arm_columns
         inertia, bias = dynamics.M[self._arm_block], dynamics.bias[joints]
         torque = inertia.dot(arms.acceleration) + bias
-        most = _ARM_SHARE * self._highest_torque[self._robot.arms]
+        most = _ARM_SHARE * self._highest_torque[self.robot.arms]
         allowed = np.minimum(np.maximum(torque, -most), most)
         if (allowed == torque).all():
             return arms
@@ -287,24 +272,24 @@ class WholeBodyController:
         half = 0.5 * self.period
         acceleration = solution.acceleration[self._columns]
         dq = state.dq + half * acceleration
-        friction = self._robot.friction_torque(dq)
+        friction = self.robot.friction_torque(dq)
         # A sticking waist has no speed to compensate friction for, so the desired speed counts.
-        waist = self._robot.waist
+        waist = self.robot.waist
         sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
-        friction[waist] += sticks * self._robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
+        friction[waist] += sticks * self.robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
         if turn := self._locomotion.turn:  # nor have hips, which would stick at each landing and let go with a jerk
-            hips = self._robot.pair("hip_yaw")
+            hips = self.robot.pair("hip_yaw")
             sticks = 1.0 - np.abs(np.tanh(dq[hips] / FRICTION_SPEED))
-            friction[hips] -= sticks * self._robot.friction[hips] * math.tanh(turn / FRICTION_SPEED)
-        q, held, kp, kd = state.q + half * state.dq, self._robot.held, self._kp, self._kd
+            friction[hips] -= sticks * self.robot.friction[hips] * math.tanh(turn / FRICTION_SPEED)
+        q, held, kp, kd = state.q + half * state.dq, self.robot.held, self._kp, self._kd
         if not self._locomotion.plan.legs:
-            q[held], dq[held], kp, kd = self._robot.nominal[held], 0.0, self._holding_kp, self._holding_kd
+            q[held], dq[held], kp, kd = self.robot.nominal[held], 0.0, self._holding_kp, self._holding_kd
         return JointCommand(
             q=q,
             dq=dq,
             kp=kp,
             kd=kd,
-            tau=np.minimum(np.maximum(solution.torque + friction, self._lowest_torque), self._highest_torque),
+            tau=np.minimum(np.maximum(solution.torque + friction, -self._highest_torque), self._highest_torque),
         )
 
     def _fall_back(self, solution: QpSolution) -> JointCommand:
@@ -313,12 +298,12 @@ class WholeBodyController:
         self._held += 1
         self._predictor.record(np.zeros(self.dynamics.nv))  # what a fallback causes is not known
         if self._last is not None and self._held * self.period <= self.params.hold_time:
-            self._outcome = _Outcome(Output.HELD, solution)
+            self._outcome = Output.HELD, solution
             return self._last
-        self._outcome = _Outcome(Output.DAMPING, solution)
-        zero = np.zeros_like(self._robot.kp)
+        self._outcome = Output.DAMPING, solution
+        zero = np.zeros_like(self.robot.kp)
         return JointCommand(
-            q=self._robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self._robot.kd.copy(), tau=zero.copy()
+            q=self.robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self.robot.kd.copy(), tau=zero.copy()
         )
 
     @property
@@ -338,8 +323,8 @@ class WholeBodyController:
             contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
-            out_of_reach=self._locomotion.out_of_reach,
-            failed_plans=self._locomotion.failed_plans,
+            out_of_reach=self._locomotion.walking.out_of_reach,
+            failed_plans=self._locomotion.leap.failures,
             friction=self._slip.friction,
         )
 
@@ -352,10 +337,3 @@ def _motion(state: RobotState) -> tuple[np.ndarray, np.ndarray]:
             "hugwbc.runtime.StateEstimator"
         )
     return state.position, state.velocity
-
-
-class _Outcome(NamedTuple):
-    """Results of a tick, from which `diagnostics` is assembled only when it is read."""
-
-    output: Output
-    solution: QpSolution

@@ -9,7 +9,7 @@ import itertools
 import logging
 import math
 import pathlib
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,7 +23,6 @@ from hugwbc.targets import FARTHEST
 Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]  # [m]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Axis = Literal["x", "y", "z"]
-AXES: tuple[Axis, ...] = get_args(Axis)
 MOST_POINTS = 100_000  # in a grid; at one second each, they take more than a day
 
 
@@ -151,7 +150,7 @@ class Circle(HandPath):
 
     def at(self, t: float) -> np.ndarray:  # noqa: D102
         angle = 2.0 * math.pi * (t / self.period + self.phase)
-        normal = AXES.index(self.axis)
+        normal = "xyz".index(self.axis)
         point = np.array(self.centre, dtype=float)
         point[(normal + 1) % 3] += self.radius * math.cos(angle)
         point[(normal + 2) % 3] += self.radius * math.sin(angle)

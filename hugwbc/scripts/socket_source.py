@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hugwbc.commands import COMMAND_NAMES, Command
+from hugwbc.commands import COMMAND_NAMES, VELOCITY_NAMES, Command
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
@@ -134,7 +134,7 @@ def _check_keys(kind: str, said: object, known: Sequence[str]) -> None:
 def _command(said: dict[str, Any], robot: Robot | None) -> Command:
     values = said.get("command", {})
     _check_keys("key of a command", values, COMMAND_NAMES)
-    moving = any(values.get(name) for name in ("v_x", "v_y", "omega"))
+    moving = any(values.get(name) for name in VELOCITY_NAMES)
     named = said.get("gait", "walking" if moving else "standing")
     if not isinstance(named, str):
         raise ValueError("gait is a name")

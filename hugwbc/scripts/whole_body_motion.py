@@ -15,7 +15,7 @@ from hugwbc import rotations
 from hugwbc.commands import Command, command_ranges
 from hugwbc.errors import MotionFileError
 from hugwbc.gait import Gait
-from hugwbc.kinematics import Kinematics
+from hugwbc.kinematics import MEASURED_NAMES, Kinematics
 from hugwbc.numeric import smooth_step
 from hugwbc.robot import Robot
 from hugwbc.scripts.bvh import BodyClip, load_bvh
@@ -26,7 +26,6 @@ from hugwbc.targets import HandTargets
 
 _log = logging.getLogger(__name__)
 
-PARTS: tuple[str, ...] = ("v_x", "v_y", "omega", "h", "p", "w")
 _SMOOTH_VELOCITY = 0.25  # [s], standard deviation; the sway of single steps is no velocity command
 _SMOOTH_POSE = 0.06  # [s], likewise for hands, h, p and w: the noise of the capture
 _MOVING = (0.15, 0.3)  # [m/s, rad/s], planar speed and yaw rate of the robot above which it walks
@@ -50,7 +49,7 @@ class WholeBodyMotion:
 
     Attributes:
         name: name of the clip.
-        asked: what the clip asks, by name in `PARTS`, shape (frames, 6); units as in `Command`.
+        asked: what the clip asks, by name in `MEASURED_NAMES`, shape (frames, 6); units as in `Command`.
         hands: where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3).
         walking: whether the robot walks, shape (frames,), bool.
         reachable: `hands` as the pitch and waist angle within the command ranges have them [m], the same shape.
@@ -78,7 +77,7 @@ class WholeBodyMotion:
 
     def _clamped(self, frame: int) -> np.ndarray:
         command, _ = Command.from_mapping(_named(self.asked[frame]), self._gait(frame), self.robot).clamp(self.robot)
-        return np.array([getattr(command, name) for name in PARTS])
+        return np.array([getattr(command, name) for name in MEASURED_NAMES])
 
     def _gait(self, frame: int) -> Gait:
         return Gait.WALKING if self.walking[frame] else Gait.STANDING
@@ -103,7 +102,7 @@ class WholeBodyMotion:
 
 
 def _named(values: np.ndarray) -> dict[str, float]:
-    return dict(zip(PARTS, map(float, values), strict=True))
+    return dict(zip(MEASURED_NAMES, map(float, values), strict=True))
 
 
 def load_whole_body_motion(path: str | pathlib.Path, robot: Robot) -> WholeBodyMotion:
@@ -148,13 +147,13 @@ def retarget(clip: BodyClip, robot: Robot) -> WholeBodyMotion:
     around = np.ones(2 * int(_AROUND * MOTION_FPS) + 1)
     walking = np.convolve(np.pad(moving, len(around) // 2), around, mode="valid") > 0.5
     ranges = command_ranges(Gait.WALKING, robot)
-    p_allowed, w_allowed = (np.clip(asked[:, PARTS.index(name)], *ranges[name].finishing) for name in ("p", "w"))
+    _, p, w = pose.T
     return WholeBodyMotion(
         clip.name,
         asked,
-        reach + _shoulders(robot, asked[:, PARTS.index("p")], asked[:, PARTS.index("w")]),
+        reach + _shoulders(robot, p, w),
         walking,
-        reach + _shoulders(robot, p_allowed, w_allowed),
+        reach + _shoulders(robot, np.clip(p, *ranges["p"].finishing), np.clip(w, *ranges["w"].finishing)),
         robot,
         clip.unused,
     )
@@ -244,7 +243,7 @@ class MotionScore:
         self._kinematics.update(state)
         measured = self._kinematics.measured()
         level = (hands - state.position) @ rotations.rotation_z(state.yaw)
-        values = np.array([getattr(measured, name) for name in PARTS])
+        values = np.array([getattr(measured, name) for name in MEASURED_NAMES])
         self._done.append((frame, values, level))
 
     def lines(self) -> list[str]:
@@ -272,7 +271,7 @@ class MotionScore:
             far = np.stack([hands for _, _, hands in rows]) - motion.hands[frames]
             missed["hands"] = float(_rms(np.linalg.norm(far, axis=-1).ravel()))
         lines = [f"{'part':8}{'cut by the ranges':>20}{'robot from the clip':>22}"]
-        for name in ("hands", *PARTS[3:], *PARTS[:3]):
+        for name in ("hands", *MEASURED_NAMES[3:], *MEASURED_NAMES[:3]):
             unit, factor = _UNITS[name]
             lines.append(f"{name:8}{factor * cut[name]:>14.2f} {unit:5}{factor * missed[name]:>16.2f} {unit:5}")
         return lines

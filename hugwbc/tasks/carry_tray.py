@@ -9,7 +9,6 @@ from hugwbc.behaviours import Course, Grip, View, doing, glide, grip, seen, step
 from hugwbc.behaviours.course import Seconds
 from hugwbc.behaviours.hands import crouch, hands_in
 from hugwbc.commands import Command
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, lifted
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
@@ -59,7 +58,7 @@ _BACK, _AHEAD = 0.45, 2.5  # [m], before and after the corner
 @step
 def carry_tray(view: View, shapes: Shapes, *, timeout: Seconds = 80.0) -> Course:
     """Take the tray at its sides, step back from the table, turn left, and walk on."""
-    half = settled(shapes["tray"]["size"][1]) / 2  # type: ignore[index]
+    half = shapes["tray"]["size"][1] / 2
     view = yield from doing("walk to the tray", _come(view, half))
     view = yield from doing("reach for the tray", _reach(view, half))
     view = yield from doing("grip the tray", grip(view, Grip("left", "tray"), Grip("right", "tray", hook=True)))

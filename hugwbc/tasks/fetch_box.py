@@ -6,7 +6,6 @@ from hugwbc import rotations
 from hugwbc.behaviours import Behaviour, BoxGrip, Course, View, doing, seen, step, walk_to
 from hugwbc.behaviours.boxes import DISTANCE, carried_at
 from hugwbc.behaviours.course import Seconds
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import (
     apart,
     at_rest,
@@ -64,8 +63,8 @@ def fetch_box(view: View, shapes: Shapes, *, timeout: Seconds = 100.0) -> Course
 
 def bring(view: View, shapes: Shapes, way: Behaviour) -> Course:
     """Grasp the box, step back, go a way that ends before the other table, put the box down there, and let go."""
-    _, width, height = (settled(side) for side in shapes["box"]["size"])  # type: ignore[attr-defined]
-    top, box = settled(shapes["bench"]["height"]), BoxGrip(width)  # type: ignore[arg-type]
+    _, width, height = shapes["box"]["size"]
+    top, box = shapes["bench"]["height"], BoxGrip(width)
     highest = max(float(seen(view, "box").position[2]), top + height / 2)
     view = yield from box.take(view, "box", goal=carried_at(highest + box.at[1] + _CLEAR))
     yaw = view.state.yaw

@@ -7,7 +7,6 @@ from hugwbc.behaviours.boxes import up
 from hugwbc.behaviours.course import Seconds
 from hugwbc.behaviours.hands import targets
 from hugwbc.robot import SIDES
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, rise
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
@@ -26,7 +25,7 @@ _ABOVE = 0.05  # [m], of the hand's origin above the weight: a hand is 3 cm thic
 @step
 def hold_payload(view: View, shapes: Shapes, *, timeout: Seconds = 40.0) -> Course:
     """Put both hands on the weights, grip them, lift, and hold."""
-    half = settled(shapes[WEIGHTS[0]]["height"]) / 2  # type: ignore[arg-type]
+    half = shapes[WEIGHTS[0]]["height"] / 2
     weights = np.array([seen(view, name).position for name in WEIGHTS])
     at = weights + up(half + _ABOVE) - np.array([0.02, 0.0, 0.0])
     above = at + up(0.06)

@@ -120,9 +120,6 @@ def in_axes_of(record: TaskRecord, body: str, points: np.ndarray) -> np.ndarray:
     return (points - start[:3]) @ rotations.to_matrix(start[3:])
 
 
-Check = Callable[[TaskRecord], bool]
-
-
-def happened(check: Check, missed: str) -> Milestone:
+def happened(check: Callable[[TaskRecord], bool], missed: str) -> Milestone:
     """Return the milestone that a check holds."""
     return Milestone(missed, lambda record: 1.0 if check(record) else 0.0)

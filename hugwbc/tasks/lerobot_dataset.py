@@ -41,7 +41,6 @@ _VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _ARROW = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
 _COUNTED = ("frame_index", "episode_index", "index", "task_index", "subtask_index")
-Stats = dict[str, list[float] | list[int]]
 Film = tuple[pathlib.Path, Mapping[str, Any]]
 """A film with a picture for each frame of an episode; "min", "max", "mean" and "std" of its channels, from 0 to 1, and
 "count", the pictures that these are of."""
@@ -178,8 +177,15 @@ class DatasetWriter:
             if not complete:
                 shutil.rmtree(self._staging, ignore_errors=True)
             self._only.close()
-        if complete:
-            self._name()
+        if not complete:
+            return
+        try:
+            self._staging.rename(self.folder)
+        except OSError as error:
+            raise ConfigError(
+                f"cannot give the data set its name {self.folder}: {error.strerror}, something has taken it meanwhile; "
+                f"it is in {self._staging}, rename that folder"
+            ) from error
 
     def add(self, episode: Demonstration, films: Mapping[str, Film] | None = None) -> None:
         """Write one episode, and move its films to their places.
@@ -227,7 +233,7 @@ class DatasetWriter:
                 "score": verdict.score,
                 "reason": verdict.reason,
                 "detail": verdict.detail,
-                **_flat(columns),
+                **{f"stats/{key}/{name}": x for key, rows in columns.items() for name, x in _stats(rows).items()},
                 **videos,
             },
             list(self._steps),
@@ -272,15 +278,6 @@ class DatasetWriter:
         _write_json(meta / "info.json", self._info())
         for name in (_JOURNAL, LOCK):
             (self._staging / name).unlink()
-
-    def _name(self) -> None:
-        try:
-            self._staging.rename(self.folder)
-        except OSError as error:
-            raise ConfigError(
-                f"cannot give the data set its name {self.folder}: {error.strerror}, something has taken it meanwhile; "
-                f"it is in {self._staging}, rename that folder"
-            ) from error
 
     def _whole(self, key: str) -> np.ndarray:
         """Return a column of all frames, read back from the files."""
@@ -362,7 +359,7 @@ def _arrow(values: np.ndarray, kind: pa.DataType) -> pa.Array:
     return pa.array(values).cast(kind)
 
 
-def _stats(values: np.ndarray) -> Stats:
+def _stats(values: np.ndarray) -> dict[str, list[float] | list[int]]:
     """Return the statistics of each number of a column, shape (T,) or (T, numbers)."""
     rows = values.reshape(len(values), -1).astype(float)
     found = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
@@ -375,11 +372,6 @@ def _of_channels(statistics: Mapping[str, Any]) -> dict[str, Any]:
     """Return statistics of channels in the shape of images: (3, 1, 1)."""
     shaped = {name: np.reshape(statistics[name], (3, 1, 1)).tolist() for name in ("min", "max", "mean", "std")}
     return {**shaped, "count": [statistics["count"]]}
-
-
-def _flat(columns: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Return the statistics of an episode as columns of its row."""
-    return {f"stats/{key}/{name}": value for key, rows in columns.items() for name, value in _stats(rows).items()}
 
 
 def _write_words(path: pathlib.Path, what: str, words: list[str]) -> None:

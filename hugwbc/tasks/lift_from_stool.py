@@ -5,7 +5,6 @@ import numpy as np
 from hugwbc.behaviours import BoxGrip, Course, View, doing, step, wait
 from hugwbc.behaviours.course import Seconds
 from hugwbc.commands import Command
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import happened, lifted
 from hugwbc.tasks.record import HANDS, TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
@@ -43,7 +42,7 @@ _LIFT, _SPEED = 0.06, 0.05  # [m], [m/s], up from the stool
 @step
 def lift_from_stool(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Crouch as low as the robot can, grasp the upper half of the box, and stand up with it."""
-    box = BoxGrip(settled(shapes["box"]["size"][1]), at=(0.0, 0.08))  # type: ignore[index]
+    box = BoxGrip(shapes["box"]["size"][1], at=(0.0, 0.08))
     view = yield from box.take(view, "box", distance=_DISTANCE, posture=_LOW, height=_LIFT, speed=_SPEED)
     return (yield from doing("hold the box", wait(view, HELD + 2.0)))
 

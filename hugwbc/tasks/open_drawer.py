@@ -5,7 +5,6 @@ import numpy as np
 from hugwbc.behaviours import Course, Grip, View, doing, glide, grip, pull, seen, step, wait, walk_to
 from hugwbc.behaviours.course import Seconds
 from hugwbc.behaviours.hands import crouch, hands_in, one_hand
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_end, happened
 from hugwbc.tasks.task import Shapes, Task, scene_of
 from hugwbc.tasks.verdict import Milestone
@@ -33,7 +32,7 @@ _YIELDING = 400.0  # [N/m], of a hand that pulls: the hook must not break by the
 @step
 def open_drawer(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Walk to the drawer, hook the handle with the right hand, and walk back until it is seen to be open."""
-    handle = settled(shapes["drawer"]["size"][0]) / 2 + _BAR  # type: ignore[index]
+    handle = shapes["drawer"]["size"][0] / 2 + _BAR
     walk = walk_to(view, before="drawer", distance=handle + _REACH, aside=_ASIDE)
     view = yield from doing("walk to the drawer", walk)
     view = yield from doing("reach for the handle", _reach(view, handle))

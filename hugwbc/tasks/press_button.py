@@ -37,7 +37,7 @@ def press_button(view: View, shapes: Shapes, *, timeout: Seconds = 57.0) -> Cour
     """Walk to the button, press it with the right hand until it is seen to be in, and draw the hand back."""
     walk = walk_to(view, before="button", distance=_DISTANCE, aside=_ASIDE)
     view = yield from doing("walk to the button", walk)
-    travel = float(shapes["button"]["travel"])  # type: ignore[arg-type]
+    travel = shapes["button"]["travel"]
     front = (-(travel / 2 + 0.01), 0.0, 0.0)  # the middle of it
     return (yield from press(view, "button", at=front, travel=_SEEN_IN * travel))
 

@@ -8,7 +8,6 @@ from hugwbc import rotations
 from hugwbc.behaviours import Course, Failure, Grip, View, doing, glide, grip, seen, step, walk_to
 from hugwbc.behaviours.course import Seconds
 from hugwbc.robot import SIDES
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import at_rest, in_axes_of, touched
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
@@ -58,7 +57,7 @@ _MOST_STEPS = 3
 @step
 def push_cart(view: View, shapes: Shapes, *, timeout: Seconds = 55.0) -> Course:
     """Push the cart by its handle with both hands hooked, and stop where the cart is seen at its goal."""
-    length, handle = settled(shapes["cart"]["size"][0]), settled(shapes["cart"]["handle"])  # type: ignore[index,arg-type]
+    length, handle = shapes["cart"]["size"][0], shapes["cart"]["handle"]
     start = seen(view, "cart")
     goal = start.position + WAY * rotations.rotation_z(start.yaw)[:, 0]
     ready = _hands(handle - 0.98, gap=0.08)

@@ -18,8 +18,10 @@ _ROUNDING = 1e-9  # [s]
 HANDS, _FEET = (tuple(f"{side}_{part}" for side in SIDES) for part in ("hand", "foot"))
 TRUNK = ("pelvis", "trunk")
 """What a record calls the links of hands, base and trunk; others but the feet have their own names."""
-_WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "knee": "shank", "shoulder_roll": "shoulder"}
-_WORDS |= {"shoulder_yaw": "upper arm"}
+# The thigh is the last link before the knee: an H1's hip ends with its pitch, a G1's with its yaw. Forearms that end in
+# a hand without wrists are called hands.
+_WORDS = {"hip_roll": "hip", "hip_pitch": "thigh", "hip_yaw": "thigh", "knee": "shank", "shoulder_roll": "shoulder"}
+_WORDS |= {"shoulder_yaw": "upper arm", "elbow": "forearm"}
 _UPRIGHT = 0.7  # vertical part of the normal of a contact on which a foot stands
 _BRIEF = 0.05  # [s], a touch that needs no duration
 _MOVED, _LEANS = 0.05, 0.2  # [m], [rad] from which on an object is not where it was
@@ -171,13 +173,8 @@ class TaskWatch:
     """
 
     def __init__(self, simulation: Simulation) -> None:
-        """Find the bodies.
-
-        Args:
-            simulation: robot and objects.
-        """
-        if simulation.scene is None:
-            raise ConfigError("a task needs objects; give the simulation the task's scene")
+        """Find the bodies of robot and objects; the simulation has a scene."""
+        assert simulation.scene is not None
         self._simulation, self._scene, model = simulation, simulation.scene, simulation.model
         names = self._scene.body_names
         self._objects = {model.body(name).id: name for name in names}
@@ -245,11 +242,7 @@ class TaskWatch:
             self._samples.setdefault(name, []).append(value)
 
     def record(self, ending: Ending) -> TaskRecord:
-        """Return the record of the episode up to now, at least one sample.
-
-        Args:
-            ending: how the behaviour ended.
-        """
+        """Return the record of the episode up to now, at least one sample, and how the behaviour ended."""
         samples = {name: np.array(values) for name, values in self._samples.items()}
         poses, travel = samples.pop("poses"), samples.pop("travel")
         return TaskRecord(

@@ -3,7 +3,6 @@
 from hugwbc.behaviours import BoxGrip, Course, View, doing, seen, step, walk_to
 from hugwbc.behaviours.boxes import DISTANCE, up
 from hugwbc.behaviours.course import Seconds
-from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import apart, at_rest, hands_off, happened, lifted, stands_on, touched, upright
 from hugwbc.tasks.task import Shapes, Task, scene_of
 
@@ -34,11 +33,11 @@ def stack_boxes(view: View, shapes: Shapes, *, timeout: Seconds = 80.0) -> Cours
     A box of half a kilogram between forearms that only press on it turns with them, and slips.
     """
     upper, lower = (shapes[name]["size"] for name in ("upper", "lower"))
-    box = BoxGrip.hung(settled(upper[1]), at=(0.0, _HOOK))  # type: ignore[index]
+    box = BoxGrip.hung(upper[1], at=(0.0, _HOOK))
     view = yield from box.take(view, "upper")
     walk = walk_to(view, before="lower", distance=DISTANCE, speed=0.25)
     view = yield from doing("carry the box to the other one", walk)
-    below, apart = seen(view, "lower"), (settled(upper[2]) + settled(lower[2])) / 2  # type: ignore[index]
+    below, apart = seen(view, "lower"), (upper[2] + lower[2]) / 2
     put = box.put(view, "upper", below.position + up(apart), below.yaw)
     view = yield from doing("put the box on the other one", put)
     return (yield from doing("let go", box.let_go(view)))

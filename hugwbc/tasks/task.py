@@ -14,7 +14,7 @@ import pathlib
 from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint
 from types import MappingProxyType
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field
 
@@ -38,7 +38,7 @@ _SHORTEST = 0.85  # reach of the arms, in proportion to the height of the should
 
 LONGEST = 120.0  # [s], that an episode of any task may take
 
-Shapes: TypeAlias = Mapping[str, Mapping[str, object]]
+Shapes: TypeAlias = Mapping[str, Mapping[str, Any]]
 """Dimensions of each object of a scene by its name, as a data sheet has them: those fields of its class that are
 lengths, such as `shapes["box"]["size"]`, `height`, `radius` and `travel`."""
 

@@ -68,8 +68,8 @@ _ASIDE = np.array([-0.05, 0.35, 0.2])
 @step
 def wipe_table(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Lean over the table, press the right hand on it, and follow the path."""
-    half = settled(shapes["table"]["size"][0]) / 2  # type: ignore[index]
-    top = settled(shapes["table"]["height"])  # type: ignore[arg-type]
+    half = shapes["table"]["size"][0] / 2
+    top = shapes["table"]["height"]
     walk = walk_to(view, before="table", distance=half + _EDGE)
     view = yield from doing("walk to the table", walk)
     table = seen(view, "table")

@@ -80,28 +80,21 @@ class BodyReach:
         if not self._active:
             if not wants_body or not usable:
                 return command
-            self._begin(wanted, state)
+            self._active = True
+            q, nominal = state.q[self._robot.arms], self._robot.nominal[self._robot.arms]
+            self.start(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper), wanted)
         points = on_column(hands, state, self.values, self._robot) if hands is not None and wants_body else None
         if usable and not wants_body:
             step = np.array(SPEED) * dt
             self.values = self.values + np.clip(wanted - self.values, -step, step)
             self._active = bool(np.any(self.values != wanted))
         elif usable and hands is not None and points is not None:
-            self._step(points, hands.given, wanted, command, dt)
+            ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
+            self.allow(ranges)
+            low, high = ranges.T
+            self.solve(points, hands.given, np.clip(wanted, low, high), np.clip(self.values, low, high), dt)
         values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
         return dataclasses.replace(command, **values).clamp(self._robot)[0]
-
-    def _begin(self, values: np.ndarray, state: RobotState) -> None:
-        self._active = True
-        q = state.q[self._robot.arms]
-        nominal = self._robot.nominal[self._robot.arms]
-        self.start(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper), values)
-
-    def _step(self, points: np.ndarray, given: np.ndarray, wanted: np.ndarray, command: Command, dt: float) -> None:
-        ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
-        self.allow(ranges)
-        low, high = ranges.T
-        self.solve(points, given, np.clip(wanted, low, high), np.clip(self.values, low, high), dt)
 
     def allow(self, ranges: np.ndarray) -> None:
         """Set the ranges of h, p and w, shape (3, 2)."""

@@ -112,7 +112,7 @@ class Descent:
     def place(self, q: np.ndarray, body: np.ndarray) -> None:
         """Move to arm positions (k,) [rad], with waist and hips taken from joint positions (n,) [rad]."""
         self.q = np.minimum(np.maximum(q, self.lower), self.upper)
-        self._put(self.q, body)
+        self.forward(self.q, body)
         # Near an obstacle, a hand moves only as fast as its arm can still stop.
         self._safe_speed = [self.stoppable(clearance) for clearance in self.clearance()]
 
@@ -124,16 +124,13 @@ class Descent:
 
     def forward(self, q: np.ndarray, body: np.ndarray) -> np.ndarray:
         """Return both hands' positions [m], shape (2, 3), at arms (k,) and body (n,); overwrites the posture."""
-        self._put(q, body)
-        return self.hands
-
-    def _put(self, q: np.ndarray, body: np.ndarray) -> None:
         configuration = self.placo.state.q.copy()
         configuration[self._columns] = q
         # placo calls a problem infeasible if any joint, even a masked one, is slightly outside its limits.
         configuration[self._body_columns] = np.minimum(np.maximum(body[self._body], self._body_low), self._body_high)
         self.placo.state.q = configuration
         self._locate_hands()
+        return self.hands
 
     def _locate_hands(self) -> None:
         self.placo.update_kinematics()

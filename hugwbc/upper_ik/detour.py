@@ -51,11 +51,6 @@ def seeds(robot: Robot) -> np.ndarray:
     return np.stack((postures, postures * arm_mirror(robot)))
 
 
-def ways(postures: int) -> list[tuple[int, ...]]:
-    """Return the routes of a detour: direct, or via one of the known postures."""
-    return [way for count in range(2) for way in itertools.permutations(range(postures), count)]
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class PostureTable:
     """A table of collision-free postures of the left arm and of the hand positions that they give.
@@ -173,15 +168,10 @@ class Scout:
         if self.done[arm]:
             return
         if not self._searching[arm]:
-            self._begin(arm, goal[arm])
-            self.q[joints] = q[joints]
+            self._searching[arm], self._goal[arm], self.q[joints] = True, goal[arm], q[joints]
+            self._best_residual[arm] = self.direct[arm] = np.inf
         elif self._settled[arm]:
             self._go_on(arm, joints, q, float(body[self._waist]))
-
-    def _begin(self, arm: int, point: np.ndarray) -> None:
-        self._searching[arm] = True
-        self._goal[arm] = point
-        self._best_residual[arm] = self.direct[arm] = np.inf
 
     def _go_on(self, arm: int, joints: slice, q: np.ndarray, waist: float) -> None:
         if self._best_residual[arm] == np.inf:
@@ -222,8 +212,8 @@ class Detours:
     def __init__(self, config: ArmIKConfig, descent: Descent, robot: Robot) -> None:
         self._config = config
         self._descent = descent
-        self._seeds = seeds(robot)
-        self._ways = ways(self._seeds.shape[1])
+        # Of each arm: the postures on its routes, direct and via one of the known ones.
+        self._ways = [[[], *([posture] for posture in postures)] for postures in seeds(robot)]
         self._tried = [0, 0]
         self._vias: list[list[np.ndarray]] = [[], []]
         self.active = np.zeros(2, dtype=bool)
@@ -241,9 +231,9 @@ class Detours:
 
     def look(self, arm: int, q: np.ndarray, posture: np.ndarray, body: np.ndarray) -> None:
         """Check an arm's next route from positions (2 k,) to its posture in (2 k,), and start on it if it is clear."""
-        if self._tried[arm] == len(self._ways):
+        if self._tried[arm] == len(self._ways[arm]):
             return
-        vias = [self._seeds[arm, seed] for seed in self._ways[self._tried[arm]]]
+        vias = self._ways[arm][self._tried[arm]].copy()
         self._tried[arm] += 1
         joints = own(arm, q)
         corners = [q[joints], *vias, posture[joints]]
@@ -302,7 +292,7 @@ class Detours:
         blocked = self.active & (self._descent.clearance() < self._least_room(clearance))
         self.active &= ~blocked
         for arm in np.flatnonzero(blocked):
-            self._tried[arm] = len(self._ways)  # it would be blocked again
+            self._tried[arm] = len(self._ways[arm])  # it would be blocked again
         fastest = np.array([self._descent.stoppable(room) for room in clearance])
         half = q.size // 2
         part = np.minimum(1.0, fastest * dt / np.maximum(travel, 1e-9))

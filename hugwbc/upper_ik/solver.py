@@ -9,7 +9,7 @@ from eigenpy import LLT
 from hugwbc import rotations
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HandTargets, frame_axes
 from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import NOWHERE, Descent, Goal, lengths
 from hugwbc.upper_ik.detour import MOVED, Detours, Scout
@@ -144,7 +144,9 @@ class ArmIK:
         carried = self._carried(np.where(np.isfinite(state.q), state.q, self._body), dt)
         goal = dataclasses.replace(goal, speed=self._speed(goal.points, dt), carried=carried)
         try:
-            q = self._descend(goal, dt)
+            count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
+            self._descent.descend(goal, dt / count, count)
+            q, self._residual, self._reachable = self._descent.q, self._descent.residual, ~self._descent.stalled
             # A stream's targets stand still between two messages: their differences say nothing.
             smooth = (self._residual < FOLLOWED) & ~self._detours.active & (targets.stamp is None)
             turn = _turn_to_pelvis(targets.frame, state)
@@ -179,12 +181,6 @@ class ArmIK:
             return np.zeros(2)
         speed = np.minimum(lengths(self._descent.hands - before) / dt, self.config.hand_speed)
         return np.where(speed**2 > 2.0 * self.config.hand_deceleration * self.config.tolerance, speed, 0.0)
-
-    def _descend(self, goal: Goal, dt: float) -> np.ndarray:
-        count = max(1, math.ceil(dt / LONGEST_STEP - 1e-9))
-        self._descent.descend(goal, dt / count, count)
-        self._residual, self._reachable = self._descent.residual, ~self._descent.stalled
-        return self._descent.q
 
     def _go_round(self, q: np.ndarray, goal: Goal, dt: float) -> np.ndarray:
         """Return arm positions: `q` of the direct way, or those of a detour for an arm that is stuck on it."""
@@ -313,8 +309,7 @@ def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) ->
             points[hand] = away if turn is None else turn @ away
         if direction is not None:
             directions[hand] = direction if turn is None else turn @ direction
-    usable = np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())
-    if not usable:
+    if not (np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())):
         return None
     turns = [None if given is None else _axes(given, turn, state) for given in targets.orientations]
     level = np.array([given is not None and not given.any() for given in targets.orientations])
@@ -333,5 +328,4 @@ def _turn_to_pelvis(frame: str, state: RobotState) -> np.ndarray | None:
     """Return the rotation from a hand frame to the pelvis frame, shape (3, 3); None for the pelvis frame itself."""
     if frame == "pelvis":
         return None
-    world_to_pelvis = rotations.to_matrix(state.orientation).T
-    return world_to_pelvis if frame == "world" else world_to_pelvis @ rotations.rotation_z(state.yaw)
+    return rotations.to_matrix(state.orientation).T @ frame_axes(frame, state.orientation)

@@ -115,13 +115,10 @@ class UpperBodySource:
         """Build the solver for a robot."""
         self.robot, self.ik = robot, ArmIK(robot)
         self.takeover = Takeover(robot)
-        self.watch, self._held = TargetWatch(robot), HeldTargets()
+        self.watch = TargetWatch(robot)
         self._steady = SteadyHands(robot)
-        self.solution: IKSolution | None = None
-        self.refusal = ""
-        self._own: np.ndarray | None = None
         self._by_joints = False
-        self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
+        self.reset()
 
     def reset(self) -> None:
         """Release the arms at once, for a new episode."""
@@ -129,9 +126,10 @@ class UpperBodySource:
         self.watch.reset()
         self._held = HeldTargets()
         self._steady.reset()
-        self.solution, self.refusal = None, ""
-        self._own = None
-        self._body_reach = None
+        self.solution: IKSolution | None = None
+        self.refusal = ""
+        self._own: np.ndarray | None = None
+        self._body_reach: BodyReach | None = None  # built by the first targets that ask for the whole body
 
     def update(
         self,

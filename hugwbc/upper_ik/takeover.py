@@ -106,12 +106,10 @@ class Takeover:
         self._limiter = JointLimiter(
             robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, ACCELERATION
         )
-        self.phase = Phase.RELEASED
         self._rest = robot.nominal[arms]
         self._all = np.ones(arms.size, dtype=bool)
-        self._from = self._rest.copy()
-        self._limiter.place(self._rest)
-        self._elapsed = 0.0
+        self._from, self._elapsed = self._rest, 0.0
+        self.reset()
 
     def reset(self) -> None:
         """Release the arms at once, at the nominal pose, for a new episode."""

@@ -8,14 +8,15 @@ from bvh_helpers import SKELETON, write_bvh
 from hugwbc import rotations
 from hugwbc.errors import MotionFileError
 from hugwbc.gait import Gait
+from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.scripts.bvh import JOINTS, find_joints, load_bvh
-from hugwbc.scripts.whole_body_motion import PARTS, MotionScore, load_whole_body_motion
+from hugwbc.scripts.whole_body_motion import MotionScore, load_whole_body_motion
 from tests.conftest import make_state
 
 
 def asked(motion, name):
-    return motion.asked[:, PARTS.index(name)]
+    return motion.asked[:, MEASURED_NAMES.index(name)]
 
 
 @pytest.mark.parametrize(("up", "unit", "prefix"), [("y", 1.0, ""), ("z", 0.01, "mixamorig:"), ("y", 1.0, "Bob:")])
@@ -47,7 +48,7 @@ def test_a_walk_is_scaled_by_the_leg_and_turns_with_the_person(tmp_path):
 def test_a_turn_is_a_yaw_rate(tmp_path):
     motion = load_whole_body_motion(write_bvh(tmp_path / "turn.bvh", lambda t: {"Hips": (0, 0, 100 * t)}), load_robot())
     np.testing.assert_allclose(asked(motion, "omega")[60:190], np.deg2rad(100), atol=1e-4)
-    np.testing.assert_allclose(motion.allowed[60:190, PARTS.index("omega")], 1.0)
+    np.testing.assert_allclose(motion.allowed[60:190, MEASURED_NAMES.index("omega")], 1.0)
     np.testing.assert_allclose(asked(motion, "v_x"), 0.0, atol=1e-6)
 
 
@@ -63,7 +64,7 @@ def test_leaning_twisting_and_squatting(tmp_path):
     assert asked(motion, "p")[50] > 0.2, "forward is positive"
     leg = load_robot().leg_length
     assert asked(motion, "h")[-1] == pytest.approx(-0.5 * leg, abs=0.01)
-    assert motion.allowed[-1, PARTS.index("h")] == pytest.approx(-0.3)
+    assert motion.allowed[-1, MEASURED_NAMES.index("h")] == pytest.approx(-0.3)
     assert asked(motion, "h")[150] == pytest.approx(0.0, abs=1e-6)
     for t in np.arange(0.0, 6.0, 0.1):
         motion.command_at(t).validate()

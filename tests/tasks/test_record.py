@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+import pytest
 
 from hugwbc import JointCommand
 from hugwbc.sim import Scene, Simulation
@@ -43,3 +44,13 @@ def test_a_toe_at_a_wall_is_named_and_a_sole_on_a_step_is_not():
 def test_each_look_counts_where_there_is_one_in_a_control_period():
     watch = stand(Simulation(scene=SCENE, sensing="exact"), 1.78, every=6)
     assert watch.touched["left_foot", "wall"] == watch.lasted["left_foot", "wall"] == 0.012
+
+
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+def test_thighs_are_called_so_whichever_joint_of_the_hip_moves_them(robot):
+    """A thigh is what carries the shank."""
+    simulation = Simulation(robot=robot, scene=SCENE, sensing="exact")
+    watch, shank = TaskWatch(simulation), simulation.robot.moved["knee"][0]
+    thigh = simulation.model.body(simulation.model.body(shank).parentid[0]).name
+    watch.touched |= {(thigh, "wall"): 0.0, (shank, "wall"): 0.5}
+    assert bumps(watch) == ("the left thigh touched 'wall' at 0.0 s", "the left shank touched 'wall' at 0.5 s")
