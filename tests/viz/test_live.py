@@ -225,7 +225,7 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(p
     page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
 
-    def perform(name, stop):
+    def perform(name):
         page.stage(staged)
         page.show(staged, name)
         seen.append((name, page.interruption, dict(page.link._status), len(page._objects)))
@@ -270,7 +270,7 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
     page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
 
-    def perform(name, stop):
+    def perform(name):
         raise SceneError("the robot stands in the table")
 
     page.link._hear(1, '{"presses": ["task:carry"]}')
