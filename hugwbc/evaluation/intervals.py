@@ -41,12 +41,13 @@ def known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def wilson_percentage(happened: Sequence[bool]) -> Estimate:
+def wilson_percentage(happened: Iterable[bool]) -> Estimate:
     """Return the percentage of episodes in which something happened, with its score interval (Wilson 1927).
 
     Unlike a bootstrap interval it has a width even if nothing happened: no fall in four episodes says little.
     """
-    return wilson_of(sum(happened), len(happened))
+    outcomes = list(happened)
+    return wilson_of(sum(outcomes), len(outcomes))
 
 
 def wilson_of(times: int, count: int) -> Estimate:

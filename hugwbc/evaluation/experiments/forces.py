@@ -188,7 +188,7 @@ def pull_figures(settings: PullSettings, rows: pl.DataFrame) -> list[Figure]:
     table = f"Pulled with {settings.force:g} N at the hands, {settings.gait}"
     found = []
     for direction in DIRECTIONS:
-        up = wilson_percentage((~rows.filter(pl.col("direction") == direction)["fell"]).to_list())
+        up = wilson_percentage(~rows.filter(pl.col("direction") == direction)["fell"])
         found.append(Figure(table, f"stays up, {direction}°", "% of episodes", up, higher_is_better=True))
     return [*found, estimate_figure(table, rows), falls_figure(table, rows["fell"])]
 
@@ -387,7 +387,7 @@ def push_figures(settings: PushSettings, rows: pl.DataFrame) -> list[Figure]:
     ended = rows.group_by("direction", "number").agg(pl.col("fell").any())["fell"]
     return [
         *(Figure(table, name, "m/s", median, higher_is_better=True) for name, median in medians.items()),
-        Figure(table, ENDED, "% of ladders", wilson_percentage(ended.to_list())),
+        Figure(table, ENDED, "% of ladders", wilson_percentage(ended)),
     ]
 
 

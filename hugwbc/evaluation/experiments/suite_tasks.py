@@ -7,7 +7,7 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import BY_BEHAVIOUR, CountedSettings, Row, ending
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure
-from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, single, wilson_of, wilson_percentage
+from hugwbc.evaluation.intervals import bootstrap_mean, known, single, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import RECORD_PERIOD
@@ -85,7 +85,7 @@ def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
     for path in rows["task"].unique(maintain_order=True).to_list():
         name, part = load_task(path).name, rows.filter(pl.col("task") == path)
         done, failed = part.filter(pl.col("success")), part.filter(~pl.col("success"))
-        success = wilson_percentage(part["success"].to_list())
+        success = wilson_percentage(part["success"])
         gripped = wilson_percentage([len(bodies) > 0 for bodies in part["gripped"]])
         found += [
             Figure(name, "success", "% of episodes", success, higher_is_better=True),
@@ -100,8 +100,7 @@ def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
         ]
         reasons = failed.group_by("reason", maintain_order=True).len().sort("len", descending=True, maintain_order=True)
         for reason, count in reasons.iter_rows():
-            share: Estimate = wilson_of(count, len(part))
-            found.append(Figure(name, f"failed: {reason}", "% of episodes", share))
+            found.append(Figure(name, f"failed: {reason}", "% of episodes", wilson_of(count, len(part))))
     return found
 
 
