@@ -115,7 +115,7 @@ def _experiment(words: list[str]) -> tuple[Experiment[Any], list[str]]:
 
 
 def _play(words: Sequence[str]) -> int:
-    options = output.parse_settings(CompareOptions, words, "compare", CompareOptions.__doc__)
+    options = output.parse_settings(CompareOptions, words, "compare")
     check_count(len(options.controllers), "controllers")
     played = _task(options) if options.task is not None else _script(options)
     scene = None if options.scene is None else load_scene(options.scene)

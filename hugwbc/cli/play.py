@@ -105,7 +105,7 @@ class PlayOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, open the viewer and run the loop; return 1 where a behaviour or task was not done, else 0."""
-    options = parse_settings(PlayOptions, words, "play", PlayOptions.__doc__)
+    options = parse_settings(PlayOptions, words, "play")
     viewer = _viewer(options)
     say_arena(options.arena)
     if viewer == "live":

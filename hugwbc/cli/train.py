@@ -103,14 +103,14 @@ def _parse(words: Sequence[str]) -> TrainConfig:
     parser.add_argument("--config")
     given, words = parser.parse_known_args(words)
     if given.config is None:
-        return parse_settings(TrainConfig, words, "train", _DESCRIPTION)
+        return parse_settings(TrainConfig, words, "train", description=_DESCRIPTION)
     name = given.config if extensions.names_object(given.config) else f"{given.config}:CONFIG"
     found = extensions.load_object(name, "CONFIG")
     if not isinstance(found, TrainConfig):
         raise ConfigError(f"{name} is a {type(found).__name__}; make it a hugwbc.learned.config.TrainConfig")
     path, _ = extensions.split_object(name)
     default = dataclasses.replace(found, source=f"{path.name} {digest(path.read_bytes())}")
-    config = parse_settings(TrainConfig, words, "train", _DESCRIPTION, default)
+    config = parse_settings(TrainConfig, words, "train", description=_DESCRIPTION, default=default)
     _check_options(config, default)
     return config
 
@@ -127,7 +127,7 @@ def _run_recipe(words: Sequence[str]) -> int:
     from hugwbc.learned.recipe.recipe import load_recipe
     from hugwbc.learned.recipe.run import run_recipe
 
-    options, changes = parse_known(RecipeOptions, words, "train", RecipeOptions.__doc__)
+    options, changes = parse_known(RecipeOptions, words, "train")
     recipe = load_recipe(options.recipe, smoke=options.smoke)
     recipe = _changed(recipe, changes) if changes else recipe
     out = options.out or pathlib.Path("runs") / pathlib.Path(options.recipe).stem
@@ -155,7 +155,7 @@ def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
         )
     ((name, train),) = trained.items()
     train = dataclasses.replace(train, seed=recipe.seed)
-    config = parse(TrainConfig, words, "train", None, train)
+    config = parse(TrainConfig, words, "train", default=train)
     _check_options(config, train)
     if config.resume or config.hours != train.hours:
         raise ConfigError("--resume and --hours are not for recipes: the same command continues, and Ctrl-C stops it")
