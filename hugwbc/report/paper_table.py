@@ -82,11 +82,7 @@ def write_paper(
 ) -> list[pathlib.Path]:
     """Write table.tex, figures.csv and figure.svg of results of one experiment, and return their paths.
 
-    Args:
-        folder: where to.
-        results: the results.
-        tables: their tables.
-        notes: sentences for the caption.
+    The tables are those of the results, and the notes sentences for the caption.
     """
     figures = [figure for result in results for figure in result.figures if figure.estimate is not None]
     contents = {

@@ -44,13 +44,8 @@ def gait_diagram(
 ) -> Panel:
     """Draw when each foot is on the ground (bars) and the gait's clock signals (curves), the left foot on top.
 
-    Args:
-        title: title of the picture.
-        time: times of the samples [s], shape (T,).
-        contact: whether the left and the right foot are on the ground, shape (T, 2), bool.
-        clock: clock signals of the left and the right foot, in [-1, 1], shape (T, 2).
-        controller: number of the controller, which gives the colour of the bars.
-        length: length of the time axis [s].
+    Contacts of both feet (bool) and their clock signals, in [-1, 1], have the shape (T, 2), the times [s] (T,). The
+    number of the controller gives the colour of the bars, and the time axis has a length [s].
     """
     colour = LABEL_COLOURS[controller % len(LABEL_COLOURS)]
 
