@@ -4,7 +4,7 @@ import contextlib
 import io
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -118,9 +118,7 @@ class LivePage:
         self.server.initial_camera.look_at = LOOK_AT
         self._links = {}
         for link, meshes in colour_meshes(shapes_of(model)).items():
-            self._links[link] = scene.add_frame(f"{WORLD}/robot/{link}", show_axes=False)
-            for part, (colour, mesh) in enumerate(meshes.items()):
-                scene.add_mesh_simple(f"{WORLD}/robot/{link}/{part}", mesh.vertices, mesh.faces, color=rgb_of(colour))
+            self._links[link] = self._add_body(f"{WORLD}/robot/{link}", meshes)
         self._heading = scene.add_frame(f"{WORLD}/heading", show_axes=False)
         self._handles = {}
         for side in SIDES:
@@ -130,6 +128,15 @@ class LivePage:
             )  # fmt: skip
             self._handles[side].on_update(lambda _: self._take_hands())
             scene.add_icosphere(f"{WORLD}/heading/{side}_hand/ball", 0.035, (224, 112, 42), opacity=0.7)
+
+    def _add_body(self, path: str, meshes: Mapping[str, Any], *, flat_shading: bool = False) -> viser.FrameHandle:
+        """Draw a body, whose meshes have one colour each; return the frame that moves it."""
+        frame = self.server.scene.add_frame(path, show_axes=False)
+        for part, (colour, mesh) in enumerate(meshes.items()):
+            self.server.scene.add_mesh_simple(
+                f"{path}/{part}", mesh.vertices, mesh.faces, color=rgb_of(colour), flat_shading=flat_shading
+            )
+        return frame
 
     def _build_objects(self, around: Scene | None) -> None:
         """Draw what stands around the robot, and lines for the forces on its hands."""
@@ -141,16 +148,7 @@ class LivePage:
         self.server.initial_camera.position = SCENE_CAMERA
         meshes = colour_meshes(shapes_of(model))
         for number, body in enumerate(("world", *around.body_names)):  # what an MJCF file has in its world stays there
-            frame = self.server.scene.add_frame(f"{WORLD}/objects/{number}", show_axes=False)
-            for part, (colour, mesh) in enumerate(meshes.get(body, {}).items()):
-                self.server.scene.add_mesh_simple(
-                    f"{WORLD}/objects/{number}/{part}",
-                    mesh.vertices,
-                    mesh.faces,
-                    color=rgb_of(colour),
-                    flat_shading=True,
-                )
-            self._objects.append(frame)
+            self._objects.append(self._add_body(f"{WORLD}/objects/{number}", meshes.get(body, {}), flat_shading=True))
 
     def stage(self, simulation: Engine) -> None:
         """Show another robot of the same kind among its own objects, and forget earlier requests."""

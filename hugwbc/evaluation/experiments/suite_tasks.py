@@ -9,7 +9,6 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import bootstrap_mean, known, single, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
-from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import Count, Positive, check_each_once, check_seeds, settings
 from hugwbc.sim import Simulation
@@ -54,7 +53,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     - `gripped`: bodies that the idealised gripper held. `hand_depth`: how deep a hand was in an object, at most [m].
     """
     conditions, task, seed = settings.conditions, load_task(str(plan.tags["task"])), settings.seed + plan.draw
-    task = task.sized(load_robot(conditions.chosen.robot))
+    task = task.sized(settings.robot)
     simulation = conditions.simulation(settings.duration, seed, task.scene)
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
     run = run_task(task, controller, simulation, conditions.estimator(), strict=False)
