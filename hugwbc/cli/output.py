@@ -1,5 +1,6 @@
 """Helpers that the verbs share: options from a dataclass, JSON files and progress."""
 
+import argparse
 import contextlib
 import dataclasses
 import inspect
@@ -45,6 +46,14 @@ def parse_known(options: type[Options], words: Sequence[str], verb: str) -> tupl
     """Parse as `parse` does, and return the words of unknown options, too."""
     with _options_named():
         return tyro.cli(options, prog=f"hugwbc {verb}", args=_expanded(words), return_unknown_args=True)
+
+
+def take(words: Sequence[str], verb: str, option: str, **given: Any) -> tuple[Any, list[str]]:  # noqa: ANN401  argparse's
+    """Return the value of an option, which decides what the other words mean, and these."""
+    parser = argparse.ArgumentParser(prog=f"hugwbc {verb}", add_help=False, allow_abbrev=False)
+    parser.add_argument(option, dest="value", **given)
+    found, others = parser.parse_known_args(words)
+    return found.value, others
 
 
 def _expanded(words: Sequence[str]) -> list[str]:
