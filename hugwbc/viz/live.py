@@ -16,7 +16,7 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, comman
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import SIDES
 from hugwbc.runtime.command_chain import feasible
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Engine, Scene
@@ -182,13 +182,12 @@ class LivePage:
         self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
     def _build_panel(self) -> None:
-        gui = self.server.gui
+        gui, of_gaits = self.server.gui, [command_ranges(gait, self.source.robot) for gait in Gait]
         self._sliders = {}
         for name in COMMAND_NAMES:
-            low, high = _slider_range(name, self.source.robot)
-            slider = gui.add_slider(
-                f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(self.source.requested, name)
-            )
+            low, high = zip(*(ranges[name].finishing for ranges in of_gaits), strict=True)
+            value = getattr(self.source.requested, name)
+            slider = gui.add_slider(f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", min(low), max(high), 0.01, value)
             slider.on_update(lambda _, name=name: self._ask(name))
             self._sliders[name] = slider
         with gui.add_folder("hands"):
@@ -224,10 +223,6 @@ class LivePage:
             self.source.ask(name, value)
         if getattr(self.source.requested, name) != value:
             self._moved.add(name)
-
-    def _choose_gait(self, gait: Gait) -> None:
-        self.source.ask_gait(gait)
-        self._show_sliders()
 
     def _show_sliders(self) -> None:
         for name, slider in self._sliders.items():
@@ -269,7 +264,8 @@ class LivePage:
     def _obey(self, action: str) -> None:
         """Do what a key or a button asks for."""
         if action in (gait.label for gait in Gait):
-            self._choose_gait(Gait.parse(action))
+            self.source.ask_gait(Gait.parse(action))
+            self._show_sliders()
         elif action in ("stop", HIDE):
             self.stop()
             self._actions.add(action)
@@ -421,9 +417,3 @@ def _drawn_later() -> Iterator[None]:
     except RuntimeError as error:
         if "mutated during iteration" not in str(error):
             raise
-
-
-def _slider_range(name: str, robot: Robot) -> tuple[float, float]:
-    """Return the least and the largest value that any gait admits."""
-    ranges = [command_ranges(gait, robot)[name].finishing for gait in Gait]
-    return min(low for low, _ in ranges), max(high for _, high in ranges)

@@ -60,13 +60,13 @@ def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
     page = opened_page(simulation)
     forward, height = page._sliders["v_x"], page._sliders["h"]
     height.value = -0.1
-    page._choose_gait(Gait.HOPPING_LEFT)
+    page._obey(Gait.HOPPING_LEFT.label)
     forward.value = 1.0
     page.show(simulation)
     assert forward.value == page.source.requested.v_x == 0.6, "nobody hops faster"
     assert height.value == page.source.requested.h == -0.1
     assert "is outside -0.6 to 0.6" in page.source.notice
-    page._choose_gait(Gait.STANDING)
+    page._obey(Gait.STANDING.label)
     page.show(simulation)
     assert forward.value == 0.0 and height.value == -0.1
     page.close()
