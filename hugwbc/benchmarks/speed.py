@@ -59,14 +59,8 @@ def training_speed(count: int, control_steps: int, iterations: int, threads: int
     """Measure bare physics, the training environment, and whole training iterations; nothing is saved.
 
     Before every step bare physics gets the environment's states and controls, so that both simulate the same contacts.
-    The actions are noise: robots stumble, fall and are reset, as at the start of a training.
-
-    Args:
-        count: number of robots.
-        control_steps: control steps of bare physics and environment to measure, after a warm-up.
-        iterations: training iterations to measure, after one for warm-up.
-        threads: threads on the processor.
-        device: as in `TrainConfig`.
+    The actions are noise: robots stumble, fall and are reset, as at the start of a training. Of bare physics and the
+    environment `control_steps` are measured after a warm-up, of training the iterations after the first.
     """
     config = TrainConfig(env=EnvConfig(count=count), threads=threads, evaluation_steps=0, device=device)
     trainer = Trainer(config)
@@ -171,12 +165,9 @@ class EpisodeSpeed:
 
 
 def episode_speed(controller: Controller, activity: str, duration: float) -> EpisodeSpeed:
-    """Measure an episode, and bare physics after it.
+    """Measure an episode of a simulated duration [s], and bare physics after it.
 
-    Args:
-        controller: the controller.
-        activity: a key of `COMMANDS`, or the name of a task.
-        duration: simulated time [s].
+    The activity is a key of `COMMANDS`, or the name of a task.
     """
     conditions, wall, cpu = Conditions(), [], []
 

@@ -52,7 +52,7 @@ class BenchFigures:
 
 def run(words: Sequence[str]) -> int:
     """Parse, measure, print, write."""
-    options = parse(BenchOptions, words, "bench", BenchOptions.__doc__)
+    options = parse(BenchOptions, words, "bench")
     check_writable(options.json)
     if options.training:
         speeds = _measure_training(options)

@@ -27,7 +27,7 @@ class CheckOptions:
 
 def run(words: Sequence[str]) -> int:
     """Run all checks and print a line for each."""
-    options = parse(CheckOptions, words, "check", CheckOptions.__doc__)
+    options = parse(CheckOptions, words, "check")
     if options.policy is not None:
         if options.robot is not None:
             raise ConfigError("--policy and --robot are two checks; give one of them")

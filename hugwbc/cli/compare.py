@@ -78,7 +78,7 @@ def run(words: Sequence[str]) -> int:
 
 def _measure(words: Sequence[str]) -> int:
     """Run an experiment with each controller, and write a table with their differences."""
-    experiment, words = _experiment(list(words))
+    experiment, words = _experiment(words)
     options = evaluate.parse_options(f"compare --experiment {experiment.name}", experiment, words, TableOptions)
     chosen, place = options.controller, options.execution
     check_count(len(chosen.controllers), "controllers")
@@ -100,22 +100,20 @@ def _measure(words: Sequence[str]) -> int:
     return 0
 
 
-def _experiment(words: list[str]) -> tuple[Experiment[Any], list[str]]:
+def _experiment(words: Sequence[str]) -> tuple[Experiment[Any], list[str]]:
     """Return the experiment that the words name, tasks where they name a task, and the other words."""
-    for number, word in enumerate(words):
-        option, _, name = word.partition("=")
-        if option == "--experiment":
-            given = [name] if name else words[number + 1 : number + 2]
-            if not given:
-                raise ConfigError(f"--experiment needs a name; experiments are {', '.join(EXPERIMENTS)}")
-            return experiment_of(given[0]), words[:number] + words[number + (1 if name else 2) :]
+    name, others = output.take(words, "compare", "--experiment", nargs="?", const="")
+    if name:
+        return experiment_of(name), others
+    if name is not None:
+        raise ConfigError(f"--experiment needs a name; experiments are {', '.join(EXPERIMENTS)}")
     if not any(word.partition("=")[0] == "--task" for word in words):
         raise ConfigError("--episodes is for a task or an experiment; add --task or --experiment, or leave it out")
-    return EXPERIMENTS["tasks"], words
+    return EXPERIMENTS["tasks"], others
 
 
 def _play(words: Sequence[str]) -> int:
-    options = output.parse_settings(CompareOptions, words, "compare", CompareOptions.__doc__)
+    options = output.parse_settings(CompareOptions, words, "compare")
     check_count(len(options.controllers), "controllers")
     played = _task(options) if options.task is not None else _script(options)
     scene = None if options.scene is None else load_scene(options.scene)

@@ -73,7 +73,7 @@ class DeployOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, and deploy or replay; return the exit code: 1 after a fault, or for a replay that differs."""
-    options = parse(DeployOptions, words, "deploy", DeployOptions.__doc__)
+    options = parse(DeployOptions, words, "deploy")
     if options.replay is not None:
         return _replay(options, options.replay)
     settings = options.settings

@@ -28,7 +28,7 @@ def run(words: Sequence[str]) -> int:
     from hugwbc.scripts.script import FOLDER, SCRIPT_NAMES, load_script
     from hugwbc.tasks.task import SCENES, TASK_NAMES, load_task
 
-    name = parse(DocsOptions, words, "docs", DocsOptions.__doc__).name
+    name = parse(DocsOptions, words, "docs").name
     scripts = {each: FOLDER / f"{each}.yaml" for each in SCRIPT_NAMES}
     behaviours = {each: inspect.getmodule(load_behaviour(each)) for each in BEHAVIOUR_NAMES}
     scripts |= {each: pathlib.Path(str(module.__file__)) for each, module in behaviours.items() if module is not None}

@@ -145,4 +145,4 @@ def parse_options(verb: str, experiment: Experiment[Any], words: Sequence[str], 
     parts = {"controller": controller, "experiment": experiment.settings, "execution": ExecutionOptions}
     fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in parts.items()]
     options = tyro.conf.OmitArgPrefixes[dataclasses.make_dataclass("Options", fields)]  # type: ignore[valid-type]
-    return parse(options, words, verb, f"{experiment.summary[:1].upper()}{experiment.summary[1:]}.")
+    return parse(options, words, verb, description=f"{experiment.summary[:1].upper()}{experiment.summary[1:]}.")

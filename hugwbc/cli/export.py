@@ -17,7 +17,7 @@ class ExportOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, export, report how well the file agrees."""
-    options = parse(ExportOptions, words, "export", ExportOptions.__doc__)
+    options = parse(ExportOptions, words, "export")
     from hugwbc.learned.policy import DEFAULT_POLICY, load_policy
     from hugwbc.learned.policy.onnx_export import TOLERANCE, export_onnx
 

@@ -1,5 +1,6 @@
 """Helpers that the verbs share: options from a dataclass, JSON files and progress."""
 
+import argparse
 import contextlib
 import dataclasses
 import inspect
@@ -32,32 +33,32 @@ _FEWEST = 3  # steps from which a speed is known
 Options = TypeVar("Options")
 
 
-def parse(
-    options: type[Options], words: Sequence[str], verb: str, description: str | None, default: Options | None = None
-) -> Options:
-    """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option."""
-    given: dict[str, Any] = {} if default is None else {"default": default}
+def parse(options: type[Options], words: Sequence[str], verb: str, **given: Any) -> Options:  # noqa: ANN401  tyro's
+    """Return the options of a verb from its words; exit with code 2 on an unknown or malformed option.
+
+    What is `given` further is for `tyro.cli`, such as a description in place of the docstring of the options.
+    """
     with _options_named():
-        return tyro.cli(options, **_arguments(words, verb, description), **given)
+        return tyro.cli(options, prog=f"hugwbc {verb}", args=_expanded(words), **given)
 
 
-def parse_known(
-    options: type[Options], words: Sequence[str], verb: str, description: str | None
-) -> tuple[Options, list[str]]:
+def parse_known(options: type[Options], words: Sequence[str], verb: str) -> tuple[Options, list[str]]:
     """Parse as `parse` does, and return the words of unknown options, too."""
     with _options_named():
-        return tyro.cli(options, **_arguments(words, verb, description), return_unknown_args=True)
+        return tyro.cli(options, prog=f"hugwbc {verb}", args=_expanded(words), return_unknown_args=True)
 
 
-def _arguments(words: Sequence[str], verb: str, description: str | None) -> dict[str, Any]:
-    """Return what tyro is told of a verb's words."""
-    # A shell expands only a `~` at the start of a word.
-    args = [re.sub("^(--[^=]+=)(~.*)", lambda it: it[1] + os.path.expanduser(it[2]), word) for word in words]
-    return {
-        "prog": f"hugwbc {verb}",
-        "description": inspect.cleandoc(description) if description else None,
-        "args": args,
-    }
+def take(words: Sequence[str], verb: str, option: str, **given: Any) -> tuple[Any, list[str]]:  # noqa: ANN401  argparse's
+    """Return the value of an option, which decides what the other words mean, and these."""
+    parser = argparse.ArgumentParser(prog=f"hugwbc {verb}", add_help=False, allow_abbrev=False)
+    parser.add_argument(option, dest="value", **given)
+    found, others = parser.parse_known_args(words)
+    return found.value, others
+
+
+def _expanded(words: Sequence[str]) -> list[str]:
+    """Return words with `~` expanded behind `=`, too; a shell expands only one at the start of a word."""
+    return [re.sub("^(--[^=]+=)(~.*)", lambda it: it[1] + os.path.expanduser(it[2]), word) for word in words]
 
 
 @contextlib.contextmanager
@@ -69,17 +70,15 @@ def _options_named() -> Iterator[None]:
         raise ConfigError(re.sub(r"^[A-Z]\w+\.", "", str(error))) from None
 
 
-def parse_settings(
-    settings: type[Options], words: Sequence[str], verb: str, description: str | None, default: Options | None = None
-) -> Options:
+def parse_settings(settings: type[Options], words: Sequence[str], verb: str, **given: Any) -> Options:  # noqa: ANN401
     """Parse as `parse` does, for settings with groups of them inside.
 
     With `--help`, the settings outside any group are explained, and the groups are listed. `--help-all` explains all.
     """
     if HELP_ALL in words:
-        return parse(settings, ["--help"], verb, description, default)
+        return parse(settings, ["--help"], verb, **given)
     if not {"-h", "--help"} & set(words):
-        return parse(settings, words, verb, description, default)
+        return parse(settings, words, verb, **given)
     groups = [field for field in dataclasses.fields(settings) if _group(field)]  # pyright: ignore[reportArgumentType]
     folded = [
         (each.name, Annotated[each.type, tyro.conf.Suppress], dataclasses.field(default_factory=each.default_factory))
@@ -88,7 +87,7 @@ def parse_settings(
     short = dataclasses.make_dataclass(settings.__name__, folded, bases=(settings,), frozen=True)
     short.__module__ = settings.__module__  # where tyro looks for the comments beside the fields
     try:
-        parse(short, words, verb, description)
+        parse(short, words, verb, description=given.get("description", inspect.getdoc(settings)))
     except SystemExit as finished:
         if not finished.code:
             _print(_list_groups(groups, f"hugwbc {verb} {HELP_ALL}"), sys.stdout)

@@ -5,7 +5,7 @@ import importlib.util
 import pathlib
 import socket
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -105,7 +105,7 @@ class PlayOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, open the viewer and run the loop; return 1 where a behaviour or task was not done, else 0."""
-    options = parse_settings(PlayOptions, words, "play", PlayOptions.__doc__)
+    options = parse_settings(PlayOptions, words, "play")
     viewer = _viewer(options)
     say_arena(options.arena)
     if viewer == "live":
@@ -224,15 +224,14 @@ def _drive(options: PlayOptions) -> int:
     if not webbrowser.open(page.address):
         say(NO_BROWSER)
 
-    def perform(name: str, stop: Callable[[], bool]) -> str:
+    def perform(name: str) -> str:
         """Do a task of the suite on the page; the person may stop it."""
         task = load_task(name).sized(arena.known_robot)
         its_own = arena.simulation(seed=options.seed, scene=task.scene)
         page.stage(its_own)
         clock = RealTime()
         draw = at_real_time(lambda _: page.show(its_own, name, clock.speed), its_own, clock)
-        over = lambda: bool(page.interruption) or stop()  # noqa: E731
-        run = run_task(task, controller, its_own, on_snapshot=draw, stop=over, strict=False)
+        run = run_task(task, controller, its_own, on_snapshot=draw, stop=lambda: bool(page.interruption), strict=False)
         words = f"stopped ({page.interruption})" if page.interruption else run.verdict.words
         return f"{name} with {controller.name}: {words} after {its_own.time:.1f} s"
 

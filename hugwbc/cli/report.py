@@ -39,7 +39,7 @@ class ReportOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse, run what is not stored yet, and write the report."""
-    options = parse(ReportOptions, words, "report", ReportOptions.__doc__)
+    options = parse(ReportOptions, words, "report")
     from hugwbc.report.report_plan import ReportPlan
 
     plan = ReportPlan(options.profile, options.controllers, options.ablation, options.experiments, options.seed)

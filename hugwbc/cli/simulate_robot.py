@@ -44,7 +44,7 @@ class SimulateRobotOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options and simulate; return the exit code."""
-    options = parse_settings(SimulateRobotOptions, words, "simulate-robot", SimulateRobotOptions.__doc__)
+    options = parse_settings(SimulateRobotOptions, words, "simulate-robot")
     say_arena(options.arena)
     if options.net != LOOPBACK:
         raise ConfigError(f"a simulated robot on '{options.net}' could be taken for a real one; use --net {LOOPBACK}")

@@ -53,7 +53,7 @@ class TasksOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse, then list, record or replay; return 1 where a replay ends otherwise than the recording, else 0."""
-    options = parse_settings(TasksOptions, words, "tasks", TasksOptions.__doc__)
+    options = parse_settings(TasksOptions, words, "tasks")
     check_each_once("tasks", options.task)
     _refuse_idle_options(options)
     if options.replay is not None:

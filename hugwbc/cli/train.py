@@ -1,6 +1,5 @@
 """`hugwbc train`: reinforcement learning of a policy, by options, by settings in Python, or by a recipe."""
 
-import argparse
 import dataclasses
 import itertools
 import math
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from hugwbc import extensions
 from hugwbc.cli import INTERRUPTED, USAGE_ERROR
-from hugwbc.cli.output import output_folder, parse, parse_known, parse_settings, progress, say
+from hugwbc.cli.output import output_folder, parse, parse_known, parse_settings, progress, say, take
 from hugwbc.errors import ConfigError
 from hugwbc.files import digest
 from hugwbc.learned.config import TrainConfig
@@ -47,7 +46,9 @@ class RecipeOptions:
 
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
-    processes, words = _processes(words)
+    processes, words = take(words, "train", "--processes", type=int, default=1)
+    if not 1 <= processes <= (cores := os.cpu_count() or 1):
+        raise ConfigError(f"processes is {processes}; give 1 to {cores}, the cores of this machine")
     if processes > 1:
         return _train_together(processes, words)
     if any(word.partition("=")[0] == "--recipe" for word in words):
@@ -71,17 +72,6 @@ def run(words: Sequence[str]) -> int:
     return 0
 
 
-def _processes(words: Sequence[str]) -> tuple[int, Sequence[str]]:
-    """Return the number of processes, and the other words."""
-    parser = argparse.ArgumentParser(prog="hugwbc train", add_help=False, allow_abbrev=False)
-    parser.add_argument("--processes", type=int, default=1)
-    given, others = parser.parse_known_args(words)
-    cores = os.cpu_count() or 1
-    if not 1 <= given.processes <= cores:
-        raise ConfigError(f"processes is {given.processes}; give 1 to {cores}, the cores of this machine")
-    return given.processes, others
-
-
 def _train_together(processes: int, words: Sequence[str]) -> int:
     """Let torchrun start processes that train as one, and wait for them."""
     from torch.distributed import run as torchrun
@@ -99,18 +89,16 @@ def _train_together(processes: int, words: Sequence[str]) -> int:
 
 def _parse(words: Sequence[str]) -> TrainConfig:
     """Return the settings: options over those of a Python file, if one is given, or over the defaults."""
-    parser = argparse.ArgumentParser(prog="hugwbc train", add_help=False, allow_abbrev=False)
-    parser.add_argument("--config")
-    given, words = parser.parse_known_args(words)
-    if given.config is None:
-        return parse_settings(TrainConfig, words, "train", _DESCRIPTION)
-    name = given.config if extensions.names_object(given.config) else f"{given.config}:CONFIG"
+    given, words = take(words, "train", "--config")
+    if given is None:
+        return parse_settings(TrainConfig, words, "train", description=_DESCRIPTION)
+    name = given if extensions.names_object(given) else f"{given}:CONFIG"
     found = extensions.load_object(name, "CONFIG")
     if not isinstance(found, TrainConfig):
         raise ConfigError(f"{name} is a {type(found).__name__}; make it a hugwbc.learned.config.TrainConfig")
     path, _ = extensions.split_object(name)
     default = dataclasses.replace(found, source=f"{path.name} {digest(path.read_bytes())}")
-    config = parse_settings(TrainConfig, words, "train", _DESCRIPTION, default)
+    config = parse_settings(TrainConfig, words, "train", description=_DESCRIPTION, default=default)
     _check_options(config, default)
     return config
 
@@ -127,7 +115,7 @@ def _run_recipe(words: Sequence[str]) -> int:
     from hugwbc.learned.recipe.recipe import load_recipe
     from hugwbc.learned.recipe.run import run_recipe
 
-    options, changes = parse_known(RecipeOptions, words, "train", RecipeOptions.__doc__)
+    options, changes = parse_known(RecipeOptions, words, "train")
     recipe = load_recipe(options.recipe, smoke=options.smoke)
     recipe = _changed(recipe, changes) if changes else recipe
     out = options.out or pathlib.Path("runs") / pathlib.Path(options.recipe).stem
@@ -155,7 +143,7 @@ def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
         )
     ((name, train),) = trained.items()
     train = dataclasses.replace(train, seed=recipe.seed)
-    config = parse(TrainConfig, words, "train", None, train)
+    config = parse(TrainConfig, words, "train", default=train)
     _check_options(config, train)
     if config.resume or config.hours != train.hours:
         raise ConfigError("--resume and --hours are not for recipes: the same command continues, and Ctrl-C stops it")

@@ -1,7 +1,6 @@
 """Conditions of an evaluation: physics, ground, robot, sensors, external control of the arms."""
 
 import dataclasses
-import functools
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
@@ -136,9 +135,14 @@ class Conditions:
         The seed is that of the ground, of the sensor noise and of what varies in the scene: a number as
         `Arena.simulation` takes it, or the seed of an experiment and the number of the episode.
         """
-        make = functools.partial(
-            self.chosen.simulation_in,
+        terrain = None
+        if not self.is_level:
+            size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
+            options = {"size": size, "start_radius": _START_RADIUS, "slope": self.slope}
+            terrain = rough_terrain(self.terrain_roughness, np.random.default_rng(seed), **options)
+        return self.chosen.simulation_in(
             ENGINES[self.engine],
+            terrain=terrain,
             timestep=self.timestep,
             variation=self.variation(),
             latency=self.latency,
@@ -146,12 +150,6 @@ class Conditions:
             seed=seed if isinstance(seed, int) else int(np.random.SeedSequence(seed).generate_state(1)[0]),
             scene=scene,
         )
-        if self.is_level:
-            return make()
-        size = 2.0 * (_TOP_SPEED * duration + _START_RADIUS + 1.0)
-        rng = np.random.default_rng(seed)
-        terrain = rough_terrain(self.terrain_roughness, rng, size=size, start_radius=_START_RADIUS, slope=self.slope)
-        return make(terrain=terrain)
 
     def estimator(self) -> StateEstimator | None:
         """Return the estimator that gives the controller its state; None where it gets the true state."""
@@ -167,7 +165,7 @@ class Conditions:
         from hugwbc.learned.env.arm_intervention import make_arm_targets
 
         generator = torch.Generator().manual_seed(int(np.random.SeedSequence(seed).generate_state(1)[0]))
-        robot = load_robot(self.chosen.robot)
+        robot = load_robot(self.robot)
         targets = make_arm_targets(
             self.intervention,
             robot,

@@ -100,9 +100,9 @@ class Figure:
         return Comparison.WORSE if bounds and min(bounds) > 0.0 else Comparison.UNCLEAR_WORSE
 
 
-def falls_figure(table: str, fell: Iterable[bool], reference: str = "") -> Figure:
+def falls_figure(table: str, fell: Iterable[bool], reference: str = "", quantity: str = FALLS) -> Figure:
     """Return the percentage of episodes in which the robot fell."""
-    return Figure(table, FALLS, "% of episodes", wilson_percentage(list(fell)), reference=reference)
+    return Figure(table, quantity, "% of episodes", wilson_percentage(fell), reference=reference)
 
 
 def judged_fairly(figures: Iterable[Figure], robot: str) -> list[Figure]:

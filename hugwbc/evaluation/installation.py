@@ -30,14 +30,10 @@ _REMEDY = (
 SAMPLES = 20  # random states on which the models are compared
 
 
-def run_checks(
-    on_progress: Callable[[float], object] = lambda fraction: None, robot: str | None = None
-) -> list[tuple[str, bool, str]]:
+def run_checks(on_progress: Callable[[float], object], robot: str | None) -> list[tuple[str, bool, str]]:
     """Run every check, whether others fail or not; return what was checked, whether it is right, and what was found.
 
-    Args:
-        on_progress: called with the fraction that is done.
-        robot: check this robot instead of the installation, as far as its table is right.
+    With a robot, check that instead of the installation, as far as its table is right.
     """
     checks = CHECKS if robot is None else {name: functools.partial(check, robot) for name, check in OF_A_ROBOT.items()}
     outcomes = []

@@ -4,7 +4,8 @@ import dataclasses
 import functools
 import math
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -40,12 +41,13 @@ def known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def wilson_percentage(happened: Sequence[bool]) -> Estimate:
+def wilson_percentage(happened: Iterable[bool]) -> Estimate:
     """Return the percentage of episodes in which something happened, with its score interval (Wilson 1927).
 
     Unlike a bootstrap interval it has a width even if nothing happened: no fall in four episodes says little.
     """
-    return wilson_of(sum(happened), len(happened))
+    outcomes = list(happened)
+    return wilson_of(sum(outcomes), len(outcomes))
 
 
 def wilson_of(times: int, count: int) -> Estimate:
@@ -65,23 +67,20 @@ def bootstrap_mean(samples: Iterable[float | None]) -> Estimate:
     Hesterberg 2015, "What Teachers Should Know About the Bootstrap", The American Statistician 69, 371-386. Below `FEW`
     samples the interval is still too narrow, as it cannot reach beyond them.
     """
-    known = np.array([sample for sample in samples if sample is not None], dtype=float)
-    if known.size == 0:
-        return Estimate(None, None, None, 0)
-    if known.size == 1:
-        return Estimate(float(known[0]), None, None, 1)
-    rng = np.random.default_rng(_SEED)
-    means = known[rng.integers(known.size, size=(RESAMPLES, known.size))].mean(axis=1)
-    return Estimate(float(known.mean()), *_bounds(means, known.size), int(known.size))
+    return _bootstrap(samples, np.mean)
 
 
-def bootstrap_median(samples: Sequence[float]) -> Estimate:
-    """Return the median with the interval of `bootstrap_mean`."""
-    if len(samples) < 2:
-        return single(samples[0] if samples else None)
-    picked = np.random.default_rng(_SEED).integers(len(samples), size=(RESAMPLES, len(samples)))
-    medians = np.median(np.array(samples, dtype=float)[picked], axis=1)
-    return Estimate(float(np.median(samples)), *_bounds(medians, len(samples)), len(samples))
+def bootstrap_median(samples: Iterable[float | None]) -> Estimate:
+    """Return the median with the interval of `bootstrap_mean`; None is left out."""
+    return _bootstrap(samples, np.median)
+
+
+def _bootstrap(samples: Iterable[float | None], statistic: Callable[..., Any]) -> Estimate:
+    found = np.array([sample for sample in samples if sample is not None], dtype=float)
+    if found.size < 2:
+        return single(float(found[0]) if found.size else None)
+    picked = np.random.default_rng(_SEED).integers(found.size, size=(RESAMPLES, found.size))
+    return Estimate(float(statistic(found)), *_bounds(statistic(found[picked], axis=1), found.size), found.size)
 
 
 def bootstrap_rms(samples: Iterable[float | None]) -> Estimate:
@@ -99,17 +98,17 @@ def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float |
     """
     own, other = (np.array([v for v in values if v is not None], dtype=float) for values in (samples, reference))
     if not own.size or not other.size or other.mean() == 0.0:
-        return Estimate(None, None, None, int(own.size))
-    ratio = float(own.mean() / other.mean())
+        return Estimate(None, None, None, own.size)
+    without_bounds = Estimate(float(own.mean() / other.mean()), None, None, own.size)
     if own.size == 1 or other.size == 1:
-        return Estimate(ratio, None, None, int(own.size))
+        return without_bounds
     rng = np.random.default_rng(_SEED)
     means = [v[rng.integers(v.size, size=(RESAMPLES, v.size))].mean(axis=1) for v in (own, other)]
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = _bounds(means[0] / means[1], min(own.size, other.size))
     if not (math.isfinite(low) and math.isfinite(high)):  # resamples of the divisor that are 0
-        return Estimate(ratio, None, None, int(own.size))
-    return Estimate(ratio, low, high, int(own.size))
+        return without_bounds
+    return dataclasses.replace(without_bounds, low=low, high=high)
 
 
 def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int = 1) -> Estimate:

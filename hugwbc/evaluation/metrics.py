@@ -151,19 +151,15 @@ def foot_travel(trace: Trace, settle: float = SETTLE_S) -> tuple[float, float]:
 
 
 def places(trace: Trace, frames: Sequence[str], kept: np.ndarray) -> np.ndarray:
-    """Return where frames of the robot were at the samples that are kept, in the world [m], shape (samples, frames, 3).
+    """Return where frames of `Kinematics.position` were in the world [m], shape (samples, frames, 3).
 
-    Args:
-        trace: record of the run.
-        frames: names of the frames, as of `Kinematics.position`.
-        kept: which samples, shape (T,), bool.
+    `kept` says at which samples of the record, shape (T,), bool.
     """
     kinematics = Kinematics(load_robot(trace.robot))
     found = np.empty((np.count_nonzero(kept), len(frames), 3))
     for row, qpos in zip(found, trace.qpos[kept], strict=True):
         q = qpos[7:]
-        state = RobotState(q, np.zeros_like(q), qpos[3:7], np.zeros(3), qpos[:3])
-        kinematics.update(state)
+        kinematics.update(RobotState(q, np.zeros_like(q), qpos[3:7], np.zeros(3), qpos[:3]))
         row[:] = [kinematics.position(frame) for frame in frames]
     return found
 

@@ -13,7 +13,7 @@ from hugwbc.evaluation.intervals import Estimate
 INTERVAL_NOTE = (
     "95 % intervals: of means by bootstrap over episodes; of percentages of episodes Wilson's score interval"
 )
-_DIGITS = 3  # of the largest number of a cell
+_DIGITS = 3  # significant ones, of the largest number of a cell
 Mark = Literal["", "worse", "unclear", "published"]
 
 
@@ -51,9 +51,9 @@ def cell_text(value: Cell) -> str:
     return number(value) if isinstance(value, float) else str(value)
 
 
-def number(value: float, digits: int = 3) -> str:
-    """Round to significant digits, without an exponent where that is readable."""
-    return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+def number(value: float) -> str:
+    """Round to `_DIGITS` significant digits, without an exponent where that is readable."""
+    return f"{value:.0f}" if abs(value) >= 10 ** (_DIGITS - 1) else f"{value:.{_DIGITS}g}"
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:

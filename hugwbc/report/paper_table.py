@@ -3,13 +3,19 @@
 import pathlib
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from hugwbc.evaluation.experiment import Result
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 from hugwbc.evaluation.tables import INTERVAL_NOTE, Cell, Table, cell_text, figures_csv
 from hugwbc.files import write_whole
-from hugwbc.viz.evaluation_plots import Bar, interval_bars
+from hugwbc.viz.framing import LABEL_COLOURS
+from hugwbc.viz.plots import INK, drawing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Drawing
 
 PAIRED_NOTE = (
     f"{INTERVAL_NOTE}. Differences from {{}} are over the episodes that both have: of means with a paired bootstrap "
@@ -17,6 +23,10 @@ PAIRED_NOTE = (
     "that are no means over episodes have none."
 )
 _PAGE = 40  # rows
+# Of the picture: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
+_LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
+Bars = Sequence[Estimate | None]
+"""A number of each controller, with its interval if it has one."""
 _TEX = {
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "[": "{[}"},
     **{character: f"\\{character}" for character in "&%$#_{}"},
@@ -72,11 +82,7 @@ def write_paper(
 ) -> list[pathlib.Path]:
     """Write table.tex, figures.csv and figure.svg of results of one experiment, and return their paths.
 
-    Args:
-        folder: where to.
-        results: the results.
-        tables: their tables.
-        notes: sentences for the caption.
+    The tables are those of the results, and the notes sentences for the caption.
     """
     figures = [figure for result in results for figure in result.figures if figure.estimate is not None]
     contents = {
@@ -96,18 +102,57 @@ def _picture(results: Sequence[Result]) -> str:
         for figure in result.figures:
             found.setdefault((figure.table, figure.label), {})[result.controller] = figure
     several = len({title for title, _ in found}) > 1
-    rows: list[tuple[str, list[Bar | None], list[Bar | None]]] = []
-    for (title, label), mine in found.items():
-        figures = [mine.get(result.controller) for result in results]
-        values = [_bar(figure and figure.estimate) for figure in figures]
-        if any(bar and bar.low is not None for bar in values):
-            gaps = [_bar(figure.difference.estimate) if figure and figure.difference else None for figure in figures]
-            rows.append((f"{title}: {label}" if several else label, values, gaps))
     names = [result.controller for result in results]
-    return interval_bars(rows, names, f"paired difference from {names[0]}")
+    rows: list[tuple[str, Bars, Bars]] = []
+    for (title, label), mine in found.items():
+        figures = [mine.get(name) for name in names]
+        values = [figure and figure.estimate for figure in figures]
+        if any(bar and bar.low is not None for bar in values):
+            gaps = [figure.difference.estimate if figure and figure.difference else None for figure in figures]
+            rows.append((f"{title}: {label}" if several else label, values, gaps))
+    return _interval_bars(rows, names, f"paired difference from {names[0]}")
 
 
-def _bar(estimate: Estimate | None) -> Bar | None:
-    if estimate is None or estimate.value is None:
-        return None
-    return Bar(estimate.value, estimate.low, estimate.high)
+def _interval_bars(rows: Sequence[tuple[str, Bars, Bars]], names: Sequence[str], differences: str) -> str:
+    """Return an SVG file of quantities with their intervals, one below the other, and differences beside them.
+
+    Each quantity has axes of its own, in its own unit.
+
+    Args:
+        rows: for each quantity its title, the numbers of all names, and their differences from the first one's.
+        names: names of what is compared.
+        differences: heading of the differences.
+    """
+    band, margin = _LANE * len(names), 0.3 + _LETTER * max(map(len, names))  # [in]
+    height = _HEAD + len(rows) * (band + _BETWEEN)
+    width = margin + _VALUES + _GAP + _GAPS + 0.3
+
+    def draw(figure: "Drawing") -> None:
+        inches = figure.dpi_scale_trans
+        figure.text(margin + _VALUES + _GAP, height - 0.2, differences, fontsize=9, transform=inches)
+        for number, (title, values, gaps) in enumerate(rows):
+            top = height - _HEAD - number * (band + _BETWEEN)
+            figure.text(0.1, top - 0.02, title, fontsize=9, weight="bold", transform=inches)
+            bottom = top - 0.1 - band
+            for left, length, bars in ((margin, _VALUES, values), (margin + _VALUES + _GAP, _GAPS, gaps)):
+                if all(bar is None or bar.value is None for bar in bars):
+                    continue
+                axes = figure.add_axes((left / width, bottom / height, length / width, band / height))
+                _draw_bars(axes, bars)
+                axes.set_yticks(range(len(names)), names if bars is values else [""] * len(names), fontsize=9)
+                if bars is gaps:
+                    axes.axvline(0.0, color="black", linewidth=0.8)
+
+    return drawing("intervals", draw, (width, height)).replace(INK, "#000000")
+
+
+def _draw_bars(axes: "Axes", bars: Bars) -> None:
+    for lane, (bar, colour) in enumerate(zip(bars, LABEL_COLOURS, strict=False)):
+        if bar is not None and bar.value is not None:
+            axes.plot(bar.value, lane, "o", color=colour, markersize=5)
+            if bar.low is not None and bar.high is not None:
+                axes.plot([bar.low, bar.high], [lane, lane], color=colour, linewidth=2.0)
+    axes.set_ylim(len(bars) - 0.5, -0.5)
+    axes.margins(x=0.08)
+    axes.locator_params(axis="x", nbins=4)
+    axes.tick_params(axis="x", labelsize=8)

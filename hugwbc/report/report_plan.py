@@ -10,12 +10,11 @@ from typing import Any, Literal
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.experiment import Result
-from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED
 from hugwbc.evaluation.study import Entry, run_study
 from hugwbc.learned.policy import policy_file, shipped_policies
 from hugwbc.learned.policy.records import robot_of, versions
-from hugwbc.report.report_page import Report
+from hugwbc.report.report_page import Report, sections
 from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.settings import REPORT_SEED
@@ -38,7 +37,7 @@ class ReportPlan:
     def __post_init__(self) -> None:
         check_count(len(self.controllers), "controllers")
         _ = self.labels
-        known = {name: experiment.section for name, experiment in EXPERIMENTS.items() if experiment.section}
+        known = {experiment.name: section for experiment, section in sections()}
         for name in self.experiments:
             if name not in known:
                 raise UnknownNameError("experiment of the report", name, known)
@@ -71,9 +70,8 @@ class ReportPlan:
         """What to run, all controllers side by side, so that an early stop leaves pairs."""
         return [
             Entry(experiment, dataclasses.replace(settings, seed=self.seed), spec, self.labels[spec])
-            for name, experiment in EXPERIMENTS.items()
-            if (section := experiment.section) and (not self.experiments or name in self.experiments)
-            if not section.unavailable()
+            for experiment, section in sections()
+            if (not self.experiments or experiment.name in self.experiments) and not section.unavailable()
             for settings in (section.quick() if self.profile == "quick" else section.full())
             for spec in (*self.specs, *(self.further if section.ablation else ()))
         ]
@@ -100,10 +98,10 @@ class ReportPlan:
                 "narrow. `--profile full` has the paper's sizes."
             )
         if not self.experiments:
-            sections = [experiment.section for experiment in EXPERIMENTS.values() if experiment.section]
-            notes += [f"The section '{s.title}' is missing: {reason}." for s in sections if (reason := s.unavailable())]
+            missing = [(section.title, section.unavailable()) for _, section in sections()]
+            notes += [f"The section '{title}' is missing: {reason}." for title, reason in missing if reason]
         trainings = {spec.training for spec in (*self.specs, *self.further)}
-        missing = [words for training, words in TRAINED.items() if training not in trainings]
-        if missing and any(entry.experiment.section.ablation for entry in self.entries if entry.experiment.section):
-            notes.append(f"Of the paper's ablation there is no policy {', nor '.join(missing)}: see `--ablation`.")
+        lacking = [words for training, words in TRAINED.items() if training not in trainings]
+        if lacking and any(entry.experiment.section.ablation for entry in self.entries if entry.experiment.section):
+            notes.append(f"Of the paper's ablation there is no policy {', nor '.join(lacking)}: see `--ablation`.")
         return notes

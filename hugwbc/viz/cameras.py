@@ -42,19 +42,11 @@ def check_cameras(names: Sequence[str]) -> None:
 def render_films(
     model: mujoco.MjModel, robot: Robot, qpos: np.ndarray, cameras: Sequence[str], fps: int, folder: pathlib.Path
 ) -> dict[str, dict[str, Any]]:
-    """Write a film of each camera as NAME.mp4 into a folder.
+    """Write a film of each camera, a name in `CAMERAS`, as NAME.mp4 into an existing folder; return its statistics.
 
-    Args:
-        model: the robot and what is around it.
-        robot: the robot.
-        qpos: positions of all joints in each frame, shape (T, model.nq).
-        cameras: names in `CAMERAS`.
-        fps: frames per second.
-        folder: an existing folder.
-
-    Returns:
-        For each camera "min", "max", "mean" and "std" of the three channels, from 0 to 1, and "count", the frames that
-        they are of.
+    These are "min", "max", "mean" and "std" of the three channels, from 0 to 1, and "count", the frames that they are
+    of. The model holds the robot and what is around it; qpos are the positions of all joints in each frame, shape
+    (T, model.nq).
     """
     check_cameras(cameras)
     with tempfile.TemporaryDirectory() as place:
@@ -75,12 +67,7 @@ def view_of(
 ) -> list[np.ndarray]:
     """Return place, forward and upward direction of a camera in the world, shape (3,) each.
 
-    Args:
-        name: one of `CAMERAS`.
-        model: the robot and what is around it.
-        robot: the robot.
-        data: positions of all bodies.
-        heading: horizontal direction of the robot at the first frame, shape (3,).
+    The heading is the horizontal direction of the robot at the first frame, shape (3,).
     """
     if name == "head":
         torso = model.body(robot.trunk).id

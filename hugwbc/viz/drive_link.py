@@ -233,8 +233,8 @@ _DRAGS = ("TransformControlsUpdateMessage", "TransformControlsDragStartMessage",
 _UPDATE = "GuiUpdateMessage"
 
 
-def check_host(host: str, *, expose: bool) -> str:
-    """Return the host to listen on, unchanged; only an exposed one may be within reach of other machines."""
+def check_host(host: str, *, expose: bool) -> None:
+    """Refuse a host to listen on that is within reach of other machines, unless it is meant to be exposed."""
     try:
         loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -243,7 +243,6 @@ def check_host(host: str, *, expose: bool) -> str:
         raise ConfigError(
             f"host is {host}: other machines could drive the robot; give {HOST}, or --expose if that is meant"
         )
-    return host
 
 
 def refusal(headers: Headers, *, any_host: bool) -> str | None:

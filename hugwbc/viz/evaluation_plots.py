@@ -1,6 +1,5 @@
-"""Plots of evaluations: polar plots, gait diagrams, curves and intervals."""
+"""Plots of evaluations: polar plots, gait diagrams and curves."""
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -8,16 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hugwbc.viz.framing import LABEL_COLOURS
-from hugwbc.viz.plots import INK, Panel, drawing, picture
+from hugwbc.viz.plots import INK, Panel, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
 _POLAR_HEIGHT = 5.0  # [in]
-# Of the picture of intervals: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
-_LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
 FEET = ("left", "right")
 
 
@@ -48,13 +44,8 @@ def gait_diagram(
 ) -> Panel:
     """Draw when each foot is on the ground (bars) and the gait's clock signals (curves), the left foot on top.
 
-    Args:
-        title: title of the picture.
-        time: times of the samples [s], shape (T,).
-        contact: whether the left and the right foot are on the ground, shape (T, 2), bool.
-        clock: clock signals of the left and the right foot, in [-1, 1], shape (T, 2).
-        controller: number of the controller, which gives the colour of the bars.
-        length: length of the time axis [s].
+    Contacts of both feet (bool) and their clock signals, in [-1, 1], have the shape (T, 2), the times [s] (T,). The
+    number of the controller gives the colour of the bars, and the time axis has a length [s].
     """
     colour = LABEL_COLOURS[controller % len(LABEL_COLOURS)]
 
@@ -86,59 +77,3 @@ def curves(title: str, series: Mapping[str, tuple[np.ndarray, np.ndarray]], labe
         axes.set_ylabel(labels[1])
 
     return Panel(title, picture(title, draw))
-
-
-@dataclasses.dataclass(frozen=True)
-class Bar:
-    """A number with its interval, if it has one."""
-
-    value: float
-    low: float | None = None
-    high: float | None = None
-
-
-def interval_bars(
-    rows: Sequence[tuple[str, Sequence[Bar | None], Sequence[Bar | None]]], names: Sequence[str], differences: str
-) -> str:
-    """Return an SVG file of quantities with their intervals, one below the other, and differences beside them.
-
-    Each quantity has axes of its own, in its own unit.
-
-    Args:
-        rows: for each quantity its title, the numbers of all names, and their differences from the first one's.
-        names: names of what is compared.
-        differences: heading of the differences.
-    """
-    band, margin = _LANE * len(names), 0.3 + _LETTER * max(map(len, names))  # [in]
-    height = _HEAD + len(rows) * (band + _BETWEEN)
-    width = margin + _VALUES + _GAP + _GAPS + 0.3
-
-    def draw(figure: "Figure") -> None:
-        inches = figure.dpi_scale_trans
-        figure.text(margin + _VALUES + _GAP, height - 0.2, differences, fontsize=9, transform=inches)
-        for number, (title, values, gaps) in enumerate(rows):
-            top = height - _HEAD - number * (band + _BETWEEN)
-            figure.text(0.1, top - 0.02, title, fontsize=9, weight="bold", transform=inches)
-            bottom = top - 0.1 - band
-            for left, length, bars in ((margin, _VALUES, values), (margin + _VALUES + _GAP, _GAPS, gaps)):
-                if not any(bars):
-                    continue
-                axes = figure.add_axes((left / width, bottom / height, length / width, band / height))
-                _draw_bars(axes, bars)
-                axes.set_yticks(range(len(names)), names if bars is values else [""] * len(names), fontsize=9)
-                if bars is gaps:
-                    axes.axvline(0.0, color="black", linewidth=0.8)
-
-    return drawing("intervals", draw, (width, height)).replace(INK, "#000000")
-
-
-def _draw_bars(axes: "Axes", bars: Sequence[Bar | None]) -> None:
-    for lane, (bar, colour) in enumerate(zip(bars, LABEL_COLOURS, strict=False)):
-        if bar is not None:
-            axes.plot(bar.value, lane, "o", color=colour, markersize=5)
-            if bar.low is not None and bar.high is not None:
-                axes.plot([bar.low, bar.high], [lane, lane], color=colour, linewidth=2.0)
-    axes.set_ylim(len(bars) - 0.5, -0.5)
-    axes.margins(x=0.08)
-    axes.locator_params(axis="x", nbins=4)
-    axes.tick_params(axis="x", labelsize=8)

@@ -4,7 +4,7 @@ import contextlib
 import io
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -16,7 +16,7 @@ from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, comman
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import MEASURED_NAMES, Kinematics
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import SIDES
 from hugwbc.runtime.command_chain import feasible
 from hugwbc.scripts.socket_source import SocketSource
 from hugwbc.sim import Engine, Scene
@@ -118,9 +118,7 @@ class LivePage:
         self.server.initial_camera.look_at = LOOK_AT
         self._links = {}
         for link, meshes in colour_meshes(shapes_of(model)).items():
-            self._links[link] = scene.add_frame(f"{WORLD}/robot/{link}", show_axes=False)
-            for part, (colour, mesh) in enumerate(meshes.items()):
-                scene.add_mesh_simple(f"{WORLD}/robot/{link}/{part}", mesh.vertices, mesh.faces, color=rgb_of(colour))
+            self._links[link] = self._add_body(f"{WORLD}/robot/{link}", meshes)
         self._heading = scene.add_frame(f"{WORLD}/heading", show_axes=False)
         self._handles = {}
         for side in SIDES:
@@ -130,6 +128,15 @@ class LivePage:
             )  # fmt: skip
             self._handles[side].on_update(lambda _: self._take_hands())
             scene.add_icosphere(f"{WORLD}/heading/{side}_hand/ball", 0.035, (224, 112, 42), opacity=0.7)
+
+    def _add_body(self, path: str, meshes: Mapping[str, Any], *, flat_shading: bool = False) -> viser.FrameHandle:
+        """Draw a body, whose meshes have one colour each; return the frame that moves it."""
+        frame = self.server.scene.add_frame(path, show_axes=False)
+        for part, (colour, mesh) in enumerate(meshes.items()):
+            self.server.scene.add_mesh_simple(
+                f"{path}/{part}", mesh.vertices, mesh.faces, color=rgb_of(colour), flat_shading=flat_shading
+            )
+        return frame
 
     def _build_objects(self, around: Scene | None) -> None:
         """Draw what stands around the robot, and lines for the forces on its hands."""
@@ -141,16 +148,7 @@ class LivePage:
         self.server.initial_camera.position = SCENE_CAMERA
         meshes = colour_meshes(shapes_of(model))
         for number, body in enumerate(("world", *around.body_names)):  # what an MJCF file has in its world stays there
-            frame = self.server.scene.add_frame(f"{WORLD}/objects/{number}", show_axes=False)
-            for part, (colour, mesh) in enumerate(meshes.get(body, {}).items()):
-                self.server.scene.add_mesh_simple(
-                    f"{WORLD}/objects/{number}/{part}",
-                    mesh.vertices,
-                    mesh.faces,
-                    color=rgb_of(colour),
-                    flat_shading=True,
-                )
-            self._objects.append(frame)
+            self._objects.append(self._add_body(f"{WORLD}/objects/{number}", meshes.get(body, {}), flat_shading=True))
 
     def stage(self, simulation: Engine) -> None:
         """Show another robot of the same kind among its own objects, and forget earlier requests."""
@@ -184,13 +182,12 @@ class LivePage:
         self.server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
     def _build_panel(self) -> None:
-        gui = self.server.gui
+        gui, of_gaits = self.server.gui, [command_ranges(gait, self.source.robot) for gait in Gait]
         self._sliders = {}
         for name in COMMAND_NAMES:
-            low, high = _slider_range(name, self.source.robot)
-            slider = gui.add_slider(
-                f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", low, high, 0.01, getattr(self.source.requested, name)
-            )
+            low, high = zip(*(ranges[name].finishing for ranges in of_gaits), strict=True)
+            value = getattr(self.source.requested, name)
+            slider = gui.add_slider(f"{NAMES[name]} {name} [{COMMAND_UNITS[name]}]", min(low), max(high), 0.01, value)
             slider.on_update(lambda _, name=name: self._ask(name))
             self._sliders[name] = slider
         with gui.add_folder("hands"):
@@ -226,10 +223,6 @@ class LivePage:
             self.source.ask(name, value)
         if getattr(self.source.requested, name) != value:
             self._moved.add(name)
-
-    def _choose_gait(self, gait: Gait) -> None:
-        self.source.ask_gait(gait)
-        self._show_sliders()
 
     def _show_sliders(self) -> None:
         for name, slider in self._sliders.items():
@@ -271,7 +264,8 @@ class LivePage:
     def _obey(self, action: str) -> None:
         """Do what a key or a button asks for."""
         if action in (gait.label for gait in Gait):
-            self._choose_gait(Gait.parse(action))
+            self.source.ask_gait(Gait.parse(action))
+            self._show_sliders()
         elif action in ("stop", HIDE):
             self.stop()
             self._actions.add(action)
@@ -423,9 +417,3 @@ def _drawn_later() -> Iterator[None]:
     except RuntimeError as error:
         if "mutated during iteration" not in str(error):
             raise
-
-
-def _slider_range(name: str, robot: Robot) -> tuple[float, float]:
-    """Return the least and the largest value that any gait admits."""
-    ranges = [command_ranges(gait, robot)[name].finishing for gait in Gait]
-    return min(low for low, _ in ranges), max(high for _, high in ranges)

@@ -14,7 +14,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
 from hugwbc.robot import SIDES, Robot
-from hugwbc.runtime.trace import Snapshot
+from hugwbc.runtime.trace import Snapshot, Trace
 from hugwbc.sim.robot_model import robot_layout
 from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, along_z, homogeneous
 
@@ -89,9 +89,9 @@ class Marks:
             **self._phases(snapshot),
         }
 
-    def body(self, body: int) -> Mark:
-        """Return where a body of the model was at the last moment asked for, by its number."""
-        return Mark(True, self._data.xpos[body].copy(), self._data.xquat[body].copy())
+    def body(self, name: str) -> Mark:
+        """Return where a body of the model was at the last moment asked for."""
+        return _mark_of(self._data, name)
 
     def footprint(self, qpos: np.ndarray, foot: int) -> Mark:
         """Return the mark that a foot (0 left, 1 right) leaves on level ground, given `Snapshot.qpos`."""
@@ -99,6 +99,11 @@ class Marks:
         mujoco.mj_kinematics(self._model, self._data)
         centre, turn = self._sole(foot)
         return Mark(position=centre, quaternion=_about_z(float(np.arctan2(turn[1, 0], turn[0, 0]))))
+
+    def footprints(self, trace: Trace) -> list[tuple[float, Mark]]:
+        """Return the footprints of a run in the order in which they appear, each with the time of that [s]."""
+        downs = sorted((float(t), foot) for foot in range(2) for t in trace.touch_downs[foot] if t <= trace.time[-1])
+        return [(t, self.footprint(trace.qpos[int(np.searchsorted(trace.time, t))], foot)) for t, foot in downs]
 
     def _sole(self, foot: int) -> tuple[np.ndarray, np.ndarray]:
         site = self._data.site(f"{SIDES[foot]}_sole")
@@ -116,9 +121,7 @@ class Marks:
             self._ghost.qpos[self._layout.joints][self._robot.arms] = snapshot.arm_target
             mujoco.mj_kinematics(self._model, self._ghost)
         for side, link in zip(SIDES, self._robot.hand_links, strict=True):
-            body = self._ghost.body(link)
-            mark = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy()) if moved else HIDDEN
-            marks[f"hands/ghost_{side}"] = mark
+            marks[f"hands/ghost_{side}"] = _mark_of(self._ghost, link) if moved else HIDDEN
         return marks
 
     def _hand_forces(self, snapshot: Snapshot) -> dict[str, Mark]:
@@ -165,11 +168,14 @@ class Marks:
         marks = {}
         stance = in_stance(snapshot.phase, snapshot.gait, snapshot.foot_contact)
         for foot, side in enumerate(SIDES):
-            body = self._data.body(self._robot.foot_links[foot])
-            marks[f"phases/{side}"] = Mark(position=body.xpos.copy(), quaternion=body.xquat.copy())
+            marks[f"phases/{side}"] = self.body(self._robot.foot_links[foot])
             marks[f"phases/{side}/stance"] = Mark(bool(stance[foot]))
             marks[f"phases/{side}/swing"] = Mark(not stance[foot])
         return marks
+
+
+def _mark_of(data: mujoco.MjData, body: str) -> Mark:
+    return Mark(position=data.body(body).xpos.copy(), quaternion=data.body(body).xquat.copy())
 
 
 def in_stance(phase: np.ndarray | float, gait: np.ndarray | int, foot_contact: np.ndarray) -> np.ndarray:

@@ -66,7 +66,7 @@ class RobotView:
             self._add(
                 f"links/{shape.body}/{index}", shape, geometry.MeshPhongMaterial(color=_hex(colour), shininess=40)
             )
-        self._links = [(f"links/{name}", model.body(name).id) for name in dict.fromkeys(s.body for s in shapes)]
+        self._links = {f"links/{shape.body}": shape.body for shape in shapes}
         for name, parts in mark_shapes(shapes, label, robot).items():
             for index, part in enumerate(parts):
                 self._add(f"{name}/{index}", part)
@@ -99,7 +99,7 @@ class RobotView:
         marks = self.marks.at(snapshot)  # which moves the links
         poses = zip(self._objects, snapshot.object_pose, strict=False)
         objects = {path: Mark(True, pose[:3], pose[3:]) for path, pose in poses}
-        return {path: self.marks.body(link) for path, link in self._links} | objects | marks
+        return {path: self.marks.body(link) for path, link in self._links.items()} | objects | marks
 
     def add_footprint(self, number: int, mark: Mark) -> str:
         """Put footprint `number` on the ground, in place of an earlier one; return its path below the robot."""

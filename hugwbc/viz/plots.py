@@ -72,34 +72,20 @@ def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -
         def draw(axes: "Axes", name: str = name) -> None:
             for trace, colour in zip(traces, LABEL_COLOURS, strict=False):
                 # Lines that lie on each other stay visible, above all the quick ones of the soles.
-                axes.plot(trace.time, _measured(trace, name), color=colour, alpha=0.75 if name == "l" else 0.9)
+                measured = trace.clearance.max(axis=1) if name == "l" else trace.measured[:, MEASURED_NAMES.index(name)]
+                axes.plot(trace.time, measured, color=colour, alpha=0.75 if name == "l" else 0.9)
             longest = max(traces, key=lambda trace: trace.time[-1])
-            commanded = _commanded(longest, name)
+            commanded = longest.command[:, COMMAND_NAMES.index(name)]
+            if name == "l":  # which has no meaning while standing
+                commanded = np.where(longest.gait == Gait.STANDING, np.nan, commanded)
             axes.plot(longest.time, commanded, color=INK, linestyle="--", linewidth=1.0, drawstyle="steps-post")
             axes.set_ylabel(COMMAND_UNITS[name])
-            _widen(axes)
+            low, high = axes.get_ylim()
+            missing = max(0.0, SMALLEST_SPAN - (high - low)) / 2  # so that ripples of a constant quantity look small
+            axes.set_ylim(low - missing, high + missing)
 
         panels.append(_time_panel(TITLES[name], draw, traces, chapters))
     return panels
-
-
-def _commanded(trace: Trace, name: str) -> np.ndarray:
-    values = trace.command[:, COMMAND_NAMES.index(name)]
-    # A swing height has no meaning while standing.
-    return np.where(trace.gait == Gait.STANDING, np.nan, values) if name == "l" else values
-
-
-def _widen(axes: "Axes") -> None:
-    """Widen the vertical axis to `SMALLEST_SPAN`, so that ripples of a constant quantity look small."""
-    low, high = axes.get_ylim()
-    missing = max(0.0, SMALLEST_SPAN - (high - low)) / 2
-    axes.set_ylim(low - missing, high + missing)
-
-
-def _measured(trace: Trace, name: str) -> np.ndarray:
-    if name == "l":
-        return trace.clearance.max(axis=1)
-    return trace.measured[:, MEASURED_NAMES.index(name)]
 
 
 def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:

@@ -146,10 +146,8 @@ def _motion(marks: Sequence[Mark]) -> Tracks:
 
 def _footprint_tracks(view: RobotView, trace: Trace, samples: np.ndarray) -> Iterator[tuple[str, Tracks]]:
     """Yield the tracks of footprints, which appear when a foot comes down and then stay."""
-    times = [(float(time), foot) for foot in range(2) for time in trace.touch_downs[foot] if time <= trace.time[-1]]
-    for number, (time, foot) in enumerate(sorted(times)):
-        sample = int(np.searchsorted(trace.time, time))
-        name = view.add_footprint(number, view.marks.footprint(trace.qpos[sample], foot))
+    for number, (time, mark) in enumerate(view.marks.footprints(trace)):
+        name = view.add_footprint(number, mark)
         shown = np.arange(len(samples)) / FPS + trace.time[0] >= time
         yield name, [("visible", "bool", shown.tolist())]
 

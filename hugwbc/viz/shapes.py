@@ -4,7 +4,7 @@ The live scene and the replay page draw them with meshcat, the live page as mesh
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
 import meshcat.geometry as geometry
@@ -76,61 +76,43 @@ class FineEllipsoid(_Fine, geometry.Ellipsoid):
     """An ellipsoid with small facets."""
 
 
-Placed = list[tuple[geometry.Geometry, np.ndarray]]
-
-
-def _box(size: np.ndarray) -> Placed:
-    return [(geometry.Box((2 * size).tolist()), np.eye(4))]
-
-
-def _sphere(size: np.ndarray) -> Placed:
-    return [(FineSphere(float(size[0])), np.eye(4))]
-
-
-def _ellipsoid(size: np.ndarray) -> Placed:
-    return [(FineEllipsoid(size), np.eye(4))]
-
-
-def _cylinder(size: np.ndarray) -> Placed:
-    cylinder = geometry.Cylinder(2 * float(size[1]), float(size[0]))
-    cylinder.radialSegments = SEGMENTS
-    return [(cylinder, CYLINDER_TO_Z)]
-
-
-def _capsule(size: np.ndarray) -> Placed:
-    """Return a cylinder with a ball at each end; meshcat has no capsules."""
-    ends: Placed = [(geometry.Sphere(float(size[0])), along_z(sign * float(size[1]))) for sign in (-1, 1)]
-    return _cylinder(size) + ends
-
-
-_PRIMITIVES: dict[int, Callable[[np.ndarray], Placed]] = {
-    mujoco.mjtGeom.mjGEOM_BOX: _box,
-    mujoco.mjtGeom.mjGEOM_SPHERE: _sphere,
-    mujoco.mjtGeom.mjGEOM_ELLIPSOID: _ellipsoid,
-    mujoco.mjtGeom.mjGEOM_CYLINDER: _cylinder,
-    mujoco.mjtGeom.mjGEOM_CAPSULE: _capsule,
-}
-
-
 def shapes_of(model: mujoco.MjModel) -> list[Shape]:
     """Return the shapes of all geoms that are drawn, which planes and height fields are not."""
     shapes = []
     for geom in np.flatnonzero(model.geom_group <= VISUAL_GROUP).tolist():
-        kind, material = int(model.geom_type[geom]), int(model.geom_matid[geom])
-        if kind == mujoco.mjtGeom.mjGEOM_MESH:
-            parts: Placed = [(geometry.TriangularMeshGeometry(*_mesh(model, geom)), np.eye(4))]
-        elif kind in _PRIMITIVES:
-            parts = _PRIMITIVES[kind](model.geom_size[geom])
-        else:
-            continue
+        material = int(model.geom_matid[geom])
         colour = hex_colour((model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3])
         named = {
             "body": model.body(int(model.geom_bodyid[geom])).name,
             "material": "" if material < 0 else model.mat(material).name,
         }
         in_body = homogeneous(model.geom_pos[geom], model.geom_quat[geom])
+        parts = _primitives(model, geom)
         shapes += [Shape(primitive, colour, in_body @ placement, **named) for primitive, placement in parts]
     return shapes
+
+
+def _primitives(model: mujoco.MjModel, geom: int) -> list[tuple[geometry.Geometry, np.ndarray]]:
+    """Return what a geom is drawn with, and the transforms of these into its frame, shape (4, 4) each."""
+    size = model.geom_size[geom]
+    radius, half = size[:2].tolist()  # of round shapes
+    cylinder = geometry.Cylinder(2 * half, radius)
+    cylinder.radialSegments = SEGMENTS
+    match mujoco.mjtGeom(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return [(geometry.TriangularMeshGeometry(*_mesh(model, geom)), np.eye(4))]
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return [(geometry.Box((2 * size).tolist()), np.eye(4))]
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return [(FineSphere(radius), np.eye(4))]
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return [(FineEllipsoid(size), np.eye(4))]
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return [(cylinder, CYLINDER_TO_Z)]
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:  # a cylinder with a ball at each end; meshcat has no capsules
+            balls = [(geometry.Sphere(radius), along_z(sign * half)) for sign in (-1, 1)]
+            return [(cylinder, CYLINDER_TO_Z), *balls]
+    return []
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:

@@ -43,8 +43,6 @@ USAGE_ERROR, INTERRUPTED = 2, 130  # exit codes
 
 Draw = Callable[[Snapshot], None]
 Tell = Callable[[str], object]
-Perform = Callable[[str, Callable[[], bool]], str]
-"""Does a task by its name in its own scene, until it is over or the second argument says so; says how it went."""
 
 
 class RealTime:
@@ -236,14 +234,14 @@ def drive(
     page: "LivePage",
     duration: float,
     *,
-    perform: Perform | None = None,
-    stop: Callable[[], bool] = lambda: False,
+    perform: Callable[[str], str],
     tell: Tell = print,
 ) -> None:
-    """Let a person drive a robot until the duration [s] is over, falls included, or `stop` says so.
+    """Let a person drive a robot until the duration [s] is over, falls included.
 
-    The source of the loop is the page's. `perform` does the tasks that the page offers, with the loop's controller.
-    `tell` receives a line for each fall and each task and, at the end, how the drive went.
+    The source of the loop is the page's. `perform` does a task that the page offers, by its name and in its own scene,
+    with the loop's controller, and returns how it went. `tell` receives a line for each fall and each task and, at the
+    end, how the drive went.
     """
     clock = RealTime()
 
@@ -254,9 +252,9 @@ def drive(
         if again or task is not None:
             page.source.stand()
             page.moved()
-        if task is not None and perform is not None:
+        if task is not None:
             try:
-                words = perform(task, stop)
+                words = perform(task)
             except HugwbcError as error:  # such as a scene in which the robot does not fit; driving continues
                 words = f"{task} was not done: {error}"
             page.stage(loop.simulation)
@@ -268,7 +266,7 @@ def drive(
         tell(words)
         page.source.tell(words)
 
-    run_live(loop, duration, draw, until=stop, clock=clock, tell=say)
+    run_live(loop, duration, draw, clock=clock, tell=say)
 
 
 def walked(state: RobotState) -> np.ndarray:

@@ -150,7 +150,8 @@ def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, lay
         for name, pieces in mark_shapes(shapes_of(model), label, robot).items()
         if name.split("/")[0] in layers
     }
-    prints = _footprints(trace, marks, label) if "steps" in layers else []
+    part = footprint(robot, label, PRINT_OPACITY)
+    prints = [(time, _geom(part, mark.placement)) for time, mark in marks.footprints(trace) if "steps" in layers]
     frames = []
     for sample in samples:
         placed = marks.at(snapshot(trace, int(sample)))
@@ -163,17 +164,6 @@ def mark_geoms(trace: Trace, samples: np.ndarray, label: str, offset: float, lay
         frame[:, 5] += offset
         frames.append(frame)
     return frames
-
-
-def _footprints(trace: Trace, marks: Marks, label: str) -> list[tuple[float, np.ndarray]]:
-    """Return the footprints as geoms, each with the time at which it appears [s]."""
-    part, prints = footprint(load_robot(trace.robot), label, PRINT_OPACITY), []
-    for foot in range(2):
-        for time in trace.touch_downs[foot]:
-            if time <= trace.time[-1]:
-                mark = marks.footprint(trace.qpos[int(np.searchsorted(trace.time, time))], foot)
-                prints.append((float(time), _geom(part, mark.placement)))
-    return prints
 
 
 def _placement(name: str, placed: Mapping[str, Mark]) -> np.ndarray | None:

@@ -97,6 +97,6 @@ def test_work_goes_on_when_nobody_reads_any_more(tmp_path):
 
 def test_options_are_named_without_their_classes_and_a_home_is_expanded_anywhere(monkeypatch):
     monkeypatch.setenv("HOME", "/home/one")
-    assert output.parse(BenchOptions, ["--json=~/speed.json"], "bench", "").json == pathlib.Path("/home/one/speed.json")
+    assert output.parse(BenchOptions, ["--json=~/speed.json"], "bench").json == pathlib.Path("/home/one/speed.json")
     with pytest.raises(ConfigError, match=r"^seconds is -1.0; it should be greater than 0$"):
-        output.parse(BenchOptions, ["--seconds", "-1"], "bench", "")
+        output.parse(BenchOptions, ["--seconds", "-1"], "bench")

@@ -60,13 +60,13 @@ def test_a_slider_shows_what_its_gait_admits_of_what_is_asked():
     page = opened_page(simulation)
     forward, height = page._sliders["v_x"], page._sliders["h"]
     height.value = -0.1
-    page._choose_gait(Gait.HOPPING_LEFT)
+    page._obey(Gait.HOPPING_LEFT.label)
     forward.value = 1.0
     page.show(simulation)
     assert forward.value == page.source.requested.v_x == 0.6, "nobody hops faster"
     assert height.value == page.source.requested.h == -0.1
     assert "is outside -0.6 to 0.6" in page.source.notice
-    page._choose_gait(Gait.STANDING)
+    page._obey(Gait.STANDING.label)
     page.show(simulation)
     assert forward.value == 0.0 and height.value == -0.1
     page.close()
@@ -225,7 +225,7 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(p
     page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
 
-    def perform(name, stop):
+    def perform(name):
         page.stage(staged)
         page.show(staged, name)
         seen.append((name, page.interruption, dict(page.link._status), len(page._objects)))
@@ -270,7 +270,7 @@ def test_a_task_that_fails_is_said_on_the_page_and_driving_goes_on():
     page.link.clock = lambda: 100.0  # the page is never silent
     loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
 
-    def perform(name, stop):
+    def perform(name):
         raise SceneError("the robot stands in the table")
 
     page.link._hear(1, '{"presses": ["task:carry"]}')

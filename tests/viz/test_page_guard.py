@@ -20,8 +20,8 @@ from hugwbc.viz.live import LivePage
 def test_hosts_that_others_can_reach_are_refused_unless_a_flag_says_so(host):
     with pytest.raises(ConfigError, match="other machines could drive the robot"):
         check_host(host, expose=False)
-    assert check_host(host, expose=True) == host
-    assert check_host("127.0.0.1", expose=False) == "127.0.0.1"
+    check_host(host, expose=True)
+    check_host("127.0.0.1", expose=False)
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) ->
 def figures(settings: BehavioursSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return how often it was done, its time, and the other endings."""
     table, done = settings.behaviour, rows.filter(pl.col("success"))
-    success = wilson_percentage(rows["success"].to_list())
+    success = wilson_percentage(rows["success"])
     return [
         Figure(table, "done", "% of episodes", success, higher_is_better=True),
         Figure(table, "time", "s", bootstrap_mean(done["seconds"])),
@@ -172,7 +172,7 @@ def arrive_figures(settings: ArriveSettings, rows: pl.DataFrame) -> list[Figure]
     """Return the share of goals that were reached, time and true error of these, and the falls."""
     table, done = "Goals of 0.3 to 3 m, any heading", rows.filter(pl.col("success"))
     found = [
-        Figure(table, "arrived", "% of goals", wilson_percentage(rows["success"].to_list()), higher_is_better=True),
+        Figure(table, "arrived", "% of goals", wilson_percentage(rows["success"]), higher_is_better=True),
         Figure(table, "time", "s", bootstrap_mean(done["seconds"])),
         Figure(table, "true distance", "m", bootstrap_mean(done["distance"])),
         Figure(table, "true angle", "deg", bootstrap_mean(done["angle"])),
@@ -277,7 +277,7 @@ def boxes_figures(settings: BoxesSettings, rows: pl.DataFrame) -> list[Figure]:
     found, size = [], stature(settings.robot)
     for (mass, height), part in rows.group_by("mass", "height", maintain_order=True):
         table, place = f"{size**3 * mass:.3g} kg", f"from {size * height:.3g} m"
-        success = wilson_percentage(part["success"].to_list())
+        success = wilson_percentage(part["success"])
         found.append(Figure(table, f"done {place}", "% of episodes", success, higher_is_better=True))
         found += other_endings(table, f"{place}: ", part)
     return found

@@ -137,12 +137,18 @@ def _binomial_cdf(k: int, n: int, p: float) -> float:
 
 def following(settings: DisturbanceSettings, rows: Sequence[Row]) -> list[Plan]:
     """Return the next rollouts of every search that is not over, so that all of them fill the workers."""
-    return [
-        rollout_plan(settings, kind, direction, search.load, draw)
-        for (kind, direction), search in searches(settings, rows).items()
-        if not search.done
-        for draw in search.numbers
-    ]
+    plans = []
+    for (kind, direction), search in searches(settings, rows).items():
+        for draw in () if search.done else search.numbers:
+            # The draws depend on the rollout's number alone, so that every force is tried on the same robots.
+            rng = np.random.default_rng((settings.seed, draw))
+            conditions = settings.conditions.of_a_drawn_robot(rng)
+            start = settings.settle + float(rng.uniform(0.0, _START_SPREAD))
+            vector = tuple((search.load * heading(direction)).tolist())
+            push = Force(vector, start, KINDS[kind], frame="heading")
+            tags = {"kind": kind, "direction": direction, "force": search.load}
+            plans.append(Plan(draw, settings.default_command(draw), tags, (push,), conditions))
+    return plans
 
 
 def searches(settings: DisturbanceSettings, rows: Sequence[Row]) -> dict[tuple[str, int], SurvivalSearch]:
@@ -157,21 +163,6 @@ def searches(settings: DisturbanceSettings, rows: Sequence[Row]) -> dict[tuple[s
                 search.record(outcomes[:count])
                 outcomes = outcomes[count:]
     return found
-
-
-def rollout_plan(settings: DisturbanceSettings, kind: str, direction: int, force: float, draw: int) -> Plan:
-    """Plan one rollout with a force of a kind in `KINDS`, a direction [deg] and a size [N].
-
-    The same draw gives the same robot and the same start of the force.
-    """
-    # The draws depend on the rollout's number alone, so that every force is tried on the same robots.
-    rng = np.random.default_rng((settings.seed, draw))
-    conditions = settings.conditions.of_a_drawn_robot(rng)
-    vector = tuple((force * heading(direction)).tolist())
-    start = settings.settle + float(rng.uniform(0.0, _START_SPREAD))
-    push = Force(vector, start, KINDS[kind], frame="heading")
-    command = settings.default_command(draw)
-    return Plan(draw, command, {"kind": kind, "direction": direction, "force": force}, (push,), conditions)
 
 
 def episode(controller: Controller, settings: DisturbanceSettings, plan: Plan) -> Row:

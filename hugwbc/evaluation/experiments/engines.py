@@ -5,7 +5,6 @@ direction and time depend on its number, as do the sensors' errors; both engines
 """
 
 import dataclasses
-import math
 from typing import Annotated
 
 import numpy as np
@@ -90,7 +89,7 @@ def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Ro
     """Return the mean absolute errors of v_x, v_y and omega; None where the robot fell too early."""
     trace = simulate(controller, settings, plan)
     errors = tracking_errors(trace, settings.settle)
-    return {**{f"error_{name}": known(errors.get(name, math.nan)) for name in ERRORS}, **ending(trace)}
+    return {**{f"error_{name}": known(errors[name]) for name in ERRORS}, **ending(trace)}
 
 
 def figures(settings: EnginesSettings, rows: pl.DataFrame) -> list[Figure]:
@@ -106,7 +105,7 @@ def figures(settings: EnginesSettings, rows: pl.DataFrame) -> list[Figure]:
             mujoco, physx = errors.values()
             found.append(Figure(table, f"E_{name}, ratio", "", bootstrap_ratio(physx, mujoco)))
         for engine, part in parts.items():
-            found.append(dataclasses.replace(falls_figure(table, part["fell"]), quantity=f"{FALLS}, {engine}"))
+            found.append(falls_figure(table, part["fell"], quantity=f"{FALLS}, {engine}"))
     return found
 
 

@@ -18,7 +18,6 @@ import numpy as np
 import polars as pl
 
 from hugwbc import rotations
-from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
@@ -26,6 +25,7 @@ from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import CONFIDENCE, bootstrap_mean, bootstrap_rms, scaled
 from hugwbc.evaluation.plans import Plan
+from hugwbc.gait import Gait
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.trace import CONTACT_FORCE, SHORTEST_SWING
 from hugwbc.settings import Count, Positive, settings
@@ -70,17 +70,14 @@ class EstimationSettings(CountedSettings):
 
 
 def plan(settings: EstimationSettings) -> list[Plan]:
-    """Return walks at random velocities."""
-    return [Plan(number, walk_command(settings, number)) for number in range(settings.episodes)]
-
-
-def walk_command(settings: EstimationSettings, number: int) -> Command:
-    """Return the command of one walk, drawn from the seed and its number."""
-    command = settings.default_command(number)
-    if settings.gait == "standing":
-        return command
-    rng = np.random.default_rng((settings.seed, number))
-    return dataclasses.replace(command, **{name: float(rng.uniform(*bounds)) for name, bounds in RANDOM.items()})
+    """Return walks at random velocities, each drawn from the seed and its number; or stands."""
+    plans = []
+    for number in range(settings.episodes):
+        rng = np.random.default_rng((settings.seed, number))
+        velocity = {name: float(rng.uniform(*bounds)) for name, bounds in RANDOM.items()}
+        drawn = {} if settings.gait == Gait.STANDING.label else velocity
+        plans.append(Plan(number, dataclasses.replace(settings.default_command(number), **drawn)))
+    return plans
 
 
 def episode(controller: Controller, settings: EstimationSettings, plan: Plan) -> Row:

@@ -188,7 +188,7 @@ def pull_figures(settings: PullSettings, rows: pl.DataFrame) -> list[Figure]:
     table = f"Pulled with {settings.force:g} N at the hands, {settings.gait}"
     found = []
     for direction in DIRECTIONS:
-        up = wilson_percentage((~rows.filter(pl.col("direction") == direction)["fell"]).to_list())
+        up = wilson_percentage(~rows.filter(pl.col("direction") == direction)["fell"])
         found.append(Figure(table, f"stays up, {direction}°", "% of episodes", up, higher_is_better=True))
     return [*found, estimate_figure(table, rows), falls_figure(table, rows["fell"])]
 
@@ -296,16 +296,10 @@ def carry_episode(controller: Controller, settings: CarrySettings, plan: Plan) -
     weight = np.tile((0.0, 0.0, -GRAVITY * settings.load), (2, 1))
     errors, simulation = HandForceErrors(lambda truth: weight), simulation_of(settings, plan, CARRIED)
     trace = play(controller, settings, plan, Source.of(settings), simulation, CARRIED, errors)
-    return {"sag": sag(trace), **errors.row(), **ending(trace)}
-
-
-def sag(trace: Trace) -> float | None:
-    """Return how far the hands are below their targets from `BEGIN` on [m], by the recorded bodies."""
     kept = trace.time >= BEGIN
-    if trace.fell or not kept.any():
-        return None
-    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], kept)
-    return known(float(np.nanmean(trace.hand_target_world[kept, :, 2] - hands[..., 2])))
+    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], kept)  # by the recorded bodies
+    sag = None if trace.fell else known(float(np.nanmean(trace.hand_target_world[kept, :, 2] - hands[..., 2])))
+    return {"sag": sag, **errors.row(), **ending(trace)}
 
 
 def carry_figures(settings: CarrySettings, rows: pl.DataFrame) -> list[Figure]:
@@ -342,21 +336,19 @@ class PushSettings(WalkSettings):
 
 def next_pushes(settings: PushSettings, rows: Sequence[Row]) -> list[Plan]:
     """Return the next larger push of every ladder (a direction and a draw) that survived all pushes so far."""
-    plans = []
+    plans, mass, stride = [], settings.robot.mass, 1.0 / default_command(Gait.WALKING, settings.robot).f
     for direction in DIRECTIONS:
         for draw in range(settings.episodes):
             steps = [row["fell"] for row in rows if (row["direction"], row["number"]) == (direction, draw)]
-            if not any(steps) and len(steps) < round(PUSH_MOST / PUSH_STEP):
-                plans.append(_push(settings, direction, draw, (len(steps) + 1) * PUSH_STEP))
+            if any(steps) or len(steps) >= round(PUSH_MOST / PUSH_STEP):
+                continue
+            change = (len(steps) + 1) * PUSH_STEP
+            vector = tuple((mass * change / PUSH_TIME * heading(direction)).tolist())
+            # The ladders of one direction meet the gait at times that are spread evenly over a stride.
+            push = Force(vector, BEGIN + stride * draw / settings.episodes, PUSH_TIME, frame="heading")
+            tags = {"direction": direction, "number": draw, "change": change}
+            plans.append(Plan(draw, tags=tags, forces=(push,)))
     return plans
-
-
-def _push(settings: PushSettings, direction: int, draw: int, change: float) -> Plan:
-    mass, stride = settings.robot.mass, 1.0 / default_command(Gait.WALKING, settings.robot).f
-    vector = tuple((mass * change / PUSH_TIME * heading(direction)).tolist())
-    # The ladders of one direction meet the gait at times that are spread evenly over a stride.
-    push = Force(vector, BEGIN + stride * draw / settings.episodes, PUSH_TIME, frame="heading")
-    return Plan(draw, tags={"direction": direction, "number": draw, "change": change}, forces=(push,))
 
 
 def push_episode(controller: Controller, settings: PushSettings, plan: Plan) -> Row:
@@ -387,7 +379,7 @@ def push_figures(settings: PushSettings, rows: pl.DataFrame) -> list[Figure]:
     ended = rows.group_by("direction", "number").agg(pl.col("fell").any())["fell"]
     return [
         *(Figure(table, name, "m/s", median, higher_is_better=True) for name, median in medians.items()),
-        Figure(table, ENDED, "% of ladders", wilson_percentage(ended.to_list())),
+        Figure(table, ENDED, "% of ladders", wilson_percentage(ended)),
     ]
 
 

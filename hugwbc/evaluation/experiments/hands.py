@@ -6,8 +6,7 @@ import math
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import Command
-from hugwbc.controller import Controller, UpperBody
+from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
@@ -48,27 +47,6 @@ class HandsSettings(CountedSettings):
                 f"duration is {self.duration} s; give more than {STANDING_START + DEFAULT_RAMP:g} s, in which the "
                 f"{self.gait} gait gets going"
             )
-
-
-class _Recording(UpperBodySource):
-    """An upper-body source that records the solutions of its inverse kinematics."""
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot=robot)
-        self.wanted: list[np.ndarray] = []
-
-    def update(
-        self,
-        state: RobotState,
-        hands: HandTargets | None,
-        command: Command,
-        dt: float,
-        commanded: np.ndarray | None = None,
-    ) -> tuple[UpperBody, Command]:
-        """Update, and record the solution."""
-        updated = super().update(state, hands, command, dt, commanded)
-        self.wanted.append(np.full_like(self.ik.q, np.nan) if self.solution is None else self.solution.q)
-        return updated
 
 
 def arms_size(robot: Robot) -> float:
@@ -114,14 +92,11 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     - `errors`, `reachable`: of every sample, for the left and the right hand.
     - `joint_error_rad`: mean distance of the arm joints to the inverse kinematics' solution [rad].
     """
-    seed, robot = (settings.seed, plan.draw), settings.robot
-    source = _Recording(settings.conditions.told_arena.known_robot)
-    script = hands_script(settings, np.random.default_rng(seed), plan.draw)
-    trace = simulate(controller, settings, plan, source=script, upper_body=source)
-    kept, arms = trace.time >= settings.settle, robot.arms
-    periods = np.floor(trace.time / controller.period + 1e-6).astype(int)  # in which the samples were taken
-    wanted = np.array(source.wanted)[periods]
-    joint_error = np.abs(trace.qpos[:, 7:][:, arms] - wanted)[kept]
+    script = hands_script(settings, np.random.default_rng((settings.seed, plan.draw)), plan.draw)
+    arms = UpperBodySource(settings.conditions.told_arena.known_robot)
+    trace = simulate(controller, settings, plan, source=script, upper_body=arms)
+    kept = trace.time >= settings.settle
+    joint_error = np.abs(trace.qpos[:, 7:][:, settings.robot.arms] - trace.arm_target)[kept]
     joint_error = joint_error[np.isfinite(joint_error)]
     hands = metrics.hand_errors(trace.hand_error[kept], trace.reachable[kept])
     return {

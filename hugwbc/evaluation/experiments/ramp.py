@@ -102,8 +102,8 @@ def figures(settings: RampSettings, rows: pl.DataFrame) -> list[Figure]:
         errors = rows.filter(pl.col("command") == name)["error"]
         found.append(Figure(table, f"E_{name}", "rad", bootstrap_mean(errors), paper.get(f"E_{name}")))
     for name in RAMPED:
-        fell = falls_figure(table, rows.filter(pl.col("command") == name)["fell"])
-        found.append(dataclasses.replace(fell, quantity=f"{FALLS}, {name}"))
+        fell = rows.filter(pl.col("command") == name)["fell"]
+        found.append(falls_figure(table, fell, quantity=f"{FALLS}, {name}"))
     return found
 
 

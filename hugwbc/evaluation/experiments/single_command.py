@@ -145,7 +145,7 @@ def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]
             found.append(Figure(table, quantity, unit, estimate))
     slow = rows.filter(~pl.col("command").is_in(["v_x", "v_y"]) | (pl.col("value").abs() <= SLOW_SPEED))
     found.append(falls_figure(table, rows["fell"]))
-    found.append(dataclasses.replace(falls_figure(table, slow["fell"]), quantity=f"falls at up to {SLOW_SPEED} m/s"))
+    found.append(falls_figure(table, slow["fell"], quantity=f"falls at up to {SLOW_SPEED} m/s"))
     upright = rows.filter(~pl.col("fell"))
     for quantity, unit, values in (
         (f"path of both feet in {settings.duration - settings.settle:g} s", "m", upright["foot_travel"]),

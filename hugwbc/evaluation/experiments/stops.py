@@ -15,7 +15,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
+from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
 from hugwbc.gait import Gait
 from hugwbc.settings import Count, Positive, settings
@@ -89,7 +89,7 @@ def figures(settings: StopsSettings, rows: pl.DataFrame) -> list[Figure]:
     for (way,), part in rows.group_by("way", maintain_order=True):
         upright = part.filter(~pl.col("fell"))
         found += [
-            Figure(table, f"{way}: falls", "% of episodes", wilson_percentage(part["fell"].to_list())),
+            falls_figure(table, part["fell"], quantity=f"{way}: falls"),
             Figure(table, f"{way}: time until still", "s", bootstrap_mean(upright["stop_s"])),
             Figure(table, f"{way}: way until still", "m", bootstrap_mean(upright["moved"])),
         ]

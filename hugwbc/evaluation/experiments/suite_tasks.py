@@ -7,9 +7,8 @@ from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import BY_BEHAVIOUR, CountedSettings, Row, ending
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.figures import Figure
-from hugwbc.evaluation.intervals import Estimate, bootstrap_mean, known, single, wilson_of, wilson_percentage
+from hugwbc.evaluation.intervals import bootstrap_mean, known, single, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
-from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.settings import Count, Positive, check_each_once, check_seeds, settings
 from hugwbc.sim import Simulation
@@ -54,7 +53,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     - `gripped`: bodies that the idealised gripper held. `hand_depth`: how deep a hand was in an object, at most [m].
     """
     conditions, task, seed = settings.conditions, load_task(str(plan.tags["task"])), settings.seed + plan.draw
-    task = task.sized(load_robot(conditions.chosen.robot))
+    task = task.sized(settings.robot)
     simulation = conditions.simulation(settings.duration, seed, task.scene)
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
     run = run_task(task, controller, simulation, conditions.estimator(), strict=False)
@@ -85,7 +84,7 @@ def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
     for path in rows["task"].unique(maintain_order=True).to_list():
         name, part = load_task(path).name, rows.filter(pl.col("task") == path)
         done, failed = part.filter(pl.col("success")), part.filter(~pl.col("success"))
-        success = wilson_percentage(part["success"].to_list())
+        success = wilson_percentage(part["success"])
         gripped = wilson_percentage([len(bodies) > 0 for bodies in part["gripped"]])
         found += [
             Figure(name, "success", "% of episodes", success, higher_is_better=True),
@@ -100,8 +99,7 @@ def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
         ]
         reasons = failed.group_by("reason", maintain_order=True).len().sort("len", descending=True, maintain_order=True)
         for reason, count in reasons.iter_rows():
-            share: Estimate = wilson_of(count, len(part))
-            found.append(Figure(name, f"failed: {reason}", "% of episodes", share))
+            found.append(Figure(name, f"failed: {reason}", "% of episodes", wilson_of(count, len(part))))
     return found
 
 
