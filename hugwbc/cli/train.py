@@ -47,7 +47,8 @@ class RecipeOptions:
 def run(words: Sequence[str]) -> int:
     """Parse the options, train, report."""
     processes, words = take(words, "train", "--processes", type=int, default=1)
-    if not 1 <= processes <= (cores := os.cpu_count() or 1):
+    cores = os.cpu_count() or 1
+    if not 1 <= processes <= cores:
         raise ConfigError(f"processes is {processes}; give 1 to {cores}, the cores of this machine")
     if processes > 1:
         return _train_together(processes, words)

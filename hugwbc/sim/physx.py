@@ -212,14 +212,15 @@ class PhysxSimulation(Engine):
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
         self._clear(joints)
         self._step_count = 0
-        self._place(xy, yaw, joints)
+        height = self.robot.nominal_height + _START_HEIGHT
+        self._place(np.array([*xy, height]), rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0), joints)
         self._start_sensors()
         return self.state()
 
-    def _place(self, xy: tuple[float, float], yaw: float, joints: np.ndarray) -> None:
-        """Put the robot on the ground at rest; arguments as in `reset`."""
-        articulation, position = self._articulation, [*xy, self.robot.nominal_height + _START_HEIGHT]
-        articulation.set_root_pose(self._sapien.Pose(position, rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)))
+    def _place(self, position: np.ndarray, orientation: np.ndarray, joints: np.ndarray) -> None:
+        """Put the robot somewhere at rest."""
+        articulation = self._articulation
+        articulation.set_root_pose(self._sapien.Pose(position, orientation))
         articulation.set_qpos(joints[self._columns].astype(np.float32))
         articulation.set_root_linear_velocity(np.zeros(3))
         articulation.set_root_angular_velocity(np.zeros(3))
@@ -268,7 +269,8 @@ class PhysxSimulation(Engine):
         """Stand the robot up again after the physics has failed, so that all numbers are finite."""
         self.diverged = True
         self._build_world()
-        self._place((0.0, 0.0), 0.0, self.robot.nominal)
+        height = self.robot.nominal_height + _START_HEIGHT
+        self._place(np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]), self.robot.nominal)
 
     def _read_state(self) -> None:
         """Read positions and velocities; PhysX gives the velocity of a link at its centre of mass."""
