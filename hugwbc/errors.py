@@ -89,3 +89,8 @@ def needing(extra: str, what: str) -> Iterator[None]:
         yield
     except ImportError as error:
         raise ConfigError(f"{what} needs {error.name} ({error}); run `pip install 'hugwbc[{extra}]'`") from error
+
+
+def one_line(text: str, longest: int = 1000) -> str:
+    """Return the beginning of a text on one line that a terminal can show."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[:longest])

@@ -4,14 +4,12 @@ import contextlib
 import copy
 import functools
 import pathlib
-import re
 from collections.abc import Iterator
 from typing import Any
 
-import yaml
-
-from hugwbc.errors import ModelError, UnknownNameError
+from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.table_defaults import check_roles, complete, complete_drive, describe, other_side
+from hugwbc.yaml_text import read_yaml
 
 DEFAULT_ROBOT = "h1"
 
@@ -79,29 +77,14 @@ def _robot_table(name: str) -> dict[str, Any]:
     return {**table, "name": label}
 
 
-class _Loader(yaml.CSafeLoader):
-    """Reads 1e-5 as a number too, which YAML 1.1 takes for a text, and refuses a name that is given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        names: set[Any] = set()
-        for key, _ in node.value:
-            if key.value in names:
-                raise yaml.MarkedYAMLError(problem=f"{key.value} is given twice", problem_mark=key.start_mark)
-            names.add(key.value)
-        return super().construct_mapping(node, deep)
-
-
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[\d.]+[eE][-+]?\d+$"), list("-+.0123456789"))
-
-
 @functools.cache
 def _read_table(path: pathlib.Path) -> dict[str, Any]:
     try:
-        table = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # noqa: S506  a safe loader
+        _, table = read_yaml(path.read_text(encoding="utf-8"), path)
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f"cannot read {path}: {error}; give a table in UTF-8") from error
-    except yaml.YAMLError as error:
-        raise ModelError(f"{path} is no YAML: {' '.join(str(error).split())}") from error
+    except ConfigError as error:
+        raise ModelError(str(error)) from error
     if not isinstance(table, dict):
         raise ModelError(f"{path} is no table of a robot; docs/how-to/add-a-robot.md shows one")
     return table

@@ -29,7 +29,7 @@ import pydantic.dataclasses
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError, ValidationInfo
 from pydantic_core import ArgsKwargs
 
-from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
+from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError, one_line
 from hugwbc.robot import load_robot
 
 Positive = Annotated[float, Field(gt=0)]
@@ -156,11 +156,6 @@ def _described(title: str, details: Any) -> tuple[Place, HugwbcError]:  # noqa: 
     for theirs, ours in _WORDS:
         reason = re.sub(theirs, ours, reason)
     return place, ConfigError(f"{name} is {one_line(repr(value), 100)}; {reason}")
-
-
-def one_line(text: str, longest: int = 1000) -> str:
-    """Return the beginning of a text on one line that a terminal can show."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[:longest])
 
 
 # Classes of seeds.

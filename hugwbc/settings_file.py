@@ -1,26 +1,21 @@
 """Settings from YAML files, checked by their model; every error names file, line and column.
 
-What looks like a number is one; all else is text until a type asks for something different, so that `yes` may be a
-name. The types `bool` and `Path` understand text; `Any` gets numbers, text, lists, mappings and None.
+The types `bool` and `Path` understand text; `Any` gets numbers, text, lists, mappings and None.
 """
 
 import pathlib
-import unicodedata
-from collections.abc import Iterator
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
-from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.errors import ConfigError, UnknownNameError, one_line
 from hugwbc.files import read_file
 from hugwbc.robot import Robot
-from hugwbc.settings import Place, deepest, one_line
+from hugwbc.settings import Place, deepest
+from hugwbc.yaml_text import read_yaml
 
 LARGEST_FILE = 1_000_000  # [byte]
-MOST_PARTS, DEEPEST = 20_000, 50  # values in a file, those that anchors repeat included, and levels of them
-_KINDS = ("str", "int", "float", "bool", "null", "map", "seq", "timestamp", "value", "merge")
-_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _KINDS}  # others would be read as if they were not there
 _T = TypeVar("_T")
 
 
@@ -58,51 +53,14 @@ def load(model: type[_T], path: pathlib.Path, robot: Robot | None = None, **more
 
 def parse(model: type[_T], text: str, path: pathlib.Path, robot: Robot | None = None, **more: object) -> _T:
     """Read a model from YAML text; as `load`, whose path stands in the messages and is the base of relative paths."""
-    mark = yaml.Mark(str(path), 0, 0, 0, None, 0)
-    root = yaml.MappingNode("tag:yaml.org,2002:map", [], mark)
+    root, content = read_yaml(text, path)
+    content = {**content, **more} if isinstance(content, dict) else content
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader) or root
-        content = _content(root, iter(range(MOST_PARTS)), DEEPEST)
-        content = {**content, **more} if isinstance(content, dict) else content
         return TypeAdapter(model).validate_python(content, context={"folder": path.parent, "robot": robot})
     except ValidationError as error:
         place, problem = deepest(error)
-        mark = _mark(root, place)
-    except yaml.MarkedYAMLError as error:
-        mark, problem = error.problem_mark or error.context_mark or mark, f"not valid YAML: {error.problem}"
-    except RecursionError:
-        problem = "not valid YAML: parts are nested too deeply"
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
-        problem = f"not valid YAML: {error}"
+    mark = _mark(root, place)
     raise ConfigError(f"{path}:{mark.line + 1}:{mark.column + 1}: {one_line(str(problem))}")
-
-
-def _content(node: yaml.Node, parts: Iterator[int], levels: int) -> Any:  # noqa: ANN401
-    """Return what a node holds: numbers, text, lists and mappings."""
-    if next(parts, None) is None or levels == 0:
-        problem = f"more than {MOST_PARTS} values, or more than {DEEPEST} levels of them"
-        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
-    if node.tag not in _TAGS:
-        raise yaml.MarkedYAMLError(problem=f"the tag {node.tag} is not allowed", problem_mark=node.start_mark)
-    if isinstance(node, yaml.SequenceNode):
-        return [_content(entry, parts, levels - 1) for entry in node.value]
-    if isinstance(node, yaml.MappingNode):
-        content: dict[str, Any] = {}
-        for key, value in node.value:
-            if not isinstance(key, yaml.ScalarNode) or key.value in content:
-                problem = "a name is given twice, or is no text"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-            content[key.value] = _content(value, parts, levels - 1)
-        return content
-    if any(unicodedata.category(letter) in ("Cc", "Cs") and letter not in "\n\t" for letter in node.value):
-        raise yaml.MarkedYAMLError(problem="control characters in a text", problem_mark=node.start_mark)
-    for kind, read in (("null", lambda _: None), ("int", int), ("float", float)):
-        if node.tag.endswith(kind):
-            try:
-                return read(node.value)
-            except ValueError:  # YAML's own forms, such as 1:30
-                break
-    return node.value
 
 
 def _mark(node: yaml.Node, place: Place) -> yaml.Mark:
