@@ -21,6 +21,7 @@ from hugwbc.sim.faults import Fault
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, check_timestep
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
+from hugwbc.upper_ik import UpperBodySource
 
 if TYPE_CHECKING:
     from hugwbc.learned.env.arm_intervention import ArmTargets
@@ -51,8 +52,8 @@ class Conditions:
     terrain_roughness: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
     # angle at which the ground rises along x, the robot's initial heading [rad]
     slope: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
-    # robot that the state estimator and a model-based controller are told; by default the simulated one. Another one
-    # shows what wrong masses do
+    # robot that the state estimator, the hand IK and a model-based controller are told; by default the simulated one.
+    # Another one shows what wrong masses do
     told: str | None = None
     # what moves the arms during the whole episode: none, noise (a uniform target every 1.8 s) or motion (motion files)
     intervention: Annotated[str, one_of("intervention", lambda: INTERVENTIONS)] = "none"
@@ -154,6 +155,10 @@ class Conditions:
     def estimator(self) -> StateEstimator | None:
         """Return the estimator that gives the controller its state; None where it gets the true state."""
         return StateEstimator(robot=self.told_arena.known_robot) if self.chosen.estimates else None
+
+    def upper_body(self) -> UpperBodySource:
+        """Return what turns hand targets into arm targets; it is told the robot as the controller is."""
+        return UpperBodySource(robot=self.told_arena.known_robot)
 
     def arms(self, seed: tuple[int, ...]) -> "ArmIntervention | None":
         """Return what moves the arms in one episode, with targets of a seed; None leaves them to the controller."""

@@ -39,6 +39,7 @@ def run_task(
     controller: Controller,
     simulation: Simulation,
     estimator: StateEstimator | None = None,
+    upper_body: UpperBodySource | None = None,
     *,
     behaviour: Behaviour | None = None,
     on_progress: Callable[[float], None] | None = None,
@@ -53,6 +54,7 @@ def run_task(
         controller: any object with the members of `Controller`.
         simulation: a robot among the objects of the task's scene: `Simulation(scene=task.scene, seed=seed)`.
         estimator: estimates the state from the sensors; None for the default of `ControlLoop`.
+        upper_body: turns hand targets into arm targets; None for one that knows the simulated robot.
         behaviour: acts in place of the task's own; in the lengths of the simulated robot.
         on_progress: called with the fraction of the time limit.
         on_snapshot: called at each sample, with the state that pictures show.
@@ -81,7 +83,7 @@ def run_task(
         controller,
         source,
         simulation,
-        UpperBodySource(robot=simulation.robot),
+        upper_body or UpperBodySource(robot=simulation.known_robot),
         duration=task.limit,
         estimator=estimator,
         on_progress=on_progress,

@@ -81,6 +81,7 @@ def test_the_controller_may_be_told_another_robot_than_moves():
     assert right.told_arena == right.chosen
     assert wrong.told_arena == dataclasses.replace(wrong.chosen, robot="h1-2023")
     assert wrong.simulation(1.0, (0,)).robot is load_robot("h1")
+    assert wrong.upper_body().robot is load_robot("h1-2023")
     with pytest.raises(UnknownNameError, match="robot"):
         Conditions(told="h2")
 

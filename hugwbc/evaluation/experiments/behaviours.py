@@ -43,7 +43,6 @@ from hugwbc.sim.scenes import Box, Step
 from hugwbc.sim.scenes.varied import Uniform
 from hugwbc.state import GRAVITY
 from hugwbc.tasks.judges import UPRIGHT
-from hugwbc.upper_ik import UpperBodySource
 
 
 @settings(kw_only=True)
@@ -81,8 +80,7 @@ def play(
     - `success`: whether the behaviour ended with success; `seconds`: when, None if not [s]; `ending`: what it said.
     """
     source, simulation = BehaviourSource(behaviour), simulation_of(settings, plan, scene=scene)
-    arms = UpperBodySource(robot=simulation.known_robot)
-    where = {"source": source, "simulation": simulation, "upper_body": arms}
+    where = {"source": source, "simulation": simulation, "upper_body": settings.conditions.upper_body()}
     trace = simulate(controller, settings, plan, **where, until=lambda: source.done)
     success = source.status is Status.SUCCESS and not trace.fell
     seconds = simulation.time if success else None

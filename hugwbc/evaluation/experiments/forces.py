@@ -42,7 +42,6 @@ from hugwbc.sim.scenes.furniture import Wall
 from hugwbc.sim.scenes.scene import Scene
 from hugwbc.state import GRAVITY, RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import UpperBodySource
 
 DIRECTIONS = tuple(range(0, 360, 45))  # [deg], counted from the robot's front to its left
 TAKEN = 0.5  # [s], when the arms are taken over
@@ -141,8 +140,7 @@ def play(
     on_step: Callable[[RobotState, RobotState], None] | None = None,
 ) -> Trace:
     """Run one episode of a duration [s]."""
-    arms = UpperBodySource(robot=simulation.robot)
-    where = {"source": source, "simulation": simulation, "upper_body": arms}
+    where = {"source": source, "simulation": simulation, "upper_body": settings.conditions.upper_body()}
     return simulate(controller, settings, plan, **where, duration=duration, on_step=on_step)
 
 

@@ -21,7 +21,7 @@ from hugwbc.scripts.script import DEFAULT_RAMP, HandMotion, Script, Segment
 from hugwbc.settings import Count, NotNegative, settings
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-from hugwbc.upper_ik import ArmIK, UpperBodySource
+from hugwbc.upper_ik import ArmIK
 
 # Targets of the left hand in the pelvis frame [m] for an arm of this length [m]; for others in proportion. The right
 # hand's are drawn from the mirror image.
@@ -93,8 +93,7 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
     - `joint_error_rad`: mean distance of the arm joints to the inverse kinematics' solution [rad].
     """
     script = hands_script(settings, np.random.default_rng((settings.seed, plan.draw)), plan.draw)
-    arms = UpperBodySource(settings.conditions.told_arena.known_robot)
-    trace = simulate(controller, settings, plan, source=script, upper_body=arms)
+    trace = simulate(controller, settings, plan, source=script, upper_body=settings.conditions.upper_body())
     kept = trace.time >= settings.settle
     joint_error = np.abs(trace.qpos[:, 7:][:, settings.robot.arms] - trace.arm_target)[kept]
     joint_error = joint_error[np.isfinite(joint_error)]

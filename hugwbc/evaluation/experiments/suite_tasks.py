@@ -56,7 +56,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     task = task.sized(settings.robot)
     simulation = conditions.simulation(settings.duration, seed, task.scene)
     assert isinstance(simulation, Simulation)  # the settings refuse other engines
-    run = run_task(task, controller, simulation, conditions.estimator(), strict=False)
+    run = run_task(task, controller, simulation, conditions.estimator(), conditions.upper_body(), strict=False)
     verdict, record, trace = run.verdict, run.record, run.trace
     drift, speed = stillness(record)
     seconds = len(trace.time) * RECORD_PERIOD

@@ -28,7 +28,7 @@ SHORT = {
     "arrive": {"episodes": 1, "duration": 0.5},
     "behaviours": {"episodes": 1, "duration": 0.5},
     "boxes": {"episodes": 1, "masses": (2.0,), "heights": (0.6,), "duration": 0.5},
-    "hands": {"gait": "standing", "episodes": 1, "duration": 0.4},
+    "hands": {"gait": "standing", "episodes": 1, "duration": 0.4, "settle": 0.1},
     "carry": {"episodes": 1},
     "estimation": {"episodes": 1, "duration": 0.5},
     "pull": {"episodes": 1},
@@ -54,6 +54,21 @@ def test_plans_are_values_that_settings_alone_decide(name):
         value = "noise" if varied == "intervention" else 1.0 if varied != "latency" else 0.01
         with pytest.raises(ConfigError, match=f"the experiment sets {varied} itself"):
             experiment.settings(conditions=Conditions(**{varied: value}))
+
+
+BY_HANDS = ["arrive", "behaviours", "boxes", "carry", "hands", "press", "pull", "push", "sway", "tasks"]
+
+
+@pytest.mark.parametrize("name", BY_HANDS)
+def test_hands_move_by_the_robot_that_is_told(name, monkeypatch):
+    def ask(conditions):
+        raise LookupError(conditions.told)
+
+    experiment = EXPERIMENTS[name]
+    settings = experiment.settings(**SHORT[name], conditions=Conditions(told="h1-2023"))
+    monkeypatch.setattr(Conditions, "upper_body", ask)
+    with pytest.raises(LookupError, match="h1-2023"):
+        experiment.episode(HOLD.build(), settings, experiment.plan(settings)[0])
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
