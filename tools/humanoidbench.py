@@ -21,6 +21,7 @@ import sys
 import types
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from hugwbc import Command, Gait, rotations
@@ -43,6 +44,7 @@ from hugwbc.robot import SIDES
 from hugwbc.runtime import MujocoRobot, UpperBodySource, load_controller
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.view import Action
+from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
 from hugwbc.targets import HandTargets
 
@@ -160,7 +162,7 @@ SCRIPTS: dict[str, Any] = {
 
 # --- the benchmark
 
-VERSION = ("commit", "policy", "script")  # of a row: what else its numbers depend on
+VERSION = ("commit", "policy", "script", "mujoco")  # of a row: what else its numbers depend on
 
 
 class _Absent(types.ModuleType):
@@ -202,8 +204,9 @@ def _prepare() -> None:
 
 
 def version(controller: str) -> dict[str, str | None]:
-    """Return the commit, and the digests of the controller with its policy and of this file."""
-    given = source_commit(policies=False), controller_digest(ControllerSpec(controller)), digest_of(__file__)
+    """Return the commit, the digests of the controller with its policy and of this file, and MuJoCo's version."""
+    policy = controller_digest(ControllerSpec(controller))
+    given = source_commit(policies=False), policy, digest_of(__file__), mujoco.__version__
     return dict(zip(VERSION, given, strict=True))
 
 
@@ -268,7 +271,7 @@ def main() -> None:
     parser.add_argument("--controller", choices=("qp", "learned"), default="qp", help="which controller plays")
     parser.add_argument("--tasks", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), help="which tasks")
     parser.add_argument("--seeds", type=int, default=10, help="how many seeds, from --first on")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--first", type=int, default=REPORT_SEED, help="the first seed")
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("out/humanoidbench.jsonl"), help="rows")
     parser.add_argument("--table", type=pathlib.Path, help="print the rows of this file instead")
     given = parser.parse_args()
