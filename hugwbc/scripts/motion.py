@@ -207,6 +207,12 @@ def _read_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
     mean = float(steps.mean())
     if not np.all(np.abs(steps - mean) <= _UNEVEN * mean):
         raise MotionFileError(f"{path}: the times do not rise in equal steps; resample the motion")
+    if not FRAME_RATES[0] <= 1.0 / mean <= FRAME_RATES[1]:
+        shortest, longest = 1.0 / FRAME_RATES[1], 1.0 / FRAME_RATES[0]
+        raise MotionFileError(
+            f"{path} has {mean:g} s between its times; give {_TIME} in seconds (divide milliseconds by 1000), "
+            f"{shortest:g} to {longest:g} s apart"
+        )
     joints = np.array([name for name in names if name != _TIME])
     return {"fps": np.array(1.0 / mean), "joint_names": joints, "positions": np.delete(table, column, axis=1)}
 

@@ -230,6 +230,8 @@ def test_a_table_may_have_any_clock_but_is_in_seconds(tmp_path: pathlib.Path) ->
     assert load_motion(as_table(tmp_path / "unix.csv", motion, 1764208000.0 + times), ROBOT).fps == pytest.approx(125.0)
     with pytest.raises(MotionFileError, match="8 s between samples: its times look like milliseconds; give seconds"):
         load_motion(as_table(tmp_path / "ms.csv", motion, 1e3 * times), ROBOT)
+    with pytest.raises(MotionFileError, match=r"20 s between its times; give t in seconds \(divide"):
+        load_motion(as_table(tmp_path / "slow.csv", motion, 20.0 * np.arange(len(times))), ROBOT)
     with pytest.raises(MotionFileError, match=r"from 0\.02 to 0\.02 s; .* with enough decimals"):
         load_motion(as_table(tmp_path / "rounded.csv", motion, np.round(times, 2)), ROBOT)
 
