@@ -145,6 +145,8 @@ class ControllerSpec:
 
     def __post_init__(self) -> None:
         path = None if self.name in plugins() or extensions.names_object(self.name) else self._check_path()
+        if self.name == "learned" and self.policy is not None:
+            _refuse_bare(pathlib.Path(self.policy))
         if path is None and (self.policy is not None or self.name not in plugins()):
             if not _takes(self._factory, "policy") and self.policy is not None:
                 raise ConfigError(
@@ -166,15 +168,10 @@ class ControllerSpec:
 
     def _check_path(self) -> pathlib.Path:
         """Return the file of a policy; refuse others."""
-        from hugwbc.learned.policy.network_files import TORCHSCRIPT_SUFFIXES
-
         path = pathlib.Path(self.name)
         if path.suffix == extensions.SUFFIX:
             raise ConfigError(f"{path} is a Python file; say what makes the controller in it: {path}:NAME")
-        if path.suffix in TORCHSCRIPT_SUFFIXES:
-            raise ConfigError(
-                f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
-            )
+        _refuse_bare(path)
         try:
             path = policy_file(self.name)
         except UnknownNameError:
@@ -184,8 +181,6 @@ class ControllerSpec:
                 f"no installed package registers a controller '{self.name}', and the folder of that name holds no "
                 f"{path.name}; install the package, or give FILE.py:NAME or a policy's path"
             )
-        if path.suffix == ".onnx":
-            learned_controller(path)  # a bare network is refused now, and not when a loop is built
         return path
 
     @property
@@ -355,6 +350,18 @@ class ControllerSpec:
             return with_weights(path)
         network = load_contract(path).policy if given is None or self.name == "learned" else given
         return [path] if network is None else [path, *with_weights(network)]
+
+
+def _refuse_bare(path: pathlib.Path) -> None:
+    """Refuse a network without a contract now, and not when a loop is built."""
+    from hugwbc.learned.policy.network_files import TORCHSCRIPT_SUFFIXES
+
+    if path.suffix in TORCHSCRIPT_SUFFIXES:
+        raise ConfigError(
+            f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
+        )
+    if path.suffix == ".onnx" and path.is_file():
+        learned_controller(path)
 
 
 def _short(name: str | pathlib.Path) -> str:

@@ -143,8 +143,9 @@ def test_paths(tmp_path, theirs):
         assert ControllerSpec(str(path)).build().name == "learned"
     with pytest.raises(PolicyFileError, match="names no policy file"):
         ControllerSpec(theirs).build()
-    with pytest.raises(ConfigError, match="bare network; write a contract"):
-        ControllerSpec("motion.pt")
+    for words in (("motion.pt",), ("learned", "motion.pt")):
+        with pytest.raises(ConfigError, match="bare network; write a contract"):
+            ControllerSpec(*words)
     with pytest.raises(HugwbcError, match=r"the path of a policy folder or file .*, or of a contract"):
         ControllerSpec(str(tmp_path / "nothing"))
 

@@ -31,8 +31,9 @@ def test_what_another_project_says_of_its_training_is_no_matter(exported, tmp_pa
     assert theirs.build().name == "learned" and theirs.training is None
     del model.metadata_props[0]
     onnx.save(model, tmp_path / "theirs.onnx")
-    with pytest.raises(PolicyFileError, match="is a bare network"):
-        ControllerSpec(str(tmp_path / "theirs.onnx"))
+    for words in ((str(tmp_path / "theirs.onnx"),), ("learned", tmp_path / "theirs.onnx")):
+        with pytest.raises(PolicyFileError, match="is a bare network"):
+            ControllerSpec(*words)
 
 
 def changed(exported, path, change):
