@@ -73,9 +73,10 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
     """
     signature, name = inspect.signature(function), function.__name__.replace("_", " ")
     checked = [one for one in signature.parameters.values() if one.annotation not in _UNCHECKED]
-    checked = [one for one in checked if one.kind is not one.VAR_POSITIONAL]
-    fields = {"__annotations__": {one.name: one.annotation for one in checked}}
-    defaults = {one.name: one.default for one in checked if one.default is not one.empty}
+    several = [one.name for one in checked if one.kind is one.VAR_POSITIONAL]
+    kinds = {one.name: tuple[one.annotation, ...] if one.name in several else one.annotation for one in checked}
+    fields = {"__annotations__": kinds}
+    defaults = dict.fromkeys(several, ()) | {one.name: one.default for one in checked if one.default is not one.empty}
     model = settings(kw_only=True)(type(function.__name__, (), fields | defaults))
 
     @functools.wraps(function)
@@ -184,8 +185,8 @@ def retry(view: View, behaviour: Behaviour, times: int = 3) -> Course:
 
 def wait(view: View, seconds: float) -> Course:
     """Keep the last hand targets and the posture for a time [s]."""
-    if not isinstance(seconds, Real) or math.isnan(seconds):
-        raise TypeError(f"wait: seconds is {seconds!r}; give a time [s]")
+    if not isinstance(seconds, Real) or not seconds >= 0.0:
+        raise TypeError(f"wait: seconds is {seconds!r}; give a time [s] of 0 or more")
     begin = view.time
     while view.time - begin < seconds:
         view = yield Action(standing(view), view.last.hands, progress=f"waits for {seconds:g} s")
