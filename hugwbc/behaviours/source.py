@@ -56,7 +56,6 @@ class Manners:
         """Return the command for this tick, `dt` [s] after the last one."""
         last = self.command.array()
         wanted = asked.array()
-        wanted = np.where(np.isfinite(wanted), wanted, last)
         most = np.full(wanted.shape, math.inf)
         most[_VELOCITIES], most[_BODY] = ACCELERATION * dt, BODY_SPEED * dt
         values = last + np.clip(wanted - last, -most, most)
@@ -169,7 +168,8 @@ class BehaviourSource:
     def ending(self) -> str:
         """How it ended, in words, or its current activity."""
         if self.status is Status.RUNNING:
-            return "not begun" if self._course is None else f"not done: was still at {self.doing}"
+            at = f"at {self.doing}" if self.doing else "running"
+            return "not begun" if self._course is None else f"not done: was still {at}"
         return "done" if self.status is Status.SUCCESS else f"not done: {self.reason}"
 
     @property
@@ -190,6 +190,8 @@ def _check(action: object) -> None:
     }
     if wrong := [what for what, right in fits.items() if not right]:
         raise Failure(f"it yielded an Action whose {wrong[0]}")
+    if not np.isfinite(action.command.array()).all():
+        raise Failure(f"it yielded a command that is not finite: {action.command}")
 
 
 _SHIPPED: dict[str, Behaviour] = {"fetch_cup": fetch_cup}

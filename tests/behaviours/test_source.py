@@ -112,12 +112,17 @@ def test_it_begins_again_after_a_restart() -> None:
     assert source.doing == "march"
 
 
-def test_numbers_that_are_not_finite_do_not_reach_the_robot() -> None:
+def test_numbers_that_are_not_finite_do_not_reach_the_robot_and_end_it() -> None:
     def broken(view):
+        yield Action()
         while True:
             yield Action(Command(v_x=float("nan"), omega=float("inf"), gait=Gait.WALKING))
 
-    assert all(np.isfinite(command.array()).all() for command in _played(BehaviourSource(broken), 1.0))
+    source = BehaviourSource(broken)
+    source.see(view())
+    assert source.ending == "not done: was still running", "no words say at what"
+    assert all(np.isfinite(command.array()).all() for command in _played(source, 1.0))
+    assert source.status is Status.FAILURE and "a command that is not finite: Command(v_x=nan" in source.reason
 
 
 @pytest.mark.parametrize(("way", "status"), [(1.04, Status.FAILURE), (0.8 * FARTHEST, Status.SUCCESS)])
