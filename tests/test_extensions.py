@@ -139,6 +139,14 @@ def test_a_task_of_a_package_is_found_by_name(install, standing_task, capsys):
         load_task("other")
 
 
+@pytest.mark.parametrize("words", ["own.task", "own.task.py:TASK", "own.task.py:Other"])
+def test_words_that_nearly_name_the_file_of_a_task_are_told_the_file(tmp_path, monkeypatch, words):
+    (tmp_path / "own.task.py").write_text("TASK = 3")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=r"for the TASK of the file, give own\.task\.py$"):
+        load_task(words)
+
+
 def test_a_worker_process_finds_the_controller_of_a_file(tmp_path):
     (tmp_path / "balance.py").write_text(HOLD)
     script = """

@@ -157,8 +157,10 @@ def load_task(name: str) -> Task:
         return _registered(registered_tasks()[name])
     path = pathlib.Path(name)
     if path.suffix != extensions.SUFFIX:
-        if path.with_suffix(extensions.SUFFIX).is_file():
-            raise ConfigError(f"there is no task '{name}' in the suite; for the file, give {path}{extensions.SUFFIX}")
+        named = extensions.names_object(name)
+        file = extensions.split_object(name)[0] if named else pathlib.Path(f"{name}{extensions.SUFFIX}")
+        if file.is_file():
+            raise ConfigError(f"there is no task '{name}' in the suite; for the TASK of the file, give {file}")
         raise UnknownNameError("task", name, (*TASK_NAMES, *registered_tasks(), "or a file that ends in .py"))
     task = getattr(extensions.run_file(path, "TASK"), "TASK", None)
     if not isinstance(task, Task):
