@@ -10,7 +10,7 @@ from typing import Any
 
 import tyro
 
-from hugwbc.cli.output import check_writable, output_folder, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, option_names, output_folder, parse, progress, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result
@@ -143,6 +143,12 @@ def _name(words: list[str]) -> tuple[str, list[str]]:
 def parse_options(verb: str, experiment: Experiment[Any], words: Sequence[str], controller: type[Any]) -> Any:  # noqa: ANN401
     """Return options whose class is made here: `controller`, then `experiment` with its conditions, and `execution`."""
     parts = {"controller": controller, "experiment": experiment.settings, "execution": ExecutionOptions}
+    names = [name for kind in parts.values() for name in option_names(kind)]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(
+            f"experiment '{experiment.name}' has a setting '{twice[0]}', which is an option of all experiments; give "
+            "it another name"
+        )
     fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in parts.items()]
     options = tyro.conf.OmitArgPrefixes[dataclasses.make_dataclass("Options", fields)]  # type: ignore[valid-type]
     return parse(options, words, verb, description=f"{experiment.summary[:1].upper()}{experiment.summary[1:]}.")

@@ -102,6 +102,12 @@ def _group(field: dataclasses.Field[Any]) -> type[Any] | None:
     return kind if isinstance(kind, type) and dataclasses.is_dataclass(kind) else None
 
 
+def option_names(settings: type[Any]) -> list[str]:
+    """Return the names of settings, those in groups included."""
+    parts = [(field.name, _group(field)) for field in dataclasses.fields(settings)]
+    return [each for name, group in parts for each in ([name] if group is None else option_names(group))]
+
+
 def _list_groups(groups: Sequence[dataclasses.Field[Any]], command: str) -> str:
     """Return a line for each group of settings, those within groups included: prefix or options, and what it is."""
     rows: list[tuple[str, str]] = []

@@ -5,6 +5,7 @@ from typing import Any
 
 from hugwbc import extensions
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import (
     contacts,
@@ -60,6 +61,8 @@ def experiment_of(name: str) -> Experiment[Any]:
         found = extensions.load_object(name, "experiment")
         if not isinstance(found, Experiment):
             raise ConfigError(f"{name} is a {type(found).__name__}; give an Experiment")
+        if not (isinstance(found.settings, type) and issubclass(found.settings, Settings)):
+            raise ConfigError(f"the settings of {name} are {found.settings!r}; give a class based on CountedSettings")
         return found
     if name not in EXPERIMENTS:
         raise UnknownNameError("experiment", name, (*EXPERIMENTS, "FILE.py:NAME"))

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
+from hugwbc.cli import main
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.experiment import Section, frame_of, run_experiment
@@ -97,12 +98,19 @@ def test_sections_have_runs_in_both_profiles():
             assert work[0] <= work[1]
 
 
-def test_an_experiment_of_a_file(tmp_path):
+def test_an_experiment_of_a_file(tmp_path, capsys):
     (tmp_path / "mine.py").write_text(
         "import dataclasses\nfrom hugwbc.evaluation.experiments.contacts import EXPERIMENT\n"
         'MINE = dataclasses.replace(EXPERIMENT, name="mine")\nOTHER = 3\n'
+        "BARE = dataclasses.replace(MINE, settings=dict)\n"
+        "@dataclasses.dataclass(frozen=True)\nclass Named(EXPERIMENT.settings):\n    payload: float = 1.0\n"
+        "NAMED = dataclasses.replace(MINE, settings=Named)\n"
     )
     assert experiment_of(f"{tmp_path}/mine.py:MINE").name == "mine"
+    assert main(["evaluate", f"{tmp_path}/mine.py:NAMED"]) == 2
+    assert "has a setting 'payload', which is an option of all experiments" in capsys.readouterr().err
+    with pytest.raises(HugwbcError, match="give a class based on CountedSettings"):
+        experiment_of(f"{tmp_path}/mine.py:BARE")
     for words, message in ((f"{tmp_path}/mine.py:OTHER", "is a int; give an Experiment"), ("contact", "'contacts'")):
         with pytest.raises(HugwbcError, match=message):
             experiment_of(words)
