@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from hugwbc import extensions
-from hugwbc.errors import ResultFileError
+from hugwbc.errors import ConfigError, ResultFileError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
 from hugwbc.files import digest, digest_of, is_own, note, noting, write_whole, writing
@@ -41,9 +41,10 @@ class StoredTable:
     """
 
     def __init__(self, path: pathlib.Path | None, key: dict[str, Any], *, fresh: bool = False) -> None:
-        """Read the file if it exists, unless it is to be measured afresh."""
+        """Read the file if it exists; its rows do not count if they are to be measured afresh."""
         self.path, self._key = path, key
-        self._rows = {} if path is None or fresh or not path.exists() else _read(path, key)
+        stored = {} if path is None or not path.exists() else _read(path, key)
+        self._rows = {} if fresh else stored
 
     def get(self, plan: Plan) -> Row | None:
         """Return the row of an episode, or None if it has not run."""
@@ -53,7 +54,12 @@ class StoredTable:
         """Append the row of an episode, and return it as it will be read."""
         episode, known = digest(repr(plan)), self._key["files"]
         read = {name: found for name, found in row.pop(READ, {}).items() if known.get(name) != found}
-        self._rows[episode] = json.loads(json.dumps(row))
+        try:
+            self._rows[episode] = json.loads(json.dumps(row))
+        except TypeError as error:
+            odd = ", ".join(f"{name} ({type(value).__name__})" for name, value in row.items() if not _is_plain(value))
+            what = f"an episode of '{self._key['experiment']}' gives {odd}, which is no plain number or text"
+            raise ConfigError(f"{what}; convert it, such as by float(x) or x.tolist()") from error
         if self.path is not None:
             with writing(self.path):
                 _append(self.path, self._key, {_EPISODE: episode, **({READ: read} if read else {}), **row})
@@ -141,6 +147,12 @@ def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401  of settings
         yield value
     for item in value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
         yield from _texts(item)
+
+
+def _is_plain(value: Any) -> bool:  # noqa: ANN401  of a row
+    with contextlib.suppress(TypeError):
+        return bool(json.dumps(value))
+    return False
 
 
 def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:

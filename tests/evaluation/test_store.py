@@ -10,13 +10,15 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from hugwbc.cli import main
+from hugwbc.errors import ConfigError, ResultFileError
 from hugwbc.evaluation import episode
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.evaluation.experiment import run_experiment
 from hugwbc.evaluation.experiments import experiment_of
 from hugwbc.evaluation.experiments.behaviours import BEHAVIOURS as EXPERIMENT, BehavioursSettings
-from hugwbc.evaluation.store import Store, table_key
+from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.store import Store, StoredTable, table_key
 from hugwbc.robot_tables import models_dir
 from hugwbc.runtime.controllers import ControllerSpec
 
@@ -150,3 +152,17 @@ def test_a_scene_in_a_file_of_code_counts_what_it_reads(tmp_path: pathlib.Path, 
             settings = BehavioursSettings(behaviour=f"{mine}:still", scene=f"{mine}:THE", episodes=1, duration=0.2)
             run_experiment(EXPERIMENT, settings, HOLD, store=Store(tmp_path))
             assert len(played) == count
+
+
+def test_a_damaged_table_is_refused_before_it_is_measured_afresh(tmp_path: pathlib.Path) -> None:
+    key = {"experiment": "mine", "files": {}}
+    StoredTable(tmp_path / "a.jsonl", key).add(Plan(0), {"x": 1.0})
+    (tmp_path / "a.jsonl").write_text((tmp_path / "a.jsonl").read_text().replace("mine", "mime"))
+    with pytest.raises(ResultFileError, match="not a table of episodes"):
+        StoredTable(tmp_path / "a.jsonl", key, fresh=True)
+
+
+def test_a_row_of_other_than_plain_numbers_is_refused_by_its_columns() -> None:
+    row = {"x": np.float64(1.0), "fell": np.bool_(False), "path": np.zeros(3), "n": 3, "why": None}
+    with pytest.raises(ConfigError, match=r"of 'mine' gives fell \(bool\), path \(ndarray\), which is no plain"):
+        StoredTable(None, {"experiment": "mine", "files": {}}).add(Plan(0), row)
