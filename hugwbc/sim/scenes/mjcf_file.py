@@ -1,5 +1,6 @@
 """A part of a scene that the user has described in MuJoCo's own format, MJCF."""
 
+import dataclasses
 import os.path
 from collections.abc import Iterator
 from typing import Any, ClassVar
@@ -35,7 +36,7 @@ _FEET = 2  # the bit of MuJoCo's collision masks that the soles on a height fiel
 class Mjcf(Thing):
     """The bodies of an MJCF file, with the prefix NAME/.
 
-    Masses, friction, joints and colours are those of the file; `friction` and `colour` here have no effect.
+    Masses, friction, joints and colours are those of the file; `friction` and `colour` here are refused.
     The file's world comes to the position; its keyframes, its options and a ground plane in its world are left out.
     Other shapes of its world become the body NAME/world_shapes. What a scene cannot keep is refused: it is compared
     with the model of the file alone.
@@ -55,6 +56,9 @@ class Mjcf(Thing):
     def __post_init__(self) -> None:
         if not os.path.isfile(self.mjcf):
             raise SceneError(f"{self.label}: there is no file {self.mjcf}; give the path of an MJCF file", at=("mjcf",))
+        for field in dataclasses.fields(self):
+            if field.name in ("friction", "colour") and getattr(self, field.name) != field.default:
+                raise SceneError(f"{self.label}: its {field.name} is that of the file; say it there", at=(field.name,))
         here = mujoco.MjSpec()
         try:
             alone = self._read().compile()

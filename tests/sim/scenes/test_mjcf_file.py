@@ -72,7 +72,7 @@ def written(folder: pathlib.Path, text: str) -> pathlib.Path:
 def test_masses_joints_and_contacts_are_those_of_the_file_alone(name: str, tmp_path: pathlib.Path) -> None:
     path = written(tmp_path, KEPT[name])
     alone = mujoco.MjModel.from_xml_path(str(path))
-    here = Simulation(scene=Scene((Mjcf(name="k", mjcf=path, position=(3.0, 1.0)),))).model
+    here = Simulation(scene=Scene((Mjcf(name="k", mjcf=path, position=(3.0, 1.0, 1.0)),))).model
     for kind, count in (("body", alone.nbody), ("jnt", alone.njnt), ("geom", alone.ngeom), ("actuator", alone.nu)):
         for one in [getattr(alone, kind)(i) for i in range(count)]:
             if not one.name or one.name == "world":
@@ -108,6 +108,20 @@ def test_shapes_of_a_files_world_are_an_object(tmp_path: pathlib.Path) -> None:
         Scene((Mjcf(name="k", mjcf=path), Box(name="b", position=(0.0, 1.0), size=(0.2, 0.2, 0.2))))
     with pytest.raises(SceneError, match="mjcf 'k' and mjcf 'l' overlap"):
         Scene((Mjcf(name="k", mjcf=path), Mjcf(name="l", mjcf=path)))
+
+
+def test_a_body_in_the_ground_is_refused(tmp_path: pathlib.Path) -> None:
+    path = written(tmp_path, "<worldbody><body name='b'>" + BALL + "</body>")
+    with pytest.raises(SceneError, match="object 'k/b' is 100 mm deep in the ground at the start; raise it"):
+        Simulation(scene=Scene((Mjcf(name="k", mjcf=path, position=(3.0, 0.0)),)))
+    assert Simulation(scene=Scene((Mjcf(name="k", mjcf=path, position=(3.0, 0.0, 0.1)),))).objects.problems == []
+
+
+def test_friction_and_colour_are_those_of_the_file(tmp_path: pathlib.Path) -> None:
+    path = written(tmp_path, "<worldbody><body name='b'>" + BALL + "</body>")
+    for name, value in (("friction", 0.1), ("colour", "#ff0000")):
+        with pytest.raises(SceneError, match=f"its {name} is that of the file"):
+            Mjcf(name="k", mjcf=path, **{name: value})
 
 
 HFIELD = (

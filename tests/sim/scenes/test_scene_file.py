@@ -265,7 +265,7 @@ def finite(simulation: Simulation, seconds: float) -> bool:
 def test_mjcf_that_asks_for_too_much_gets_what_it_needs(tmp_path: pathlib.Path) -> None:
     sizes = "<size memory='1P' nuser_body='1000000000' nkey='1000000000'/><option timestep='1'/>"
     (tmp_path / "k.xml").write_text(BODY.format(sizes, "", BALL.format("")))
-    scene = Scene((Mjcf(name="k", mjcf=tmp_path / "k.xml", position=(3.0, 0.0)),))
+    scene = Scene((Mjcf(name="k", mjcf=tmp_path / "k.xml", position=(3.0, 0.0, 0.1)),))
     assert finite(Simulation(scene=scene), 0.01)
 
 
