@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import json
 import pathlib
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -172,7 +171,8 @@ def check_recorded(recorded: Mapping[str, object], allowed: Mapping[str, Collect
     }
     for option, names in known.items():
         if isinstance(word := recorded.get(option), str) and word not in names and word not in allowed[option]:
-            raise ConfigError(f"the recording runs {word}; give --{option} {word} to allow it")
+            given = "FILE.py, its file," if option == "task" and not word.endswith(extensions.SUFFIX) else word
+            raise ConfigError(f"the recording runs {word}; give --{option} {given} to allow it")
 
 
 def _replay(options: TasksOptions, folder: pathlib.Path) -> int:
@@ -188,7 +188,7 @@ def _replay(options: TasksOptions, folder: pathlib.Path) -> int:
         rows = [rows[options.episode]]
     tasks, same = {task.name: task for task in map(load_task, options.task)}, 0
     for row in rows:
-        name, seed, settings = row["suite_task"], row["seed"], json.loads(row["settings"])
+        name, seed, settings = row["suite_task"], row["seed"], row["settings"]
         controller, policy = settings["told"]
         recorded, default = {"controller": controller, "policy": policy}, TasksOptions()
         for option, word in recorded.items():

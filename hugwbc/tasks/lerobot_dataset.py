@@ -322,15 +322,19 @@ class DatasetWriter:
 
 
 def read_episodes(folder: pathlib.Path) -> list[dict[str, Any]]:
-    """Return the rows of the episodes of a data set, as `DatasetWriter` writes them."""
+    """Return the rows of the episodes of a data set, as `DatasetWriter` gets them: `settings` are no text."""
     path = folder / _EPISODES.format(**_place(0))
     try:
         rows = pq.read_table(path).to_pylist()
         names = json.loads((folder / "meta/info.json").read_text())["features"]["action"]["names"]
     except (OSError, pa.ArrowInvalid, ValueError, LookupError, TypeError) as error:
         raise ConfigError(f"{folder} is no data set of `hugwbc tasks --record`: {error}; give its folder") from error
-    if any("settings" not in row for row in rows):
-        raise ConfigError(f"{folder} does not say with what settings it was recorded; record it again")
+    try:
+        for row in rows:
+            settings = row["settings"] = json.loads(row["settings"])
+            (_, _), _, _ = settings["told"], dict(settings["arena"]), settings["controller"]
+    except (LookupError, TypeError, ValueError):
+        raise ConfigError(f"{folder} does not say with what settings it was recorded; record it again") from None
     if names != list(ACTION_NAMES):
         other = ", ".join(sorted(set(names) ^ set(ACTION_NAMES))) or "their order"
         raise ConfigError(f"{folder} is of another version of hugwbc, whose actions differ: {other}; record it again")
@@ -340,7 +344,13 @@ def read_episodes(folder: pathlib.Path) -> list[dict[str, Any]]:
 def read_frames(folder: pathlib.Path, row: Mapping[str, Any], key: str) -> np.ndarray:
     """Return a column of the frames of an episode by its row, shape (T, numbers)."""
     path = folder / _DATA.format(**{name: row[f"data/{name}"] for name in _place(0)})
-    return np.array(pq.read_table(path, columns=[key])[key].to_pylist())
+    try:
+        frames = np.array(pq.read_table(path, columns=[key])[key].to_pylist(), dtype=float)
+    except (OSError, pa.ArrowInvalid, LookupError, TypeError, ValueError) as error:
+        raise ConfigError(f"cannot read {path}: {error}; copy the data set again") from error
+    if len(frames) != row["length"]:
+        raise ConfigError(f"{path} has {len(frames)} frames, its episode {row['length']}; copy the data set again")
+    return frames
 
 
 def _place(number: int) -> dict[str, int]:

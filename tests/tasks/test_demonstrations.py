@@ -394,6 +394,12 @@ def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys, sta
     assert "the same outcome in 1 of 1" in out
     assert main(["tasks", *task, "--replay", "d/demos", "--episode", "2"]) == USAGE_ERROR
     assert "episode is 2; d/demos has 0 to 1" in capsys.readouterr().err
+    assert main(["tasks", "--replay", "d/demos"]) == USAGE_ERROR
+    assert "the recording runs stand; give --task FILE.py, its file, to allow it" in capsys.readouterr().err
+    frames = pathlib.Path("d/demos/data/chunk-000/file-001.parquet")
+    frames.write_bytes(frames.read_bytes()[:1000])
+    assert main(["tasks", *task, "--replay", "d/demos", "--episode", "1"]) == USAGE_ERROR
+    assert f"cannot read {frames}: " in capsys.readouterr().err
     info = pathlib.Path("d/demos/meta/info.json")
     info.write_text(info.read_text().replace(".force_on_", ".force_"))  # as before forces acted on the hands
     assert main(["tasks", *task, "--replay", "d/demos"]) == USAGE_ERROR
