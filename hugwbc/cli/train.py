@@ -116,6 +116,8 @@ def _run_recipe(words: Sequence[str]) -> int:
     from hugwbc.learned.recipe.recipe import load_recipe
     from hugwbc.learned.recipe.run import run_recipe
 
+    if any(word.partition("=")[0] == "--config" for word in words):
+        raise ConfigError("--recipe and --config are both given, and each has all settings; give one or the other")
     options, changes = parse_known(RecipeOptions, words, "train")
     recipe = load_recipe(options.recipe, smoke=options.smoke)
     recipe = _changed(recipe, changes) if changes else recipe

@@ -237,3 +237,5 @@ def test_options_change_a_recipe_of_one_training(tmp_path, monkeypatch, capsys) 
     for words_of_a_run in (["--resume"], ["--hours", "2"]):
         assert main([*words, *words_of_a_run]) == 2
         assert "the same command continues" in capsys.readouterr().err
+    assert main([*words, "--config=apart.py"]) == 2
+    assert "--recipe and --config are both given" in capsys.readouterr().err
