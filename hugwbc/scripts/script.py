@@ -149,6 +149,8 @@ class HandMotion:
             for name in (f"{side}_direction", f"{side}_orientation"):
                 if getattr(self, name) is not None:
                     raise TargetError(f"{name} is given, but the {side} hand has no path; give it one")
+        if self.orientation_weight is not None and self.left_orientation is self.right_orientation is None:
+            raise TargetError("orientation_weight is given, but no hand has an orientation; give it one")
         start = self.at(0.0)
         HandTargets.of(start.left, start.right, self.frame)
 

@@ -117,6 +117,8 @@ def test_hands_and_a_motion_at_once_are_refused():
 def test_bad_hand_motions_are_refused():
     with pytest.raises(TargetError, match="neither hand has a path"):
         HandMotion(None, None)
+    with pytest.raises(TargetError, match="no hand has an orientation; give it one"):
+        dataclasses.replace(MOTION, orientation_weight=0.1)
     with pytest.raises(TargetError, match="changes the hand frame from pelvis to world"):
         Script(
             "x", (Segment("a", 1.0, hands=MOTION), Segment("b", 1.0, hands=dataclasses.replace(MOTION, frame="world")))
