@@ -4,6 +4,7 @@ No network is unpickled. A TorchScript file nevertheless contains a program, whi
 """
 
 import importlib
+import io
 import json
 import os
 import pathlib
@@ -131,7 +132,7 @@ def keep_threads(count: int | None) -> None:
 
 
 class TorchScriptNetwork:
-    """A scripted or traced module; it may keep a recurrent state in its buffers, as legged_gym's exporter does.
+    """A scripted or traced module; it may keep a recurrent state, as legged_gym's exporter does, and change its inputs.
 
     Attributes:
         action: name or number of the output that holds the actions.
@@ -140,23 +141,25 @@ class TorchScriptNetwork:
     def __init__(self, path: pathlib.Path) -> None:
         import torch
 
-        self._torch, self.action = torch, "0"
+        self._torch, self.action, self._file = torch, "0", path.read_bytes()
         try:
-            self._module: Any = torch.jit.load(str(path), map_location="cpu").eval()
+            self._load()
         except (RuntimeError, ValueError, OSError) as error:
             reason = str(error).strip().splitlines()[0]
             raise PolicyFileError(
                 f"{path} is not a TorchScript file ({reason}); write it with torch.jit.script(module).save(path). "
                 "A checkpoint written by torch.save is a pickle and is not loaded"
             ) from error
-        self._start = {name: buffer.clone() for name, buffer in self._module.named_buffers()}
-        self._dtype = next((p.dtype for p in self._module.parameters() if p.is_floating_point()), torch.float32)
+        parameters = self._module.parameters()
+        self._dtype = next((p.dtype for p in parameters if p.is_floating_point()), torch.float32)
+
+    def _load(self) -> None:
+        self._module: Any = self._torch.jit.load(io.BytesIO(self._file), map_location="cpu").eval()
 
     def reset(self) -> None:
-        """Restore all buffers from the file, and then call the module's own reset if it has one."""
+        """Restore the module from the file, with all that it keeps, and call its own reset if it has one."""
+        self._load()
         with self._torch.no_grad():
-            for name, buffer in self._module.named_buffers():
-                buffer.copy_(self._start[name])
             for name in _RESETS:
                 if hasattr(self._module, name):
                     getattr(self._module, name)()
@@ -170,7 +173,7 @@ class TorchScriptNetwork:
         """Return all outputs, flat; those of a tuple are called by their number."""
         keep_threads(1)
         with self._torch.no_grad():
-            found: Any = self._module(*(self._torch.from_numpy(row)[None].to(self._dtype) for row in inputs))
+            found: Any = self._module(*(self._torch.tensor(row, dtype=self._dtype)[None] for row in inputs))
         if not isinstance(found, dict):
             parts = found if isinstance(found, tuple | list) else (found,)
             found = dict(zip(getattr(found, "_fields", map(str, range(len(parts)))), parts, strict=True))

@@ -23,16 +23,21 @@ def test_torchscript_without_a_reset_method_starts_as_it_was_saved(tmp_path):
         def __init__(self):
             super().__init__()
             self.register_buffer("count", torch.full((1, 1), 5.0))
+            self.attribute = torch.zeros(1, 1)
 
         def forward(self, x):
             self.count += 1.0
-            return self.count + 0.0 * x
+            self.attribute += 10.0
+            x *= 0.0
+            return self.count + self.attribute + x
 
     torch.jit.script(Counter()).save(str(tmp_path / "counter.pt"))
     network = load_network(tmp_path / "counter.pt", {})
-    assert [network([np.zeros(1, np.float32)])[0] for _ in range(2)] == [6.0, 7.0]
+    given = np.ones(1, np.float32)
+    assert [network([given])[0] for _ in range(2)] == [16.0, 27.0]
     network.reset()
-    assert network([np.zeros(1, np.float32)])[0] == 6.0
+    assert network([given])[0] == 16.0
+    assert given == 1.0, "the history of observations stays as it is"
 
 
 def test_onnx_with_memory(counting_onnx):
