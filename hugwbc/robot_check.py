@@ -28,6 +28,7 @@ _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at 
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
 _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
+_ASKEW = 5.0  # [degrees], likewise of the frames of links
 _LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _UNORDERED = ("roles", "sole", "hand", "imu", "camera", "lidar", "arm_servo", "squat")  # sections of named fields
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
@@ -200,6 +201,12 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             continue
         if name not in limbs:
             continue
+        if (angle := _askew(table, joint["child"], other["child"])) > _ASKEW:
+            yield (
+                f"the frame of {other['child']} is turned by {angle:.0f} degrees from the mirror image of that of "
+                f"{joint['child']}; turn it back in the description, and its shapes, inertia and joints with it"
+            )
+            continue  # what follows compares figures in these frames
         if np.abs(_MIRROR * joint["xyz"] - other["xyz"]).max() > _APART and _apart(table, joint, other) > _APART:
             yield f"{name} is at {joint['xyz']} and {other['name']} at {other['xyz']}; give mirror images"
         sign = mirrored(joint, other)
@@ -220,6 +227,14 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
                 f"{link['name']} weighs {link['mass']:g} kg at {link['com']}, and {right['name']} {right['mass']:g} kg "
                 f"at {right['com']}; give mirror images under `links`"
             )
+
+
+def _askew(table: Mapping[str, Any], left: str, right: str) -> float:
+    """Return by what angle a link's frame is turned from the mirror image of another one's, joints at 0 [degrees]."""
+    joints, base, mirror = table["joints"], table["roles"]["base"], np.diag(_MIRROR)
+    axes, others = (placement(joints, link, base)[1] for link in (left, right))
+    trace = float(np.trace(mirror @ axes @ mirror @ others.T))
+    return math.degrees(math.acos(min(max((trace - 1.0) / 2.0, -1.0), 1.0)))
 
 
 def _apart(table: Mapping[str, Any], joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:

@@ -84,6 +84,13 @@ BROKEN = {
         _set("left_knee_link", mass=3.0),
         ["left_knee_link weighs 3 kg at [0.005457, 0.003964, -0.12074], and right_knee_link 1.932 kg"],
     ),
+    "the right hand's frame is turned": (  # its masses are nearly on the axis of the turn
+        lambda table: (
+            _set("right_wrist_yaw_joint", rpy=[math.pi, 0, 0], axis=[0, 0, -1])(table),
+            _set("right_wrist_yaw_link", com=[0.07082443, 0.000191745, -0.001617416])(table),
+        ),
+        ["the frame of right_wrist_yaw_link is turned by 180 degrees from the mirror image of that of left_wrist_yaw"],
+    ),
     "the right range is the left one": (
         _set("right_hip_roll_joint", range=[-0.5236, 2.9671]),
         ["the range of right_hip_roll_joint is [-0.5236, 2.9671]; the mirror image of the left one is"],
