@@ -10,6 +10,7 @@ import numpy as np
 from hugwbc.errors import HugwbcError, UnknownNameError
 from hugwbc.gait import COMMAND_NAMES
 from hugwbc.robot_tables import reading, robot_table, table_file
+from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES, is_left, mirrored, other_side, placement
 
 _SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
@@ -31,6 +32,7 @@ _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
 _ASKEW = 5.0  # [degrees], likewise of the frames of links
 _LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _UNORDERED = ("roles", "sole", "hand", "imu", "camera", "lidar", "arm_servo", "squat")  # sections of named fields
+_MOST_TURNS = 2.0  # from 0 to an end of a range; more are degrees
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
 
 
@@ -180,6 +182,8 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
         name, (low, high) = joint["name"], joint["range"]
         if not low < high:
             yield f"the range of {name} is {low:g} to {high:g} rad; give range: [lower, upper] under `joints`"
+        elif max(-low, high) > 2.0 * math.pi * _MOST_TURNS:
+            yield f"the range of {name} is {low:g} to {high:g} rad, more than {_MOST_TURNS:g} turns; give it in radians"
         elif not low <= joint["nominal"] <= high:
             yield f"the nominal position of {name} is {joint['nominal']:g} rad; give one from {low:g} to {high:g} rad"
         if 0.0 < joint["velocity"] <= joint["corner_speed"]:
@@ -252,6 +256,12 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
     if not (heel < toe and right < left):
         yield f"sole is x {sole['x']}, y {sole['y']}; give heel before toe, and right before left"
         return
+    hip, knee, ankle = (roles["leg"][part] for part in ("hip_pitch", "knee", "ankle_pitch"))
+    origin = {joint["name"]: placement(joints, joint["child"], roles["base"], q=q)[0] for joint in joints}
+    lengths = [float(np.linalg.norm(origin[a] - origin[b])) for a, b in itertools.pairwise((hip, knee, ankle))]
+    if max(toe - heel, left - right, abs(sole["z"])) > sum(lengths):
+        yield f"sole is {sole}, larger than the leg of {sum(lengths):.3f} m; give it in metres"
+        return
     if abs(middle := (right + left) / 2.0) > _ASIDE:
         joint = next(joint for joint in joints if joint["child"] == roles["foot"])
         sideways = (placement(joints, roles["foot"], roles["base"])[1] @ joint["axis"])[1]
@@ -263,13 +273,13 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
             else "give the part of it that is as wide on both sides under `sole`: y"
         )
     for side in (str, other_side):
-        foot, ankle = side(roles["foot"]), side(roles["leg"]["ankle_pitch"])
+        foot, level = side(roles["foot"]), side(ankle)
         ends = [placement(joints, foot, roles["base"], [x, 0.0, sole["z"]], q)[0] for x in (heel, toe)]
         if abs(ends[0][2] - ends[1][2]) > _TOUCH:
             fall = ends[0][2] - ends[1][2]
             yield (
                 f"the sole of {foot} is not level in the nominal pose: its heel is {1e3 * fall:.0f} mm above its toe; "
-                f"give {ankle}: {q[ankle] - math.asin(fall / (toe - heel)):.3f} under `nominal`, where the link's axes "
+                f"give {level}: {q[level] - math.asin(fall / (toe - heel)):.3f} under `nominal`, where the link's axes "
                 "are level with its sole; else turn the link in the description"
             )
         elif abs(gap := height + (ends[0][2] + ends[1][2]) / 2.0) > _TOUCH:
@@ -277,9 +287,6 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
                 f"the sole of {foot} is {abs(1e3 * gap):.0f} mm {'above' if gap > 0.0 else 'below'} the ground in the "
                 f"nominal pose; give nominal_height: {height - gap:.3f}, or another sole: z or `nominal`"
             )
-    hip, knee, ankle = (roles["leg"][part] for part in ("hip_pitch", "knee", "ankle_pitch"))
-    origin = {joint["name"]: placement(joints, joint["child"], roles["base"], q=q)[0] for joint in joints}
-    lengths = [float(np.linalg.norm(origin[a] - origin[b])) for a, b in itertools.pairwise((hip, knee, ankle))]
     used = float(np.linalg.norm(origin[hip] - origin[ankle])) / sum(lengths)
     if used > _STRAIGHT:
         yield (
@@ -288,6 +295,13 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         )
     places = [placement(joints, link["name"], roles["base"], link["com"], q)[0] for link in table["links"]]
     centre = np.average(places, axis=0, weights=[link["mass"] for link in table["links"]])[0]
+    mass = math.fsum(link["mass"] for link in table["links"])
+    effort = next(joint["effort"] for joint in joints if joint["name"] == knee)
+    if (moment := 0.5 * GRAVITY * mass * abs(origin[knee][0] - centre)) > effort > 0.0:
+        yield (
+            f"of the {mass:g} kg, {knee} bears {moment:.3g} N m in the nominal pose, and its effort is {effort:g} N m; "
+            "correct the masses [kg], or the `effort`"
+        )
     ends = [placement(joints, roles["foot"], roles["base"], [x, 0.0, sole["z"]], q)[0][0] for x in (heel, toe)]
     if not ends[0] < centre < ends[1]:
         yield (

@@ -16,7 +16,8 @@ from hugwbc.robot_tables import robot_names, robot_table
 from hugwbc.table_defaults import placement
 
 G1 = robot_table("g1")
-LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
+KNEES = LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
+MASSES = ("mass", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def _row(table, name):
@@ -52,6 +53,18 @@ BROKEN = {
     "the pelvis is too high": (
         lambda table: table.update(nominal_height=0.90),
         ["143 mm above the ground in the nominal pose; give nominal_height: 0.757", "143 mm above"],
+    ),
+    "the soles are in centimetres": (
+        lambda table: table.update(sole={"x": [-5, 12], "y": [-2.5, 2.5], "z": -3.5}, nominal_height=4.222),
+        ["larger than the leg of 0.641 m; give it in metres"],
+    ),
+    "masses are in grams": (
+        lambda table: [row.update({key: 1e3 * row[key] for key in MASSES}) for row in table["links"]],
+        ["of the 33341.1 kg, left_knee_joint bears"],
+    ),
+    "a range is in degrees": (
+        lambda table: [_row(table, name).update(range=[-5.0, 165.0]) for name in (LEFT_KNEE, RIGHT_KNEE)],
+        [f"the range of {name} is -5 to 165 rad, more than 2 turns; give it in radians" for name in KNEES],
     ),
     "the legs are straight": (
         lambda table: [
