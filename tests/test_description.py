@@ -234,6 +234,12 @@ def test_links_need_no_side_and_right_pitch_joints_turn_as_the_left_ones(tmp_pat
         _robot(tmp_path / "turned", {**SHORT, "description": str(tmp_path / "turned.urdf")})
 
 
+def test_powers_of_ten_need_no_point(tmp_path) -> None:
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(SHORT | {"drives": []}) + "damping: 2e-3\n")
+    table = robot_table(str(tmp_path / "mine.yaml"))
+    assert table["damping"] == 0.002
+
+
 def test_drives_without_friction_stay_so(tmp_path) -> None:
     drives = [{**drive, "friction": 0.0, "viscous": 0.0} for drive in TABLE["drives"]]
     mine = _robot(tmp_path, {**SHORT, "drives": drives})
