@@ -216,6 +216,36 @@ def test_what_an_mjcf_leaves_to_its_shapes_and_turns_is_refused(tmp_path) -> Non
             _robot(tmp_path / str(number), table)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            '<joint name="left_knee_joint"',
+            '<joint ref="0.3" name="left_knee_joint"',
+            "has a ref of left_knee_joint; leave",
+        ),
+        (
+            '<joint name="left_knee_joint"',
+            '<joint type="slide" name="left_knee_joint"',
+            "valid, and .* has left_knee_joint",
+        ),
+        ('<body name="waist_roll_link"', "<body", "has a link or a joint without a name"),
+        ("<worldbody>", '<worldbody><body name="table"/>', "has table, pelvis in the world; give one robot"),
+        (
+            "<actuator>",
+            '<equality><connect body1="left_knee_link" body2="pelvis" anchor="0 0 0"/></equality><actuator>',
+            "closes loops of links",
+        ),
+    ],
+)
+def test_what_a_table_cannot_say_is_refused(tmp_path, old, new, message) -> None:
+    text = G1.xml_path.read_text()
+    assert old in text
+    (tmp_path / "maker.xml").write_text(text.replace(old, new, 1))
+    with pytest.raises(ModelError, match=message):
+        read_description(tmp_path / "maker.xml")
+
+
 def test_links_need_no_side_and_right_pitch_joints_turn_as_the_left_ones(tmp_path) -> None:
     text = G1.urdf_path.read_text()
     for number, side in enumerate(("left", "right"), start=1):
