@@ -180,7 +180,7 @@ def check_roles(table: Mapping[str, Any]) -> None:
     for role, name, kind, paired in played:
         names = sorted(row["name"] for row in table[f"{kind}s"])
         if name is None:
-            found.append(f"roles lacks `{role}`; give the name of the {kind} on the left side")
+            found.append(f"roles lacks `{role}`; give the name of the {kind}{' on the left side' * paired}")
         elif paired and not is_left(name):
             found.append(
                 f"`{role}` is {name}, which is not of the left side; give the {kind} with left, or l, in its name"
