@@ -222,7 +222,10 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
 
     def posture(limb: str, given: Mapping[str, float]) -> list[float]:
         parts = {part: by_name[name] for part, name in roles[limb].items()}
-        wanted = {part: given.get(part, joint["nominal"]) for part, joint in parts.items()}
+        wanted = {part: joint["nominal"] for part, joint in parts.items()}
+        for part, angle in given.items():  # about +x or +y of the base; arms may turn the other way
+            axis = placement(joints, parts[part]["child"], roles["base"])[1] @ parts[part]["axis"]
+            wanted[part] = math.copysign(angle, angle * axis[0 if part.endswith("roll") else 1])
         return [min(max(wanted[part], joint["range"][0]), joint["range"][1]) for part, joint in parts.items()]
 
     efforts = [by_name[name]["effort"] for name in roles["arm"].values()]

@@ -270,6 +270,20 @@ def test_powers_of_ten_need_no_point(tmp_path) -> None:
     assert table["damping"] == 0.002
 
 
+def test_postures_of_arms_whose_joints_turn_the_other_way_are_the_same(tmp_path) -> None:
+    root, mine = ET.parse(G1.urdf_path).getroot(), []
+    for number in range(2):
+        ET.ElementTree(root).write(tmp_path / f"{number}.urdf")
+        mine.append(_robot(tmp_path / str(number), {**SHORT, "description": f"../{number}.urdf"}))
+        for joint in root.findall("joint"):
+            if joint.get("name") in ("left_shoulder_pitch_joint", "right_shoulder_pitch_joint"):
+                joint.find("axis").set("xyz", "0 -1 0")
+                low, high = (float(joint.find("limit").get(end)) for end in ("lower", "upper"))
+                joint.find("limit").attrib.update(lower=str(-high), upper=str(-low))
+    for kind, posture in mine[0].arm_postures.items():
+        np.testing.assert_allclose(mine[1].arm_postures[kind] * [-1, 1, 1, 1, 1, 1, 1], posture, err_msg=kind)
+
+
 def test_drives_without_friction_stay_so(tmp_path) -> None:
     drives = [{**drive, "friction": 0.0, "viscous": 0.0} for drive in TABLE["drives"]]
     mine = _robot(tmp_path, {**SHORT, "drives": drives})
