@@ -136,7 +136,8 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         if joints is not None and limb == "waist" and not joints:
             yield (
                 f"no waist is between {roles[top]} (base) and {roles[end]} (trunk), where {', '.join(parts)} is to be; "
-                "where the legs hang below the waist, turn the description over (docs/how-to/add-a-robot.md)"
+                "where the legs hang below the waist, turn the description over; where there is none, put in a joint "
+                "that is stuck (docs/how-to/add-a-robot.md)"
             )
         elif joints is None:
             yield f"{roles[end]} ({end}) does not hang below {roles[top]} ({top}); give other links"
