@@ -78,6 +78,8 @@ def highest_swing(robot: Robot) -> float:
 def _of(robot: Robot, name: str) -> CommandRange:
     ranges = {**_scaled(robot, name), **robot.commands.get(name, {})}
     low, high = ranges["finishing"]
+    if name == "w":  # the waist's own range is the most
+        low, high = _within((low, high), (float(robot.lower[robot.waist]), float(robot.upper[robot.waist])))
     default = min(max(_size(robot, name, _PAPER[name].default), low), high)
     return CommandRange(default, _within(ranges["initial"], (low, high)), (low, high))
 

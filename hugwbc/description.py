@@ -16,6 +16,7 @@ _SOLE_DEPTH = 0.01  # [m], of the foot's lowest part that counts as its sole
 _TILTED = 5.0  # [degrees], of a box in the foot, above which it is no sole in the link's axes
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))  # of a cube
 _SHAPES = mujoco.mjtGeom
+_LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 _SIMPLE = (_SHAPES.mjGEOM_BOX, _SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE, _SHAPES.mjGEOM_CYLINDER)
 
 
@@ -27,6 +28,8 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
     spec, root = _spec(file), ET.parse(file).getroot()  # noqa: S314  the user's
     if root.tag == "mujoco" and (lacking := [body.name for body in spec.bodies[1:] if _weighed_by_shapes(body)]):
         raise ModelError(f"{file} gives {', '.join(lacking)} no <inertial>, only shapes; give each body its inertia")
+    if any(equality.type in _LOOPS for equality in spec.equalities):
+        raise ModelError(f"{file} closes loops of links (<connect>, <weld>); give a description that is a tree")
     _keep(spec, [])
     taken = {site.name for site in spec.sites}
     for body in spec.bodies[1:]:
@@ -36,8 +39,15 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
             body.add_site(name=body.name)
     spec.compiler.fusestatic = True
     model = _compile(spec, file)
-    if any(model.jnt_type[1:] != mujoco.mjtJoint.mjJNT_HINGE) or np.abs(model.jnt_pos).max() > 0.0:
-        raise ModelError(f"{file} has a joint that slides, or is not at its link's origin; only hinges there are valid")
+    hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & ~model.jnt_pos.any(axis=1)
+    if others := [model.joint(j).name for j in range(1, model.njnt) if not hinges[j]]:
+        raise ModelError(f"only hinges at their links' origins are valid, and {file} has {', '.join(others)}")
+    if turned := [model.joint(j).name for j in range(1, model.njnt) if model.qpos0[model.jnt_qposadr[j]]]:
+        raise ModelError(
+            f"{file} has a ref of {', '.join(turned)}; leave it out, and take it from both ends of `range`"
+        )
+    if "" in (*(model.body(i).name for i in range(model.nbody)), *(model.joint(j).name for j in range(1, model.njnt))):
+        raise ModelError(f"{file} has a link or a joint without a name; give it one")
     rows = root.findall("joint")  # transmissions have joints of their own
     speed = {joint.get("name"): joint.find("limit") for joint in rows}
     joints, links = [], []
@@ -92,9 +102,12 @@ def _spec(file: pathlib.Path) -> mujoco.MjSpec:
         spec = mujoco.MjSpec.from_file(str(file))
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"{file} is no URDF or MJCF that MuJoCo reads: {' '.join(str(error).split())}") from error
-    root = spec.worldbody.first_body()
-    if not root.joints:
-        root.add_freejoint()
+    roots = spec.worldbody.bodies
+    if len(roots) != 1:
+        names = ", ".join(body.name for body in roots) or "nothing"
+        raise ModelError(f"{file} has {names} in the world; give one robot, whose other links hang on its base")
+    if not roots[0].joints:
+        roots[0].add_freejoint()
     return spec
 
 

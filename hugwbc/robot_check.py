@@ -10,6 +10,7 @@ import numpy as np
 from hugwbc.errors import HugwbcError, UnknownNameError
 from hugwbc.gait import COMMAND_NAMES
 from hugwbc.robot_tables import reading, robot_table, table_file
+from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES, is_left, mirrored, other_side, placement
 
 _SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
@@ -28,8 +29,10 @@ _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at 
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
 _APART = 0.002  # [m], of the origins of a joint and its mirror image
 _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
+_ASKEW = 5.0  # [degrees], likewise of the frames of links
 _LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _UNORDERED = ("roles", "sole", "hand", "imu", "camera", "lidar", "arm_servo", "squat")  # sections of named fields
+_MOST_TURNS = 2.0  # from 0 to an end of a range; more are degrees
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
 
 
@@ -133,7 +136,8 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         if joints is not None and limb == "waist" and not joints:
             yield (
                 f"no waist is between {roles[top]} (base) and {roles[end]} (trunk), where {', '.join(parts)} is to be; "
-                "where the legs hang below the waist, turn the description over (docs/how-to/add-a-robot.md)"
+                "where the legs hang below the waist, turn the description over; where there is none, put in a joint "
+                "that is stuck (docs/how-to/add-a-robot.md)"
             )
         elif joints is None:
             yield f"{roles[end]} ({end}) does not hang below {roles[top]} ({top}); give other links"
@@ -179,6 +183,8 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
         name, (low, high) = joint["name"], joint["range"]
         if not low < high:
             yield f"the range of {name} is {low:g} to {high:g} rad; give range: [lower, upper] under `joints`"
+        elif max(-low, high) > 2.0 * math.pi * _MOST_TURNS:
+            yield f"the range of {name} is {low:g} to {high:g} rad, more than {_MOST_TURNS:g} turns; give it in radians"
         elif not low <= joint["nominal"] <= high:
             yield f"the nominal position of {name} is {joint['nominal']:g} rad; give one from {low:g} to {high:g} rad"
         if 0.0 < joint["velocity"] <= joint["corner_speed"]:
@@ -200,6 +206,12 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             continue
         if name not in limbs:
             continue
+        if (angle := _askew(table, joint["child"], other["child"])) > _ASKEW:
+            yield (
+                f"the frame of {other['child']} is turned by {angle:.0f} degrees from the mirror image of that of "
+                f"{joint['child']}; turn it back in the description, and its shapes, inertia and joints with it"
+            )
+            continue  # what follows compares figures in these frames
         if np.abs(_MIRROR * joint["xyz"] - other["xyz"]).max() > _APART and _apart(table, joint, other) > _APART:
             yield f"{name} is at {joint['xyz']} and {other['name']} at {other['xyz']}; give mirror images"
         sign = mirrored(joint, other)
@@ -222,6 +234,14 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
+def _askew(table: Mapping[str, Any], left: str, right: str) -> float:
+    """Return by what angle a link's frame is turned from the mirror image of another one's, joints at 0 [degrees]."""
+    joints, base, mirror = table["joints"], table["roles"]["base"], np.diag(_MIRROR)
+    axes, others = (placement(joints, link, base)[1] for link in (left, right))
+    trace = float(np.trace(mirror @ axes @ mirror @ others.T))
+    return math.degrees(math.acos(min(max((trace - 1.0) / 2.0, -1.0), 1.0)))
+
+
 def _apart(table: Mapping[str, Any], joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:
     """Return how far a joint's axis is from the mirror image of the other one, with all joints at 0 [m]."""
     place, axes = placement(table["joints"], joint["child"], table["roles"]["base"])
@@ -237,6 +257,12 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
     if not (heel < toe and right < left):
         yield f"sole is x {sole['x']}, y {sole['y']}; give heel before toe, and right before left"
         return
+    hip, knee, ankle = (roles["leg"][part] for part in ("hip_pitch", "knee", "ankle_pitch"))
+    origin = {joint["name"]: placement(joints, joint["child"], roles["base"], q=q)[0] for joint in joints}
+    lengths = [float(np.linalg.norm(origin[a] - origin[b])) for a, b in itertools.pairwise((hip, knee, ankle))]
+    if max(toe - heel, left - right, abs(sole["z"])) > sum(lengths):
+        yield f"sole is {sole}, larger than the leg of {sum(lengths):.3f} m; give it in metres"
+        return
     if abs(middle := (right + left) / 2.0) > _ASIDE:
         joint = next(joint for joint in joints if joint["child"] == roles["foot"])
         sideways = (placement(joints, roles["foot"], roles["base"])[1] @ joint["axis"])[1]
@@ -248,13 +274,13 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
             else "give the part of it that is as wide on both sides under `sole`: y"
         )
     for side in (str, other_side):
-        foot, ankle = side(roles["foot"]), side(roles["leg"]["ankle_pitch"])
+        foot, level = side(roles["foot"]), side(ankle)
         ends = [placement(joints, foot, roles["base"], [x, 0.0, sole["z"]], q)[0] for x in (heel, toe)]
         if abs(ends[0][2] - ends[1][2]) > _TOUCH:
             fall = ends[0][2] - ends[1][2]
             yield (
                 f"the sole of {foot} is not level in the nominal pose: its heel is {1e3 * fall:.0f} mm above its toe; "
-                f"give {ankle}: {q[ankle] - math.asin(fall / (toe - heel)):.3f} under `nominal`, where the link's axes "
+                f"give {level}: {q[level] - math.asin(fall / (toe - heel)):.3f} under `nominal`, where the link's axes "
                 "are level with its sole; else turn the link in the description"
             )
         elif abs(gap := height + (ends[0][2] + ends[1][2]) / 2.0) > _TOUCH:
@@ -262,9 +288,6 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
                 f"the sole of {foot} is {abs(1e3 * gap):.0f} mm {'above' if gap > 0.0 else 'below'} the ground in the "
                 f"nominal pose; give nominal_height: {height - gap:.3f}, or another sole: z or `nominal`"
             )
-    hip, knee, ankle = (roles["leg"][part] for part in ("hip_pitch", "knee", "ankle_pitch"))
-    origin = {joint["name"]: placement(joints, joint["child"], roles["base"], q=q)[0] for joint in joints}
-    lengths = [float(np.linalg.norm(origin[a] - origin[b])) for a, b in itertools.pairwise((hip, knee, ankle))]
     used = float(np.linalg.norm(origin[hip] - origin[ankle])) / sum(lengths)
     if used > _STRAIGHT:
         yield (
@@ -273,6 +296,13 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         )
     places = [placement(joints, link["name"], roles["base"], link["com"], q)[0] for link in table["links"]]
     centre = np.average(places, axis=0, weights=[link["mass"] for link in table["links"]])[0]
+    mass = math.fsum(link["mass"] for link in table["links"])
+    effort = next(joint["effort"] for joint in joints if joint["name"] == knee)
+    if (moment := 0.5 * GRAVITY * mass * abs(origin[knee][0] - centre)) > effort > 0.0:
+        yield (
+            f"of the {mass:g} kg, {knee} bears {moment:.3g} N m in the nominal pose, and its effort is {effort:g} N m; "
+            "correct the masses [kg], or the `effort`"
+        )
     ends = [placement(joints, roles["foot"], roles["base"], [x, 0.0, sole["z"]], q)[0][0] for x in (heel, toe)]
     if not ends[0] < centre < ends[1]:
         yield (

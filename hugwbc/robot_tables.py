@@ -4,7 +4,7 @@ import contextlib
 import copy
 import functools
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
@@ -62,6 +62,7 @@ def _robot_table(name: str) -> dict[str, Any]:
     table = copy.deepcopy(_read_table(file))
     difference = table.pop("robots", {}).get(label, {})
     with reading(file):
+        _check_forms(table)
         description = file.parent / table["description"] if "description" in table else None
         if description is not None:
             describe(table, description)
@@ -75,6 +76,17 @@ def _robot_table(name: str) -> dict[str, Any]:
         check_roles(table)
         complete(table, description)
     return {**table, "name": label}
+
+
+def _check_forms(table: Mapping[str, Any]) -> None:
+    """Refuse sections of another form, which what reads them would take for something else."""
+    named = ("roles", "nominal", "joints", "links") if "description" in table else ("roles",)
+    for section in named:
+        if not isinstance(part := table.get(section, {}), dict):
+            raise ModelError(f"`{section}` is {part!r:.60}; give names and what they have, {section}: {{NAME: ...}}")
+    for drive in table.get("drives", []):
+        if not isinstance(drive, dict) or not isinstance(drive.get("joints"), list):
+            raise ModelError(f"drives has {drive!r:.60}; give each its joints, {{joints: [NAME, ...], armature: ...}}")
 
 
 @functools.cache

@@ -20,6 +20,7 @@ Joints = Sequence[Mapping[str, Any]]
 # What a drive is taken for where neither table nor description says it, after the drives of the H1 and the G1: armature
 # [s^2/rad] and Coulomb friction by torque limit, viscous friction by the latter [s/rad], corner speed by highest speed.
 _ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
+_FIGURES = ("effort", "velocity", "armature", "friction", "viscous", "corner_speed", "kp", "kd", "policy_torque_limit")
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
 LEAST_ERROR = 0.05  # [rad]; a drive that gives all its torque for less is a switch
@@ -179,7 +180,7 @@ def check_roles(table: Mapping[str, Any]) -> None:
     for role, name, kind, paired in played:
         names = sorted(row["name"] for row in table[f"{kind}s"])
         if name is None:
-            found.append(f"roles lacks `{role}`; give the name of the {kind} on the left side")
+            found.append(f"roles lacks `{role}`; give the name of the {kind}{' on the left side' * paired}")
         elif paired and not is_left(name):
             found.append(
                 f"`{role}` is {name}, which is not of the left side; give the {kind} with left, or l, in its name"
@@ -221,7 +222,10 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
 
     def posture(limb: str, given: Mapping[str, float]) -> list[float]:
         parts = {part: by_name[name] for part, name in roles[limb].items()}
-        wanted = {part: given.get(part, joint["nominal"]) for part, joint in parts.items()}
+        wanted = {part: joint["nominal"] for part, joint in parts.items()}
+        for part, angle in given.items():  # about +x or +y of the base; arms may turn the other way
+            axis = placement(joints, parts[part]["child"], roles["base"])[1] @ parts[part]["axis"]
+            wanted[part] = math.copysign(angle, angle * axis[0 if part.endswith("roll") else 1])
         return [min(max(wanted[part], joint["range"][0]), joint["range"][1]) for part, joint in parts.items()]
 
     efforts = [by_name[name]["effort"] for name in roles["arm"].values()]
@@ -233,6 +237,9 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
 
 def complete_drive(joint: dict[str, Any]) -> None:
     """Give a joint of a description the figures of its drive that neither it nor the table says."""
+    for field in (field for field in _FIGURES if field in joint):
+        if not isinstance(joint[field], int | float):
+            raise ModelError(f"{field} of {joint['name']} is {joint[field]!r}; give a number, without its unit")
     joint.setdefault("armature", _ARMATURE * joint["effort"])
     joint.setdefault("friction", _FRICTION * joint["effort"])
     joint.setdefault("viscous", _VISCOUS * joint["friction"])

@@ -85,6 +85,15 @@ def test_a_table_may_have_ranges_of_its_own() -> None:
     assert np.all(sample_all(Gait.WALKING, np.random.default_rng(1), 50, own)[:, 0] <= 1.0)
 
 
+def test_the_waists_range_bounds_w() -> None:
+    robot = load_robot("g1")
+    lower, upper = robot.lower.copy(), robot.upper.copy()
+    lower[robot.waist], upper[robot.waist] = -0.001, 0.4
+    for commands in ({}, {"w": {"finishing": (-0.9, 0.9)}}):
+        narrow = dataclasses.replace(robot, lower=lower, upper=upper, commands=commands)
+        assert command_ranges(Gait.WALKING, narrow)["w"] == CommandRange(0.0, (-0.001, 0.4), (-0.001, 0.4))
+
+
 def test_array_round_trip() -> None:
     command = Command(v_x=0.5, v_y=-0.1, omega=0.2, f=2.5, l=0.2, h=-0.1, p=0.3, w=-0.4, gait=Gait.WALKING)
     np.testing.assert_array_equal(command.array(), [0.5, -0.1, 0.2, 2.5, 0.2, -0.1, 0.3, -0.4])

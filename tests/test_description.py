@@ -216,6 +216,36 @@ def test_what_an_mjcf_leaves_to_its_shapes_and_turns_is_refused(tmp_path) -> Non
             _robot(tmp_path / str(number), table)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            '<joint name="left_knee_joint"',
+            '<joint ref="0.3" name="left_knee_joint"',
+            "has a ref of left_knee_joint; leave",
+        ),
+        (
+            '<joint name="left_knee_joint"',
+            '<joint type="slide" name="left_knee_joint"',
+            "valid, and .* has left_knee_joint",
+        ),
+        ('<body name="waist_roll_link"', "<body", "has a link or a joint without a name"),
+        ("<worldbody>", '<worldbody><body name="table"/>', "has table, pelvis in the world; give one robot"),
+        (
+            "<actuator>",
+            '<equality><connect body1="left_knee_link" body2="pelvis" anchor="0 0 0"/></equality><actuator>',
+            "closes loops of links",
+        ),
+    ],
+)
+def test_what_a_table_cannot_say_is_refused(tmp_path, old, new, message) -> None:
+    text = G1.xml_path.read_text()
+    assert old in text
+    (tmp_path / "maker.xml").write_text(text.replace(old, new, 1))
+    with pytest.raises(ModelError, match=message):
+        read_description(tmp_path / "maker.xml")
+
+
 def test_links_need_no_side_and_right_pitch_joints_turn_as_the_left_ones(tmp_path) -> None:
     text = G1.urdf_path.read_text()
     for number, side in enumerate(("left", "right"), start=1):
@@ -232,6 +262,26 @@ def test_links_need_no_side_and_right_pitch_joints_turn_as_the_left_ones(tmp_pat
     (tmp_path / "turned.urdf").write_text(ET.tostring(root, encoding="unicode"))
     with pytest.raises(ModelError, match=r"right_knee_joint \(knee\) turns about .*; give one that"):
         _robot(tmp_path / "turned", {**SHORT, "description": str(tmp_path / "turned.urdf")})
+
+
+def test_powers_of_ten_need_no_point(tmp_path) -> None:
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(SHORT | {"drives": []}) + "damping: 2e-3\n")
+    table = robot_table(str(tmp_path / "mine.yaml"))
+    assert table["damping"] == 0.002
+
+
+def test_postures_of_arms_whose_joints_turn_the_other_way_are_the_same(tmp_path) -> None:
+    root, mine = ET.parse(G1.urdf_path).getroot(), []
+    for number in range(2):
+        ET.ElementTree(root).write(tmp_path / f"{number}.urdf")
+        mine.append(_robot(tmp_path / str(number), {**SHORT, "description": f"../{number}.urdf"}))
+        for joint in root.findall("joint"):
+            if joint.get("name") in ("left_shoulder_pitch_joint", "right_shoulder_pitch_joint"):
+                joint.find("axis").set("xyz", "0 -1 0")
+                low, high = (float(joint.find("limit").get(end)) for end in ("lower", "upper"))
+                joint.find("limit").attrib.update(lower=str(-high), upper=str(-low))
+    for kind, posture in mine[0].arm_postures.items():
+        np.testing.assert_allclose(mine[1].arm_postures[kind] * [-1, 1, 1, 1, 1, 1, 1], posture, err_msg=kind)
 
 
 def test_drives_without_friction_stay_so(tmp_path) -> None:
@@ -278,6 +328,14 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
         ({"squat": {**TABLE["squat"], "heights": []}}, "give both ascending, a reach for each height"),
         ({"squat": {**TABLE["squat"], "heights": [0.0, -0.1]}}, "give both ascending, a reach for each height"),
         ({"commands": {"v_x": 1.0}}, "mine.yaml has a field of another form"),
+        ({"nominal": [0.1, 0.2]}, r"`nominal` is \[0.1, 0.2\]; give names and what they have"),
+        ({"joints": [{"name": "left_knee_joint", "effort": 100}]}, "`joints` is .*; give names and what they have"),
+        ({"drives": [{"armature": 0.1}]}, "drives has {'armature': 0.1}; give each its joints"),
+        ({"drives": [{"joints": "left_knee_joint"}]}, "drives has {'joints': 'left_knee_joint'}; give each its joints"),
+        (
+            {"drives": [{"joints": ["left_knee_joint"], "effort": "88 N m"}]},
+            "effort of left_knee_joint is '88 N m'; give",
+        ),
         ({"description": "none.urdf"}, "none.urdf is no URDF or MJCF that MuJoCo reads"),
         ({"description": "mine.urdf"}, "mine.urdf is no URDF"),
         ({"sole": None}, "has no shape of left_ankle_roll_link; give the field sole"),

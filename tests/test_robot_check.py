@@ -16,7 +16,8 @@ from hugwbc.robot_tables import robot_names, robot_table
 from hugwbc.table_defaults import placement
 
 G1 = robot_table("g1")
-LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
+KNEES = LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
+MASSES = ("mass", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def _row(table, name):
@@ -53,6 +54,18 @@ BROKEN = {
         lambda table: table.update(nominal_height=0.90),
         ["143 mm above the ground in the nominal pose; give nominal_height: 0.757", "143 mm above"],
     ),
+    "the soles are in centimetres": (
+        lambda table: table.update(sole={"x": [-5, 12], "y": [-2.5, 2.5], "z": -3.5}, nominal_height=4.222),
+        ["larger than the leg of 0.641 m; give it in metres"],
+    ),
+    "masses are in grams": (
+        lambda table: [row.update({key: 1e3 * row[key] for key in MASSES}) for row in table["links"]],
+        ["of the 33341.1 kg, left_knee_joint bears"],
+    ),
+    "a range is in degrees": (
+        lambda table: [_row(table, name).update(range=[-5.0, 165.0]) for name in (LEFT_KNEE, RIGHT_KNEE)],
+        [f"the range of {name} is -5 to 165 rad, more than 2 turns; give it in radians" for name in KNEES],
+    ),
     "the legs are straight": (
         lambda table: [
             _row(table, f"{side}_{part}_joint").update(nominal=0.0)
@@ -83,6 +96,13 @@ BROKEN = {
     "left and right weigh differently": (
         _set("left_knee_link", mass=3.0),
         ["left_knee_link weighs 3 kg at [0.005457, 0.003964, -0.12074], and right_knee_link 1.932 kg"],
+    ),
+    "the right hand's frame is turned": (  # its masses are nearly on the axis of the turn
+        lambda table: (
+            _set("right_wrist_yaw_joint", rpy=[math.pi, 0, 0], axis=[0, 0, -1])(table),
+            _set("right_wrist_yaw_link", com=[0.07082443, 0.000191745, -0.001617416])(table),
+        ),
+        ["the frame of right_wrist_yaw_link is turned by 180 degrees from the mirror image of that of left_wrist_yaw"],
     ),
     "the right range is the left one": (
         _set("right_hip_roll_joint", range=[-0.5236, 2.9671]),

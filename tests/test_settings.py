@@ -111,7 +111,7 @@ def test_a_command_line_makes_a_model() -> None:
 
 
 GOOD = """\
-speed: 1e-1      # YAML takes this for text
+speed: 1e-1      # YAML 1.1 takes this for text
 label: yes
 ends: true
 steps:

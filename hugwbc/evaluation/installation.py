@@ -209,6 +209,7 @@ def _strain(trace: "Trace") -> str:
 
     robot = load_robot(trace.robot)
     before = trace.time <= trace.survived_s - 0.2 * trace.fell
+    before |= not before.any()  # it fell at once
     parts = []
     for what, of_all, limits, unit in (
         ("turned at", trace.qvel[before, 6:], robot.velocity_limit, "rad/s"),

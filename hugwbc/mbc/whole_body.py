@@ -19,7 +19,7 @@ from hugwbc.mbc.locomotion import Locomotion
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpSolution, QpStatus, WholeBodyQp
 from hugwbc.mbc.tasks import PostureTask, Task, TaskTerms
-from hugwbc.robot import FRICTION_SPEED, SIDES, Robot
+from hugwbc.robot import FRICTION_SPEED, SIDES, Robot, load_mirror
 from hugwbc.state import RobotState
 
 _LONGEST_PERIOD = 0.05  # [s], with which a robot still stands; a longer one is in another unit
@@ -280,7 +280,9 @@ class WholeBodyController:
         if turn := self._locomotion.turn:  # nor have hips, which would stick at each landing and let go with a jerk
             hips = self.robot.pair("hip_yaw")
             sticks = 1.0 - np.abs(np.tanh(dq[hips] / FRICTION_SPEED))
-            friction[hips] -= sticks * self.robot.friction[hips] * math.tanh(turn / FRICTION_SPEED)
+            # The right hip may turn about the opposite axis; about the same one, yaws are mirrored by the factor -1.
+            ways = np.array([1.0, -load_mirror(self.robot).joint_sign[hips[1]]])
+            friction[hips] -= sticks * self.robot.friction[hips] * ways * math.tanh(turn / FRICTION_SPEED)
         q, held, kp, kd = state.q + half * state.dq, self.robot.held, self._kp, self._kd
         if not self._locomotion.plan.legs:
             q[held], dq[held], kp, kd = self.robot.nominal[held], 0.0, self._holding_kp, self._holding_kd

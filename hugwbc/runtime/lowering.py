@@ -9,7 +9,7 @@ import numpy as np
 
 from hugwbc.controller import JointCommand
 from hugwbc.numeric import smooth_step
-from hugwbc.robot import SIDES, Robot
+from hugwbc.robot import SIDES, Robot, load_mirror
 from hugwbc.state import RobotState
 
 _PLANT_TIME, _FOLD_TIME, _LEAN_TIME = 0.02, 0.21, 0.36  # [s], of the three moves
@@ -25,7 +25,6 @@ _SHOULDER_PITCH, _SHOULDER_ROLL = 0.28, -0.47  # [rad]; the roll is outwards
 # Of the joints, and of the ankles, as multiples of the robot's own; the last damping holds from the fade on.
 _STIFFNESS, _ANKLE_STIFFNESS = 0.69, 0.02
 _DAMPING, _ANKLE_DAMPING, _FINAL_DAMPING = 2.6, 2.8, 6.0
-_SIGNS = np.array([1.0, -1.0])  # of the left and the right joint of a pair, for outwards
 _CLEAR_LOAD = 1.5  # how much faster than its share of the load a leg becomes the standing one
 
 
@@ -37,8 +36,10 @@ class Lowering:
         self._robot = robot
         self._legs = np.array([robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch", "hip_roll")])
         self._upright = robot.nominal.copy()
-        self._upright[robot.pair("shoulder_pitch")] = _SHOULDER_PITCH
-        self._upright[robot.pair("shoulder_roll")] = _SHOULDER_ROLL * _SIGNS
+        self._signs = load_mirror(robot).joint_sign  # rolls may turn about opposite axes on the right
+        for part, angle in (("shoulder_pitch", _SHOULDER_PITCH), ("shoulder_roll", _SHOULDER_ROLL)):
+            left, right = robot.pair(part)
+            self._upright[left], self._upright[right] = angle, self._signs[right] * angle
         ankles = np.isin(np.arange(robot.kp.size), robot.pair("ankle_pitch"))
         self._kp = robot.kp * np.where(ankles, _ANKLE_STIFFNESS, _STIFFNESS)
         self._kd = robot.kd * np.where(ankles, _ANKLE_DAMPING, _DAMPING)
@@ -87,6 +88,6 @@ class Lowering:
         shares = (_PLANTED_STRIDE, _FOLDED_STRIDE, _FOLDED_STRIDE)
         for begin, duration, posture, part in zip(begins, times, (planted, folded, leaning), shares, strict=True):
             q = self._upright.copy()
-            posture[-1] *= _SIGNS
+            posture[-1, 1] *= self._signs[self._legs[-1, 1]]  # outwards on the right
             q[self._legs] = posture + part * stride
             self._moves.append((float(begin), duration, np.clip(q, robot.lower, robot.upper)))

@@ -1,9 +1,10 @@
+import dataclasses
 import re
 import shutil
 
 import pytest
 
-from hugwbc import kinematics, load_robot
+from hugwbc import Command, kinematics, load_robot
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import installation
 from hugwbc.robot_tables import models_dir
@@ -41,3 +42,9 @@ def test_different_masses_are_noticed(monkeypatch):
     monkeypatch.setattr(kinematics, "pinocchio_model", lambda robot: heavier)
     with pytest.raises(ConfigError, match="differ by up to"):
         installation.check_agreement()
+
+
+@pytest.mark.parametrize("survived", [0.0, 0.1, 1.0])
+def test_a_fall_at_once_has_a_strain_too(synthetic_trace, survived):
+    trace = dataclasses.replace(synthetic_trace(Command()), fell=True, survived_s=survived)
+    assert re.fullmatch(r"\w+ turned at \S+ of \S+ rad/s and \w+ gave \S+ of \S+ N m", installation._strain(trace))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 
 from hugwbc import Command, Gait, UpperBody, load_robot, rotations
 from hugwbc.errors import ConfigError
@@ -14,6 +15,7 @@ from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
 from hugwbc.robot import load_mirror
+from hugwbc.robot_tables import robot_table
 from hugwbc.runtime import rollout
 from hugwbc.sim import Simulation
 from tests.conftest import make_state, mirror_command, mirror_state
@@ -190,6 +192,21 @@ def test_the_joint_pd_adds_nothing_on_average_along_the_planned_motion(standing_
         later = dataclasses.replace(moving, q=moving.q + moving.dq * t, dq=moving.dq + acceleration * t)
         torques.append(_total_torque(command, later) - command.tau)
     assert np.mean(torques, axis=0) == pytest.approx(np.zeros(19), abs=1e-6)
+
+
+def test_a_right_hip_that_yaws_about_the_opposite_axis_gives_the_opposite_torque_in_a_turning_jump(tmp_path):
+    table = {**robot_table(), "drives": []}  # the joints have their figures
+    del table["interface"], table["name"]
+    joint = next(joint for joint in table["joints"] if joint["name"] == "right_hip_yaw_joint")
+    joint["axis"] = [0, 0, -1]
+    (tmp_path / "turned.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
+    jump, torques = Command(omega=0.4, gait=Gait.JUMPING), []
+    for robot in (ROBOT, load_robot(str(tmp_path / "turned.yaml"))):
+        simulation = Simulation(sensing="exact", robot=robot)
+        torques.append(rollout(WholeBodyController(robot), jump, simulation, duration=0.1).torque)
+    hip = ROBOT.index(joint["name"])
+    assert np.abs(torques[0][:, hip]).max() > 1.0
+    assert torques[1][:, hip] == pytest.approx(-torques[0][:, hip], abs=1e-3)
 
 
 def test_a_robot_with_ankle_rolls_and_held_joints_walks():

@@ -3,8 +3,10 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from hugwbc import load_robot
+from hugwbc.robot import load_mirror
 from hugwbc.runtime.lowering import Lowering
 from hugwbc.sim import Simulation
 
@@ -37,3 +39,15 @@ def test_a_standing_robot_comes_to_rest_near_the_ground():
     assert state.position is not None and state.velocity is not None
     assert not simulation.diverged and state.position[2] < 0.6
     assert np.linalg.norm(state.velocity) < 0.2 and np.abs(state.dq).max() < 1.0
+
+
+def test_rolls_about_opposite_axes_on_the_right_go_outwards_too():
+    right = H1.indices(["right_hip_roll_joint", "right_shoulder_roll_joint"])
+    axes, lower, upper, nominal = H1.axes.copy(), H1.lower.copy(), H1.upper.copy(), H1.nominal.copy()
+    axes[right], nominal[right] = -axes[right], -nominal[right]
+    lower[right], upper[right] = -H1.upper[right], -H1.lower[right]
+    turned = dataclasses.replace(H1, axes=axes, lower=lower, upper=upper, nominal=nominal)
+    lowering, state = Lowering(turned), dataclasses.replace(STILL, q=nominal)
+    q = [lowering.command(state, PERIOD).q for _ in range(400)]
+    np.testing.assert_allclose(q[-1], load_mirror(turned).joints(q[-1]), atol=1e-9)
+    assert q[-1][H1.pair("hip_roll")] == pytest.approx([-0.15, -0.15])
