@@ -72,7 +72,7 @@ def check_robot(what: str, own: str, robot: str) -> None:
     if load_robot(own).joint_names != load_robot(robot).joint_names:
         raise ConfigError(
             f"{what} is for the robot {own}, and this is {robot}; choose --robot {own}, or train one for "
-            f"{robot}: hugwbc train --env.robot {robot}"
+            f"{robot}: hugwbc train --env.robot {robot}. The QP takes any robot: --controller qp"
         )
 
 
