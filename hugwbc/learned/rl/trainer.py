@@ -379,10 +379,12 @@ def _check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathli
     """Refuse to go on with other settings than a checkpoint's, but for those of a session."""
     with _readable(path):
         before, now = (_flat(settings) for settings in (metadata["config"], settings_record(config)))
+    # A setting that one of the two lacks is of another version, unless it is a point of a schedule.
+    names = [name for name in before | now if name in before.keys() & now.keys() or name.startswith("schedules.")]
     changed = [
-        f"{name} {before[name]} (here {now[name]})"
-        for name in now
-        if name in before and name not in _OF_A_SESSION and before[name] != now[name]
+        f"{name} {before.get(name, 'nothing')} (here {now.get(name, 'nothing')})"
+        for name in names
+        if name not in _OF_A_SESSION and before.get(name) != now.get(name)
     ]
     if changed:
         more = f", and {len(changed) - _MOST_NAMED} others" if len(changed) > _MOST_NAMED else ""

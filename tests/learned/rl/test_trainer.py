@@ -272,6 +272,8 @@ def test_a_run_is_resumed_with_its_own_settings(finished: pathlib.Path) -> None:
     for change in ({"seed": 2009}, {"env": dataclasses.replace(ENV, rewards=rewards, squat_gain=0.5)}):
         with pytest.raises(ConfigError, match=r"seed|env\.squat_gain .*env\.rewards\.feet_slip"):
             Trainer(dataclasses.replace(same, **change))
+    with pytest.raises(ConfigError, match=r"schedules\.ppo\.lam\.shape nothing \(here steps\)"):
+        Trainer(dataclasses.replace(same, schedules={"ppo.lam": Schedule({0: 0.9}, "steps")}))
 
 
 @pytest.mark.parametrize(
