@@ -70,6 +70,8 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         if render_mode is not None:
             raise ConfigError(f"render_mode is {render_mode!r}; give None: watch an episode with `hugwbc play --task`")
         self._arena = arena or Arena()
+        if not isinstance(self._arena, Arena):
+            raise ConfigError(f"arena is {arena!r}; give an Arena, such as hugwbc.sim.Arena(robot='g1')")
         self.task = (task if isinstance(task, Task) else load_task(task)).sized(self._arena.known_robot)
         limit = self.task.limit if limit is None else limit
         if not PERIOD <= limit < math.inf:

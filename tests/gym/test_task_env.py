@@ -174,6 +174,7 @@ def test_a_scene_and_a_task_of_ones_own(tmp_path):
         ({"actions": "recorder"}, UnknownNameError, "Did you mean 'recorded'"),
         ({"limit": 0.0}, ConfigError, "limit is 0.0 s"),
         ({"limit": float("nan")}, ConfigError, "limit is nan s"),
+        ({"arena": "g1"}, ConfigError, "arena is .g1.; give an Arena"),
         ({"scene": Scene((Wall(name="wall", position=(2.0, 0.0)),))}, ConfigError, "the scene has no button"),
     ],
 )
