@@ -301,16 +301,20 @@ def load_contract(name: str | pathlib.Path) -> Contract:
     return contract if contract.name else dataclasses.replace(contract, name=path.parent.name if folder else path.stem)
 
 
-def contract_of(metadata: Mapping[str, Any], origin: object) -> Contract:
-    """Return the contract in a network's metadata."""
+def contract_of(metadata: Mapping[str, Any], origin: pathlib.Path) -> Contract:
+    """Return the contract in a network's metadata; the folder of a robot of one's own may lie beside the network."""
     fields = metadata.get("contract")
     if not isinstance(fields, Mapping):
         raise PolicyFileError(f"{origin} has no contract that this hugwbc reads; use the version that wrote it")
+    table = pathlib.Path(str(fields.get("robot")))
+    beside = origin.parent / table.stem / table.name
+    if beside.is_file() and not table.exists():
+        fields = {**fields, "robot": str(beside)}
     try:
         return Contract(**fields)
     except (HugwbcError, TypeError) as error:
         hint = (
-            "use a policy that this version wrote; a robot or a term of your own needs its table at the same place, or "
-            "the Python file that adds it to TERMS"
+            "use a policy that this version wrote; a robot of your own needs its table where it was or, in its folder, "
+            "beside the policy, and a term of your own the Python file that adds it to TERMS"
         )
         raise PolicyFileError(f"the contract of {origin} is not valid: {error}; {hint}") from error

@@ -3,6 +3,7 @@ import json
 import math
 import pathlib
 import re
+import shutil
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,10 @@ from hugwbc.learned.policy.contract import Contract, FeedForward, History, Term,
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.records import settings_record
 from hugwbc.robot import load_robot
+from hugwbc.robot_tables import models_dir
 from hugwbc.state import RobotState
 
+PLACE = pathlib.Path("the_file")
 V_X = COMMAND_NAMES.index("v_x")
 CURVES = {"walking": {"v_x": [[0.0, 0.0], [1.0, 0.9], [2.0, 2.0]]}}
 STATE = RobotState(np.zeros(19), np.zeros(19), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
@@ -74,7 +77,9 @@ def test_a_contract_is_what_the_file_says(tmp_path):
         Term("constant", value=(1.0, 2.0)),
     )
     assert contract.input_sizes == (3 * 13,)
-    assert contract_of({"contract": json.loads(json.dumps(dataclasses.asdict(contract), default=str))}, "x") == contract
+    assert (
+        contract_of({"contract": json.loads(json.dumps(dataclasses.asdict(contract), default=str))}, PLACE) == contract
+    )
 
 
 def test_the_shipped_contracts_are_those_of_public_policies():
@@ -154,9 +159,9 @@ def test_ours_has_the_sizes_of_the_networks_and_the_settings_of_the_training():
 )
 def test_what_cannot_be_run_is_refused(key, value):
     with pytest.raises(PolicyFileError, match="the contract of the_file is not valid"):
-        contract_of({"contract": dataclasses.asdict(EnvConfig().contract()) | {key: value}}, "the_file")
+        contract_of({"contract": dataclasses.asdict(EnvConfig().contract()) | {key: value}}, PLACE)
     with pytest.raises(PolicyFileError, match="has no contract that this hugwbc reads"):
-        contract_of({"contract": 2}, "the_file")
+        contract_of({"contract": 2}, PLACE)
 
 
 def test_the_record_of_the_settings_holds_no_folder_of_a_machine():
@@ -219,3 +224,17 @@ def knots(*points: object) -> dict[str, Any]:
 def test_malformed_curves_are_refused(curves: Any) -> None:
     with pytest.raises(HugwbcError):
         dataclasses.replace(EnvConfig().contract(), feed_forward=curves)
+
+
+def test_the_robot_of_a_policy_may_lie_beside_it(tmp_path):
+    fields = dataclasses.asdict(EnvConfig(robot="g1").contract()) | {"robot": "/of/a/server/mine/mine.yaml"}
+    with pytest.raises(PolicyFileError, match=r"unknown robot .* in its folder, beside the policy"):
+        contract_of({"contract": fields}, tmp_path / "policy.safetensors")
+    (tmp_path / "mine").mkdir()
+    table = models_dir() / "g1" / "g1.yaml"
+    shutil.copy(table, tmp_path / "mine" / "mine.yaml")
+    found = contract_of({"contract": fields}, tmp_path / "policy.safetensors")
+    assert (
+        found.robot == str(tmp_path / "mine" / "mine.yaml")
+        and found.described.joint_names == load_robot("g1").joint_names
+    )
