@@ -30,6 +30,7 @@ LARGEST_CHANGE = {"v_x": 0.3, "v_y": 0.25, "omega": 0.3, "h": 0.06, "p": 0.1, "w
 was never trained. The gait's clock takes f as it is, so that f has no curve."""
 Curves = dict[str, dict[str, list[list[float]]]]  # gait -> command -> pairs of command and what to ask for
 _MOST_KNOTS = 100
+_BEYOND = 0.2  # [rad], beyond our range of a joint that another project's pose may lie
 
 CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
 
@@ -223,6 +224,14 @@ class Contract:
         for name in self.held_pose:
             if name in self.joints:
                 raise ConfigError(f"the policy moves '{name}'; leave it out of held_pose", at=("held_pose", name))
+        poses = {"default_pose": dict(zip(self.joints, self.default_pose, strict=True)), "held_pose": self.held_pose}
+        for field, pose in poses.items():
+            for index, (name, angle) in enumerate(pose.items()):
+                joint = self.described.indices((name,))[0]
+                low, high = self.described.lower[joint], self.described.upper[joint]
+                if not low - _BEYOND <= angle <= high + _BEYOND:
+                    problem = f"{name} is at {angle:g} rad, and turns from {low:g} to {high:g} rad"
+                    raise ConfigError(problem, at=(field, name if field == "held_pose" else index))
 
     @functools.cached_property
     def described(self) -> Robot:

@@ -102,6 +102,8 @@ def test_the_shipped_contracts_are_those_of_public_policies():
         ("torso_joint]\ndef", "torso]\ndef", 3, "unknown joint 'torso'. Did you mean 'torso_joint'"),
         ("torso_joint]\ndef", "left_knee_joint]\ndef", 3, "'left_knee_joint' is listed twice"),
         ("[0.3, 0]", "[0.3, 0, 0]", 4, "found 3 numbers; give 2, one per joint, or a single one for all"),
+        ("[0.3, 0]", "[17.2, 0]", 4, "left_knee_joint is at 17.2 rad, and turns from -0.26 to 2.05 rad"),
+        ("left_elbow_joint: 0.5", "left_elbow_joint: 28.6", 12, "left_elbow_joint is at 28.6 rad, and turns from"),
         ("kp: 100", "kp: .nan", 5, "kp"),
         ("kd: [2, 3]", "kd: [2, -1]", 6, "kd.1 is -1"),
         ("action_clip: 10", "action_clip: 0", 8, "action_clip is 0"),
