@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from hugwbc.controller import Controller
-from hugwbc.errors import ResultFileError
+from hugwbc.errors import ConfigError, ResultFileError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure, judged_fairly
@@ -110,6 +110,8 @@ def run_experiment(
     done: list[Plan] = []
     measured = 0  # of the rows; the others were stored
     plans = list(experiment.plan(settings))
+    if not plans:
+        raise ConfigError(f"experiment '{experiment.name}' plans no episode; let its `plan` return at least one")
     while plans:
         found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
         missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
@@ -191,6 +193,8 @@ def _run_job(job: tuple[Callable[..., Row], Settings, ControllerSpec, str, int, 
     controller = _controller(spec, digest)
     with noting() as read:
         row = episode(controller, settings, plan)
+    if twice := sorted(plan.tags.keys() & row.keys()):
+        raise ConfigError(f"an episode's row has {', '.join(twice)}, as its plan's tags do; give it another name")
     return index, {**plan.tags, **row, READ: {**_last.read, **read}}
 
 

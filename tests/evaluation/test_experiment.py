@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from hugwbc import Command
-from hugwbc.errors import HugwbcError, ResultFileError
+from hugwbc.errors import ConfigError, HugwbcError, ResultFileError
 from hugwbc.evaluation import episode, store
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings, ending, simulate
@@ -99,6 +99,14 @@ def test_an_interrupted_run_goes_on_where_it_stopped_and_has_the_same_numbers(tm
     assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path, fresh=True)) == alone and len(counted) == 8
     assert run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path)) == alone and len(counted) == 8
     assert {"waist", "place", "fell"} < set(json.loads(path.read_text().splitlines()[1]))
+
+
+def test_episodes_that_are_none_or_say_two_things_are_refused():
+    with pytest.raises(ConfigError, match="experiment 'waists' plans no episode"):
+        run_experiment(dataclasses.replace(WAISTS, plan=lambda settings: []), SETTINGS, HOLD)
+    twice = dataclasses.replace(WAISTS, episode=lambda controller, settings, plan: {"waist": 3.0})
+    with pytest.raises(ConfigError, match="row has waist, as its plan's tags do"):
+        run_experiment(twice, SETTINGS, HOLD)
 
 
 def test_two_processes_give_the_numbers_of_one(tmp_path):
