@@ -46,6 +46,10 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
         raise ModelError(
             f"{file} has a ref of {', '.join(turned)}; leave it out, and take it from both ends of `range`"
         )
+    if sprung := [model.joint(j).name for j in range(1, model.njnt) if model.jnt_stiffness[j]]:
+        raise ModelError(
+            f"{file} has a spring (stiffness) in {', '.join(sprung)}; leave it out: here drives alone move"
+        )
     if "" in (*(model.body(i).name for i in range(model.nbody)), *(model.joint(j).name for j in range(1, model.njnt))):
         raise ModelError(f"{file} has a link or a joint without a name; give it one")
     rows = root.findall("joint")  # transmissions have joints of their own

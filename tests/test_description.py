@@ -226,6 +226,11 @@ def test_what_an_mjcf_leaves_to_its_shapes_and_turns_is_refused(tmp_path) -> Non
         ),
         (
             '<joint name="left_knee_joint"',
+            '<joint stiffness="20" name="left_knee_joint"',
+            r"has a spring \(stiffness\) in left_knee_joint; leave",
+        ),
+        (
+            '<joint name="left_knee_joint"',
             '<joint type="slide" name="left_knee_joint"',
             "valid, and .* has left_knee_joint",
         ),
