@@ -3,6 +3,7 @@
 So `yes` may be a name, and `1e-5` is a number. Nothing is executed, and no name is given twice.
 """
 
+import math
 import pathlib
 import re
 import unicodedata
@@ -15,9 +16,8 @@ from hugwbc.errors import ConfigError, one_line
 
 MOST_PARTS, DEEPEST = 20_000, 50  # values in a text, those that anchors repeat included, and levels of them
 _KINDS = ("str", "int", "float", "bool", "null", "map", "seq", "timestamp", "value", "merge")
-_POWER = re.compile(
-    r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"
-)  # YAML 1.1 wants a point and a sign, and makes text of others
+# YAML 1.1 wants a point and a sign, and makes text of others.
+_POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 _TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _KINDS}  # others would be read as if they were not there
 
 
@@ -65,7 +65,7 @@ def _content(node: yaml.Node, parts: Iterator[int], levels: int) -> Any:  # noqa
         return content
     if any(unicodedata.category(letter) in ("Cc", "Cs") and letter not in "\n\t" for letter in node.value):
         raise yaml.MarkedYAMLError(problem="control characters in a text", problem_mark=node.start_mark)
-    if not node.style and _POWER.fullmatch(node.value):  # it is not quoted
+    if not node.style and _POWER.fullmatch(node.value) and math.isfinite(float(node.value)):  # it is not quoted
         return float(node.value)
     for kind, read in (("null", lambda _: None), ("int", int), ("float", float)):
         if node.tag.endswith(kind):
