@@ -116,6 +116,8 @@ class WholeBodyController:
         self._still = PostureTask(held, 10.0, params.waist_gains)
         self._still.target[:] = robot.nominal[held]
         self._arms = PostureTask(robot.arms, params.takeover_speed)
+        # The right hip may turn about the opposite axis; about the same one, yaws are mirrored by the factor -1.
+        self._hip_ways = np.array([1.0, -load_mirror(robot).joint_sign[robot.pair("hip_yaw")[1]]])
         self._hand_load = HandLoad(params.hand_force_rate, params.least_hand_force)
         self._qp = WholeBodyQp(params, robot, self.dynamics.nv, self.dynamics.columns)
         self._slip = SlipWatch(params.friction, robot.weight)
@@ -280,9 +282,7 @@ class WholeBodyController:
         if turn := self._locomotion.turn:  # nor have hips, which would stick at each landing and let go with a jerk
             hips = self.robot.pair("hip_yaw")
             sticks = 1.0 - np.abs(np.tanh(dq[hips] / FRICTION_SPEED))
-            # The right hip may turn about the opposite axis; about the same one, yaws are mirrored by the factor -1.
-            ways = np.array([1.0, -load_mirror(self.robot).joint_sign[hips[1]]])
-            friction[hips] -= sticks * self.robot.friction[hips] * ways * math.tanh(turn / FRICTION_SPEED)
+            friction[hips] -= sticks * self.robot.friction[hips] * self._hip_ways * math.tanh(turn / FRICTION_SPEED)
         q, held, kp, kd = state.q + half * state.dq, self.robot.held, self._kp, self._kd
         if not self._locomotion.plan.legs:
             q[held], dq[held], kp, kd = self.robot.nominal[held], 0.0, self._holding_kp, self._holding_kd

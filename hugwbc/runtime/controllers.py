@@ -354,13 +354,13 @@ class ControllerSpec:
 
 def _refuse_bare(path: pathlib.Path) -> None:
     """Refuse a network without a contract now, and not when a loop is built."""
-    from hugwbc.learned.policy.network_files import TORCHSCRIPT_SUFFIXES
+    from hugwbc.learned.policy.network_files import ONNX_SUFFIX, TORCHSCRIPT_SUFFIXES
 
     if path.suffix in TORCHSCRIPT_SUFFIXES:
         raise ConfigError(
             f"{path} is a bare network; write a contract for it as docs/evaluation.md says, and give the contract"
         )
-    if path.suffix == ".onnx" and path.is_file():
+    if path.suffix == ONNX_SUFFIX and path.is_file():
         learned_controller(path)
 
 
