@@ -16,14 +16,12 @@ import math
 import warnings
 import weakref
 from collections.abc import Callable, Generator, Sequence
-from numbers import Real
 from typing import Annotated, Concatenate, Literal, ParamSpec, TypeAlias
 
 from pydantic import Field
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.reference import plain_signature
 from hugwbc.scripts.view import Action, SeenObject, View
@@ -164,10 +162,9 @@ def _advance(course: Course, view: View | None) -> Action | None:
         return None
 
 
-def retry(view: View, behaviour: Behaviour, times: int = 3) -> Course:
-    """Try a behaviour until it succeeds, at most so many times, 1 or more."""
-    if times < 1:
-        raise ConfigError(f"retry: times is {times}; give 1 or more")
+@step
+def retry(view: View, behaviour: Behaviour, times: Annotated[int, Field(ge=1)] = 3) -> Course:
+    """Try a behaviour until it succeeds, at most so many times."""
     for attempt in range(1, times + 1):
         course = behaviour(view)
         try:
@@ -183,10 +180,9 @@ def retry(view: View, behaviour: Behaviour, times: int = 3) -> Course:
     return view
 
 
-def wait(view: View, seconds: float) -> Course:
+@step
+def wait(view: View, seconds: Annotated[float, Field(ge=0, le=3600)]) -> Course:
     """Keep the last hand targets and the posture for a time [s]."""
-    if not isinstance(seconds, Real) or not seconds >= 0.0:
-        raise TypeError(f"wait: seconds is {seconds!r}; give a time [s] of 0 or more")
     begin = view.time
     while view.time - begin < seconds:
         view = yield Action(standing(view), view.last.hands, progress=f"waits for {seconds:g} s")

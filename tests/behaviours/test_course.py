@@ -159,7 +159,7 @@ def test_an_object_that_is_not_there() -> None:
         (lambda view: lift(view, "box", math.nan), "lift.height is nan"),
         (lambda view: pull(view, "box", -0.3), "pull.distance is -0.3"),
         (lambda view: wait(view, math.nan), "seconds is nan"),
-        (lambda view: wait(view, -1.0), "seconds is -1.0; give a time"),
+        (lambda view: wait(view, -1.0), "wait.seconds is -1.0; it should be greater"),
         (lambda view: grip(view, "bell", "left"), "grip.grips.0 is 'bell'; it should be"),
         (lambda view: retry(view, stand, times=0), "times is 0"),
         (lambda view: release(view, apart=math.inf), "release.apart is inf"),
@@ -199,12 +199,16 @@ def test_a_robot_whose_hands_end_far_from_a_box_comes_nearer(short: float, neare
     assert walked == nearer
 
 
-def test_a_step_that_was_made_but_never_run_is_told_where_it_was_made():
+@pytest.mark.parametrize(
+    "forgotten", [partial(count, ticks=3), partial(wait, seconds=1.0), partial(retry, behaviour=stand)]
+)
+def test_a_step_that_was_made_but_never_run_is_told_where_it_was_made(forgotten) -> None:
     def forgets(view: View) -> Course:
-        count(view, 3)
+        forgotten(view)
         return (yield from count(view, 2))
 
-    with pytest.warns(RuntimeWarning, match=r"write `view = yield from count\(view, ...\)`") as told:
+    words = rf"write `view = yield from {forgotten.func.__name__}\(view, ...\)`"
+    with pytest.warns(RuntimeWarning, match=words) as told:
         actions, source = run(forgets)
     assert len(told) == 1 and len(actions) == 3 and source.status is Status.SUCCESS
     assert told[0].filename == __file__
