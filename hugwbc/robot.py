@@ -6,15 +6,17 @@ import math
 import pathlib
 import runpy
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator
 
 from hugwbc.errors import ModelError, UnknownNameError
 from hugwbc.numeric import frozen
 from hugwbc.robot_check import table_problems
-from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir, reading, robot_names, robot_table, table_file
+from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir, robot_names, robot_table, table_file
 from hugwbc.rotations import AXIAL_SIGNS
+from hugwbc.settings import refusing
 from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES as SIDES, other_side, placement
 
@@ -236,13 +238,16 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
 def _load_robot(name: str) -> Robot:
     table, file = robot_table(name), table_file(name)
     own = models_dir() not in file.parents
-    with reading(file):
-        if own and (found := table_problems(table)):
-            raise ModelError(f"{file}: {'; '.join(found)}")
-        robot = _robot_of(name, table, file)
-        if own:
-            runpy.run_path(str(models_dir() / "build.py"))["write"](name)
+    if own and (found := table_problems(table)):
+        raise ModelError(f"{file}: {'; '.join(found)}")
+    robot = _robot_of(name, table, file)
+    if own:
+        runpy.run_path(str(models_dir() / "build.py"))["write"](name)
     return robot
+
+
+RobotName = Annotated[str, AfterValidator(refusing(lambda name: load_robot(name).name))]
+"""The name of a robot, or the path of its table, which becomes absolute."""
 
 
 def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
@@ -331,8 +336,6 @@ def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tu
     """Return a table's own ranges of a command."""
     checked, least = {}, 0.0 if command in ("f", "l") else -math.inf
     for kind, (low, high) in ranges.items():
-        if kind not in (valid := ("initial", "finishing")):
-            raise UnknownNameError(f"range of the command {command}", kind, valid)
         if not least < low <= high < math.inf:
             raise ModelError(
                 f"commands has {command} from {low:g} to {high:g}; give finite ends, low first, f and l above 0"

@@ -8,17 +8,12 @@ from typing import Any
 import numpy as np
 
 from hugwbc.errors import HugwbcError, UnknownNameError
-from hugwbc.gait import COMMAND_NAMES
-from hugwbc.robot_tables import reading, robot_table, table_file
+from hugwbc.robot_tables import robot_table
 from hugwbc.state import GRAVITY
 from hugwbc.table_defaults import SIDES, is_left, mirrored, other_side, placement
 
-_SECTIONS = ("imu", "camera", "sole", "hand", "capsules", "collision_pairs", "contact_links", "visuals", "colours")
-_JOINT = ("xyz", "rpy", "axis", "range", "effort", "velocity", "armature", "corner_speed", "kp", "kd", "nominal")
-_LINK = ("mass", "com", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _ABOVE_ZERO = ("effort", "policy_torque_limit", "velocity", "armature", "corner_speed", "kp", "kd")
 _FOLLOWS = {"corner_speed": "velocity", "policy_torque_limit": "effort"}  # where the table does not say it
-_LENGTHS = {"xyz": 3, "rpy": 3, "axis": 3, "com": 3, "center": 3, "pos": 3, "range": 2}  # of lists of numbers, by name
 _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the right joint
 # Axes of legs and waist in the base's frame, by part; the others turn about y.
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
@@ -31,7 +26,6 @@ _APART = 0.002  # [m], of the origins of a joint and its mirror image
 _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
 _ASKEW = 5.0  # [degrees], likewise of the frames of links
 _LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
-_UNORDERED = ("roles", "sole", "hand", "imu", "camera", "lidar", "arm_servo", "squat")  # sections of named fields
 _MOST_TURNS = 2.0  # from 0 to an end of a range; more are degrees
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
 
@@ -39,15 +33,14 @@ _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot 
 def problems(name: str) -> list[str]:
     """Return what is missing or implausible in the table of a robot, one sentence each; empty if it is fine."""
     try:
-        with reading(table_file(name)):
-            return table_problems(robot_table(name))
+        return table_problems(robot_table(name))
     except HugwbcError as error:
         return [str(error)]
 
 
 def table_problems(table: Mapping[str, Any]) -> list[str]:
     """Return what is missing or implausible in a table that `robot_table` returned."""
-    return [*_missing(table), *_formless(table)] or [text for check in _CHECKS for text in check(table)]
+    return [*_double(table)] or [text for check in _CHECKS for text in check(table)]
 
 
 def tilted_axes(table: Mapping[str, Any]) -> Iterator[str]:
@@ -68,35 +61,11 @@ def _axes(table: Mapping[str, Any]) -> Iterator[tuple[str, str, np.ndarray, str]
             yield part, name, axes @ joint["axis"], wanted
 
 
-def _missing(table: Mapping[str, Any]) -> Iterator[str]:
+def _double(table: Mapping[str, Any]) -> Iterator[str]:
     for kind, field in (("joints", "name"), ("joints", "child"), ("links", "name")):
         names = [row[field] for row in table[kind]]
         for name in sorted({name for name in names if names.count(name) > 1}):
             yield f"{names.count(name)} rows of `{kind}` have the {field} {name}; give each another one"
-    for section in _SECTIONS:
-        if section not in table:
-            yield f"the section `{section}` is missing; models/h1/h1.yaml shows it"
-    for kind, fields in (("joints", _JOINT), ("links", _LINK)):
-        for row in table[kind]:
-            if lacks := [field for field in fields if field not in row]:
-                yield f"{row['name']} lacks {', '.join(lacks)}; give them under `{kind}` or `drives`"
-
-
-def _formless(part: Any, place: str = "") -> Iterator[str]:  # noqa: ANN401  whatever YAML holds
-    """Say which numbers are not finite, which lists have too few, and what is empty, but for unused motor slots."""
-    if part is None:
-        yield f"{place} is empty; fill it in, or leave it out"
-    elif isinstance(part, float) and not math.isfinite(part):
-        yield f"{place} is {part}; give a finite number"
-    for key, inner in part.items() if isinstance(part, dict) else enumerate(part) if isinstance(part, list) else ():
-        name = inner.get("name", key) if isinstance(inner, dict) else key
-        here, length = f"{place}.{name}".lstrip("."), _LENGTHS.get(str(key))
-        if length is not None and not (
-            isinstance(inner, list) and len(inner) == length and all(isinstance(one, int | float) for one in inner)
-        ):
-            yield f"{here} is {inner}; give {length} numbers"
-        elif here != "interface.motors":
-            yield from _formless(inner, here)
 
 
 def _tree(table: Mapping[str, Any]) -> Iterator[str]:
@@ -175,10 +144,6 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
         lacking = [] if follows else [joint["name"] for joint in table["joints"] if not joint[field] > 0.0]
         if names := [name for name in lacking if is_left(name) or other_side(name) not in {*lacking} - {name}]:
             yield f"{field} is 0 or less of {', '.join(names)}; give figures above 0, under `drives`"
-    for name, row in (*((joint["name"], joint) for joint in table["joints"]), ("the table", table)):
-        for field in ("friction", "viscous", "damping", "command_delay"):
-            if not row.get(field, 0.0) >= 0.0:
-                yield f"{field} of {name} is {row[field]:g}; give 0 or more"
     for joint in table["joints"]:
         name, (low, high) = joint["name"], joint["range"]
         if not low < high:
@@ -319,9 +284,7 @@ def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
         if lacking := [name for name in known if name not in table[section]]:
             yield f"{section} lacks {', '.join(lacking)}; give each, with a number for each of {', '.join(parts)}"
         for name, values in table[section].items():
-            if not isinstance(values, list):
-                yield f"{section} has {name}: {values}; give a list with a number for each of {', '.join(parts)}"
-            elif len(values) != len(parts):
+            if len(values) != len(parts):
                 yield f"{section} has {len(values)} numbers for {name}; give one for each of {', '.join(parts)}"
             elif section == "arm_servo":
                 if not min(values) > 0.0:
@@ -365,7 +328,7 @@ def _motors(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that the messages' motor slots have each joint once."""
     if (interface := table.get("interface")) is None:
         return
-    motors, modes = (interface.get(part, []) for part in ("motors", "modes"))
+    motors, modes = interface["motors"], interface["modes"]
     slots, names = [name for name in motors if name is not None], [row["name"] for row in table["joints"]]
     for name in dict.fromkeys((*slots, *names)):
         if name not in names:
@@ -377,22 +340,11 @@ def _motors(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _names(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that no field is misspelt: it would say nothing. The H1's table has them all."""
-    known = robot_table()
-    rows = [("commands", table.get("commands", {}), COMMAND_NAMES)]
-    rows += [("the table", table, (*known, "description", "nominal", "commands", "qp"))]
-    known["hand"] = known["imu"]  # a frame of the description has a parent
-    rows += [(section, table.get(section, {}), known[section]) for section in _UNORDERED]
-    for kind in ("joints", "links"):
-        fields = tuple({field: None for row in known[kind] for field in row})
-        rows += [(row["name"], row, fields) for row in table[kind]]
-    names = [(f"field of {name},", field, fields) for name, row, fields in rows for field in row]
-    links = [row["name"] for row in table["links"]]
+    """Check that sections name links and colours that exist, and that none has the name of a frame that is added."""
+    names, links = [], [row["name"] for row in table["links"]]
     for section in ("contact_links", "capsules", "visuals"):
         names += [(f"link under {section},", name, links) for name in table[section]]
-    kinds = {shape["type"] for shapes in known["visuals"].values() for shape in shapes}
     for shape in itertools.chain(*table["visuals"].values()):
-        names += [("shape under visuals,", shape["type"], sorted(kinds))]
         names += [("colour under visuals,", shape["colour"], table["colours"])]
     for what, name, valid in names:
         if name not in valid:

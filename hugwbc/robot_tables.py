@@ -1,15 +1,15 @@
-"""Tables of robots: which there are, where their files lie, and what they say, completed and checked for their form."""
+"""Tables of robots: which there are, where their files lie, and what they say, completed."""
 
-import contextlib
 import copy
+import dataclasses
 import functools
 import pathlib
-from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
+from hugwbc.settings_file import load
 from hugwbc.table_defaults import check_roles, complete, complete_drive, describe, other_side
-from hugwbc.yaml_text import read_yaml
+from hugwbc.table_form import Table
 
 DEFAULT_ROBOT = "h1"
 
@@ -61,55 +61,29 @@ def _robot_table(name: str) -> dict[str, Any]:
     label = name if name in robot_names() else file.stem
     table = copy.deepcopy(_read_table(file))
     difference = table.pop("robots", {}).get(label, {})
-    with reading(file):
-        _check_forms(table)
-        description = file.parent / table["description"] if "description" in table else None
-        if description is not None:
-            describe(table, description)
-        _assign_drives(table)
-        for joint in table["joints"]:
-            joint.setdefault("policy_torque_limit", joint["effort"])
-            joint.update({"armature": difference["armature"]} if "armature" in difference else {})
-            joint.update(difference.get("joints", {}).get(joint["name"], {}))
-        for link in table["links"]:
-            link.update(difference.get("links", {}).get(link["name"], {}))
-        check_roles(table)
-        complete(table, description)
+    description = file.parent / table["description"] if "description" in table else None
+    if description is not None:
+        describe(table, description)
+    _assign_drives(table)
+    for joint in table["joints"]:
+        joint |= {"armature": difference["armature"]} if "armature" in difference else {}
+    for kind in ("joints", "links"):
+        rows = {row["name"]: row for row in table[kind]}
+        for part, change in difference.get(kind, {}).items():
+            rows[part] |= change
+    check_roles(table)
+    complete(table, description)
     return {**table, "name": label}
-
-
-def _check_forms(table: Mapping[str, Any]) -> None:
-    """Refuse sections of another form, which what reads them would take for something else."""
-    named = ("roles", "nominal", "joints", "links") if "description" in table else ("roles",)
-    for section in named:
-        if not isinstance(part := table.get(section, {}), dict):
-            raise ModelError(f"`{section}` is {part!r:.60}; give names and what they have, {section}: {{NAME: ...}}")
-    for drive in table.get("drives", []):
-        if not isinstance(drive, dict) or not isinstance(drive.get("joints"), list):
-            raise ModelError(f"drives has {drive!r:.60}; give each its joints, {{joints: [NAME, ...], armature: ...}}")
 
 
 @functools.cache
 def _read_table(path: pathlib.Path) -> dict[str, Any]:
+    """Return what a file says, without the fields that it leaves out."""
     try:
-        _, table = read_yaml(path.read_text(encoding="utf-8"), path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f"cannot read {path}: {error}; give a table in UTF-8") from error
+        table = load(Table, path)
     except ConfigError as error:
-        raise ModelError(str(error)) from error
-    if not isinstance(table, dict):
-        raise ModelError(f"{path} is no table of a robot; docs/how-to/add-a-robot.md shows one")
-    return table
-
-
-@contextlib.contextmanager
-def reading(file: pathlib.Path) -> Iterator[None]:
-    """Say of a table that is being read that a field is missing or of another form."""
-    try:
-        yield
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        what = f"lacks the field {error}" if isinstance(error, KeyError) else f"has a field of another form ({error})"
-        raise ModelError(f"{file} {what}; models/{DEFAULT_ROBOT}/{DEFAULT_ROBOT}.yaml shows all fields") from error
+        raise ModelError(f"{error} (docs/how-to/add-a-robot.md shows a table)") from error
+    return dataclasses.asdict(table, dict_factory=lambda fields: {key: one for key, one in fields if one is not None})
 
 
 def _assign_drives(table: dict[str, Any]) -> None:
@@ -125,4 +99,7 @@ def _assign_drives(table: dict[str, Any]) -> None:
     for joint in table["joints"]:
         drive = drives.get(joint["name"]) or drives.get(other_side(joint["name"]), {})
         joint.update({key: value for key, value in drive.items() if key != "joints"})
+        if lacking := [figure for figure in ("effort", "velocity") if figure not in joint]:
+            raise ModelError(f"{joint['name']} lacks {' and '.join(lacking)}; give them under `drives` or `joints`")
         complete_drive(joint)
+        joint.setdefault("policy_torque_limit", joint["effort"])

@@ -30,7 +30,6 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError, Validat
 from pydantic_core import ArgsKwargs
 
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError, one_line
-from hugwbc.robot import load_robot
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -79,10 +78,6 @@ def one_of(kind: str, names: Callable[[], Collection[str]]) -> AfterValidator:
         return name
 
     return AfterValidator(refusing(check))
-
-
-RobotName = Annotated[str, AfterValidator(refusing(lambda name: load_robot(name).name))]
-"""The name of a robot, or the path of its table, which becomes absolute."""
 
 
 def check_each_once(kind: str, names: Sequence[str]) -> None:
@@ -147,7 +142,7 @@ def _described(title: str, details: Any) -> tuple[Place, HugwbcError]:  # noqa: 
     place, context, value = details["loc"], details.get("ctx", {}), details["input"]
     if isinstance(cause := context.get("error"), _Refusal):
         return place + cause.args[0].at, cause.args[0]
-    name = ".".join(map(str, (title, *place)))
+    name = ".".join(str(part) for part in (title, *place) if "[" not in str(part))  # but types of a union
     if details["type"] == "missing":
         return place[:-1], ConfigError(f"{name} is missing; give it")
     if isinstance(value, str) and (valid := context.get("expected")):

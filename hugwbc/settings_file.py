@@ -4,16 +4,18 @@ The types `bool` and `Path` understand text; `Any` gets numbers, text, lists, ma
 """
 
 import pathlib
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from hugwbc.errors import ConfigError, UnknownNameError, one_line
 from hugwbc.files import read_file
-from hugwbc.robot import Robot
 from hugwbc.settings import Place, deepest
 from hugwbc.yaml_text import read_yaml
+
+if TYPE_CHECKING:
+    from hugwbc.robot import Robot  # whose table is read with this module
 
 LARGEST_FILE = 1_000_000  # [byte]
 _T = TypeVar("_T")
@@ -35,7 +37,7 @@ def named_path(kind: str, name: str | pathlib.Path, *folders: pathlib.Path) -> p
     return paths[str(name)]
 
 
-def load(model: type[_T], path: pathlib.Path, robot: Robot | None = None, **more: object) -> _T:
+def load(model: type[_T], path: pathlib.Path, robot: "Robot | None" = None, **more: object) -> _T:
     """Read a model from a YAML file; errors name file, line and column, what is wrong and what is valid.
 
     Args:
@@ -51,7 +53,7 @@ def load(model: type[_T], path: pathlib.Path, robot: Robot | None = None, **more
     return parse(model, text, path, robot, **more)
 
 
-def parse(model: type[_T], text: str, path: pathlib.Path, robot: Robot | None = None, **more: object) -> _T:
+def parse(model: type[_T], text: str, path: pathlib.Path, robot: "Robot | None" = None, **more: object) -> _T:
     """Read a model from YAML text; as `load`, whose path stands in the messages and is the base of relative paths."""
     root, content = read_yaml(text, path)
     content = {**content, **more} if isinstance(content, dict) else content

@@ -20,7 +20,6 @@ Joints = Sequence[Mapping[str, Any]]
 # What a drive is taken for where neither table nor description says it, after the drives of the H1 and the G1: armature
 # [s^2/rad] and Coulomb friction by torque limit, viscous friction by the latter [s/rad], corner speed by highest speed.
 _ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
-_FIGURES = ("effort", "velocity", "armature", "friction", "viscous", "corner_speed", "kp", "kd", "policy_torque_limit")
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
 LEAST_ERROR = 0.05  # [rad]; a drive that gives all its torque for less is a switch
@@ -148,7 +147,7 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
             if name not in frames:
                 raise UnknownNameError(f"frame of {description}", name, frames)
             table[part] = frames[name]
-        if (parent := table[part].get("parent", links[0])) not in links:
+        if (parent := table[part].setdefault("parent", links[0])) not in links:
             fixed = f", which is fixed to {frames[parent]['parent']}" * (parent in read["frames"])
             raise ModelError(f"{part} is on {parent}{fixed}; give a frame of {' or '.join(links)}")
         turned = table[part].pop("turned", 0.0)
@@ -165,7 +164,6 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
     for name, joint in by_name.items():
         other = by_name.get(other_side(name), joint)
         joint["nominal"] = float(pose.get(name, mirrored(other, joint) * pose.get(other["name"], 0.0))) + 0.0
-    table.setdefault("drives", [])
 
 
 def check_roles(table: Mapping[str, Any]) -> None:
@@ -212,12 +210,6 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
         table["nominal_height"] = math.ceil(-1e3 * sole[2]) / 1e3
     if "squat" not in table:
         table["squat"] = _squat(table)
-    else:
-        heights, reach = table["squat"]["heights"], table["squat"]["reach"]
-        if not 1 < len(heights) == len(reach) or sorted(set(heights)) != heights or sorted(reach) != reach:
-            raise ModelError(
-                f"squat has heights {heights} and reach {reach}; give both ascending, a reach for each height"
-            )
     by_name = {joint["name"]: joint for joint in joints}
 
     def posture(limb: str, given: Mapping[str, float]) -> list[float]:
@@ -237,9 +229,6 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
 
 def complete_drive(joint: dict[str, Any]) -> None:
     """Give a joint of a description the figures of its drive that neither it nor the table says."""
-    for field in (field for field in _FIGURES if field in joint):
-        if not isinstance(joint[field], int | float):
-            raise ModelError(f"{field} of {joint['name']} is {joint[field]!r}; give a number, without its unit")
     joint.setdefault("armature", _ARMATURE * joint["effort"])
     joint.setdefault("friction", _FRICTION * joint["effort"])
     joint.setdefault("viscous", _VISCOUS * joint["friction"])

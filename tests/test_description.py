@@ -307,12 +307,12 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
             "left_sole is fixed to left_ankle_roll_link; roles take links that a joint moves: give left_ankle",
         ),
         (
-            {"imu": {"parent": "left_sole"}},
+            {"imu": {"parent": "left_sole", "xyz": [0, 0, 0]}},
             "imu is on left_sole, which is fixed to left_ankle_roll_link; give a frame of",
         ),
         ({"nominal": {"left_kne_joint": 0.3}}, "unknown joint under nominal 'left_kne_joint'. Did you mean"),
         ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
-        ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown range of the command v_x 'final'"),
+        ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown Limits field 'final'. Did you mean"),
         ({"commands": {"v_x": {"finishing": [1, 0]}}}, "commands has v_x from 1 to 0; give finite ends, low first"),
         ({"commands": {"f": {"finishing": [0, 3]}}}, "commands has f from 0 to 3; give .* f and l above 0"),
         ({"commands": {"l": {"finishing": [0, 0.1]}}}, "commands has l from 0 to 0.1; give .* f and l above 0"),
@@ -332,14 +332,17 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
         ({"drives": [{"joints": ["left_knee_joint"]}] * 2}, "drives has left_knee_joint 2 times"),
         ({"squat": {**TABLE["squat"], "heights": []}}, "give both ascending, a reach for each height"),
         ({"squat": {**TABLE["squat"], "heights": [0.0, -0.1]}}, "give both ascending, a reach for each height"),
-        ({"commands": {"v_x": 1.0}}, "mine.yaml has a field of another form"),
-        ({"nominal": [0.1, 0.2]}, r"`nominal` is \[0.1, 0.2\]; give names and what they have"),
-        ({"joints": [{"name": "left_knee_joint", "effort": 100}]}, "`joints` is .*; give names and what they have"),
-        ({"drives": [{"armature": 0.1}]}, "drives has {'armature': 0.1}; give each its joints"),
-        ({"drives": [{"joints": "left_knee_joint"}]}, "drives has {'joints': 'left_knee_joint'}; give each its joints"),
+        ({"commands": {"v_x": 1.0}}, "commands.v_x is 1.0; it should be the fields of a Limits"),
+        ({"nominal": [0.1, 0.2]}, r"nominal is \[0.1, 0.2\]; it should be a mapping"),
+        ({"links": TABLE["links"]}, "with a description, `links` are corrections of it, links: {NAME: ...}"),
+        ({"drives": [{"armature": 0.1}]}, "drives.0.joints is missing; give it"),
+        (
+            {"drives": [{"joints": "left_knee_joint"}]},
+            "drives.0.joints is 'left_knee_joint'; it should be a valid list",
+        ),
         (
             {"drives": [{"joints": ["left_knee_joint"], "effort": "88 N m"}]},
-            "effort of left_knee_joint is '88 N m'; give",
+            "drives.0.effort is '88 N m'; it should be a valid number",
         ),
         ({"description": "none.urdf"}, "none.urdf is no URDF or MJCF that MuJoCo reads"),
         ({"description": "mine.urdf"}, "mine.urdf is no URDF"),
@@ -373,7 +376,7 @@ def test_a_folder_that_cannot_be_written_and_missing_sections_are_named(tmp_path
         _robot(tmp_path, SHORT)
     other = tmp_path / "other.yaml"
     other.write_text(yaml.safe_dump({key: value for key, value in TABLE.items() if key not in ("name", "visuals")}))
-    with pytest.raises(ModelError, match="the section `visuals` is missing"):
+    with pytest.raises(ModelError, match="there is neither a `description` nor visuals; give one or the other"):
         load_robot(str(other))
 
 

@@ -56,8 +56,8 @@ def test_unknown_joint_suggests_the_nearest() -> None:
 
 
 def test_missing_table_field_is_named(tmp_path) -> None:
-    (tmp_path / "mine.yaml").write_text("joints: []\narmature: 0.01\n")
-    with pytest.raises(ModelError, match=r"mine.yaml lacks the field 'drives'; models/h1/h1.yaml shows all fields"):
+    (tmp_path / "mine.yaml").write_text("joints: []\nroles: {}\n")
+    with pytest.raises(ModelError, match=r"mine.yaml:1:1: there is neither a `description` nor links, imu, camera"):
         load_robot(str(tmp_path / "mine.yaml"))
 
 

@@ -121,34 +121,10 @@ BROKEN = {
         lambda table: table["arm_servo"].update(kp=[80, 80, 80, 80], kd=[3, 3, 3, 3, 0, 1.5, 1.5]),
         ["arm_servo has 4 numbers for kp; give one for each of shoulder_pitch,", "arm_servo has kd from 0 on"],
     ),
-    "gains of a forearm are one number": (
-        lambda table: table["arm_servo"].update(kp=80),
-        ["arm_servo has kp: 80; give a list with a number for each of shoulder_pitch,"],
-    ),
     "a posture is missing": (lambda table: table["leg_postures"].clear(), ["leg_postures lacks tucked; give each"]),
     "a drive has all its torque at its highest speed": (
         lambda table: [_row(table, name).update(corner_speed=20.0, velocity=20.0) for name in (LEFT_KNEE, RIGHT_KNEE)],
         ["corner_speed of left_knee_joint is not below", "corner_speed of right_knee_joint is not below"],
-    ),
-    "a frame is turned": (
-        lambda table: table["hand"].update(rpy=[0, 0, 1]),
-        ["unknown field of hand, 'rpy'. Valid: "],
-    ),
-    "the interface has nothing": (
-        lambda table: table.update(interface={}),
-        [f"interface.motors has {row['name']} 0 times; give each joint one slot" for row in G1["joints"]],
-    ),
-    "fields are misspelt": (
-        lambda table: (table.update(commands={"vx": {}}, soles={}), _row(table, LEFT_KNEE).update(efort=1.0)),
-        [
-            "unknown field of commands, 'vx'. Did you mean 'v_x'",
-            "unknown field of the table, 'soles'. Did you mean 'sole'",
-            "unknown field of left_knee_joint, 'efort'. Did you mean 'effort'",
-        ],
-    ),
-    "fields of other sections are misspelt": (
-        lambda table: (table["camera"].update(rpy=[0, 0, 1]), table["squat"].update(hights=[0.0])),
-        ["unknown field of camera, 'rpy'", "unknown field of squat, 'hights'. Did you mean 'heights'"],
     ),
     "the IMU is behind held joints": (
         lambda table: table["imu"].update(parent="torso_link"),
@@ -193,21 +169,6 @@ BROKEN = {
         lambda table: table["roles"].update(trunk="pelvis"),
         ["no waist is between pelvis (base) and pelvis (trunk), where waist_yaw_joint is to be; where the legs hang"],
     ),
-    "a number is none": (
-        lambda table: (
-            table["camera"].update(xyz=[math.nan, 0, 0]),
-            _row(table, "waist_yaw_joint").update(viscous=None),
-        ),
-        ["camera.xyz.0 is nan; give a finite number", "joints.waist_yaw_joint.viscous is empty; fill it in"],
-    ),
-    "a point lacks a coordinate": (
-        lambda table: table["hand"].update(xyz=[0.09, 0.003]),
-        ["hand.xyz is [0.09, 0.003]; give 3 numbers"],
-    ),
-    "what slows down drives": (
-        lambda table: (table.update(command_delay=-0.002), _row(table, "waist_yaw_joint").update(friction=-3.0)),
-        ["friction of waist_yaw_joint is -3; give 0 or more", "command_delay of the table is -0.002; give 0 or more"],
-    ),
     "a policy's torque is limited to less than nothing": (
         _set("waist_yaw_joint", policy_torque_limit=-80.0),
         ["policy_torque_limit is 0 or less of waist_yaw_joint"],
@@ -226,18 +187,24 @@ BROKEN = {
     "links and looks are misspelt": (
         lambda table: (
             table["contact_links"].append("torso"),
-            table["visuals"].update(trunk=[{"type": "boxx", "size": [1, 1, 1], "pos": [0, 0, 0], "colour": "pink"}]),
+            table["visuals"].update(trunk=[{"type": "box", "size": [1, 1, 1], "pos": [0, 0, 0], "colour": "pink"}]),
         ),
         [
             "unknown link under contact_links, 'torso'. Did you mean 'torso_link'",
             "unknown link under visuals, 'trunk'",
-            "unknown shape under visuals, 'boxx'. Did you mean 'box'",
             "unknown colour under visuals, 'pink'",
         ],
     ),
     "joints are in the order of another simulator": (
         lambda table: table["joints"].insert(1, table["joints"].pop(6)),  # both hips before the knees
         ["`joints` do not follow one another down each limb, as in MuJoCo; give them as left_hip_pitch_joint,"],
+    ),
+    "the interface has nothing": (
+        lambda table: table["interface"].update(motors=[], modes=[1]),
+        [
+            *(f"interface.motors has {row['name']} 0 times; give each joint one slot" for row in G1["joints"]),
+            "interface has 0 motors and 1 modes; give as many",
+        ],
     ),
     "a joint is given twice": (
         lambda table: table["joints"].append(copy.deepcopy(_row(table, LEFT_KNEE))),
@@ -246,8 +213,69 @@ BROKEN = {
             "2 rows of `joints` have the child",
         ],
     ),
-    "a field is missing": (lambda table: _row(table, LEFT_KNEE).pop("kd"), ["left_knee_joint lacks kd; give them"]),
-    "a section is missing": (lambda table: table.pop("imu"), ["the section `imu` is missing"]),
+}
+
+
+MALFORMED = {
+    "a frame is turned": (lambda table: table["hand"].update(rpy=[0, 0, 1]), "rpy: unknown Place field 'rpy'. Valid: "),
+    "a field is misspelt": (
+        _set(LEFT_KNEE, efort=1.0),
+        "efort: unknown Joint field 'efort'. Did you mean 'effort'",
+    ),
+    "a section is misspelt": (
+        lambda table: table.update(soles={}),
+        "soles: unknown Table field 'soles'. Did you mean 'sole'",
+    ),
+    "a command is misspelt": (
+        lambda table: table.update(commands={"vx": {}}),
+        "vx: unknown Commands field 'vx'. Did you mean 'v_x'",
+    ),
+    "a field of a section is misspelt": (
+        lambda table: table["squat"].update(hights=[0.0]),
+        "hights: unknown Squat field 'hights'. Did you mean 'heights'",
+    ),
+    "a shape is misspelt": (
+        lambda table: table["visuals"]["pelvis"][0].update(type="boxx"),
+        "type: unknown Table.visuals.pelvis.0.type 'boxx'. Did you mean 'box'",
+    ),
+    "a number is none": (
+        lambda table: table["camera"].update(xyz=[math.nan, 0, 0]),
+        ".nan Table.camera.Place.xyz.0 is '.nan'; it should be a valid number",
+    ),
+    "a number has its unit": (_set(LEFT_KNEE, effort="88 N m"), "effort: Table.joints.3.effort is '88 N m'; it should"),
+    "a field is empty": (
+        _set(LEFT_KNEE, viscous=None),
+        "viscous: Table.joints.3.viscous is None; it should be a valid",
+    ),
+    "a point lacks a coordinate": (
+        lambda table: table["hand"].update(xyz=[0.09, 0.003]),
+        "xyz: Table.hand.Place.xyz is [0.09, 0.003]; it should have at least 3 items",
+    ),
+    "gains of a forearm are one number": (
+        lambda table: table["arm_servo"].update(kp=80),
+        "kp: Table.arm_servo.kp is 80; it should be a valid list",
+    ),
+    "a section is missing": (lambda table: table.pop("imu"), "roles: there is neither a `description` nor imu; give"),
+    "the interface has nothing": (
+        lambda table: table.update(interface={}),
+        "interface: Table.interface.motors is miss",
+    ),
+    "joints are corrections of nothing": (
+        lambda table: table.update(joints={LEFT_KNEE: {"effort": 100.0}}),
+        "joints: without a description, `joints` have a row each, joints: [{name: NAME, ...}]",
+    ),
+    "a frame is of no description": (
+        lambda table: table.update(hand="palm"),
+        "hand: hand is palm; without a description, give its xyz",
+    ),
+    "friction drives": (
+        _set("waist_yaw_joint", friction=-3.0),
+        "friction: Table.joints.12.friction is -3.0; it should",
+    ),
+    "commands come before they are given": (
+        lambda table: table.update(command_delay=-0.002),
+        "command_delay: Table.command_delay is -0.002; it should be greater than or equal to 0",
+    ),
 }
 
 
@@ -264,6 +292,29 @@ def test_what_is_wrong_is_named(edit, expected) -> None:
     assert len(found) == len(expected), found
     for text, part in zip(found, expected, strict=True):
         assert part in text
+
+
+@pytest.mark.parametrize(("edit", "message"), MALFORMED.values(), ids=MALFORMED)
+def test_what_has_another_form_is_named_with_its_line(edit, message, tmp_path) -> None:
+    table = {key: value for key, value in copy.deepcopy(G1).items() if key != "name"}
+    edit(table)
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(table, sort_keys=False))
+    (found,) = problems(str(path))
+    place, _, words = found.partition(": ")
+    _, line, column = place.split(":")
+    assert f"{path.read_text().splitlines()[int(line) - 1][int(column) - 1 :].split(' ')[0]} {words}".startswith(
+        message
+    )
+
+
+def test_a_joint_without_a_limit_is_named(tmp_path) -> None:
+    table = copy.deepcopy(G1)
+    del _row(table, LEFT_KNEE)["effort"]
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
+    assert problems(str(tmp_path / "mine.yaml")) == [
+        "left_knee_joint lacks effort; give them under `drives` or `joints`"
+    ]
 
 
 def test_grippers_need_not_be_mirror_images() -> None:
@@ -319,7 +370,7 @@ def test_roles_that_nothing_plays_are_named_all_at_once(tmp_path, capsys) -> Non
     ("edit", "message"),
     [
         (_set("torso_link", mass=0.0), "mine.yaml: the mass of torso_link is 0 kg"),
-        (lambda table: table.update(arm_servo=80), "mine.yaml has a field of another form"),
+        (lambda table: table.update(arm_servo=80), r"mine.yaml:\d+:1: Table.arm_servo is 80; it should be the fields"),
         (lambda table: table["squat"]["reach"].reverse(), "give both ascending, a reach for each height"),
     ],
 )
@@ -340,9 +391,9 @@ def test_what_the_check_refuses_is_not_loaded(tmp_path, edit, message) -> None:
         ("nominal:\n  left_knee: 0.6\n  left_knee: 0.2", "mine.yaml:3:3: not valid YAML: left_knee is given twice"),
         ("# \u00e4".encode("latin-1"), "mine.yaml: 'utf-8' codec can't decode"),
         ("[" * 100_000, "not valid YAML: more than 20000 values, or more than 50 levels"),
-        ("- 1", "is no table of a robot; docs/how-to/add-a-robot.md shows one"),
-        ("joints: []\nlinks: []\ndrives: []", "lacks the field 'roles'"),
-        ("joints: 3\nlinks: []\ndrives: []\nroles: {}", "has a field of another form ('int' object is not iterable)"),
+        ("- 1", "mine.yaml:1:1: Table is [1]; it should be the fields of a Table (docs/how-to/add-a-robot.md shows a"),
+        ("joints: []\nlinks: []\ndrives: []", "mine.yaml:1:1: Table.roles is missing; give it"),
+        ("joints: 3\nlinks: []\ndrives: []\nroles: {}", "mine.yaml:1:1: Table.joints is 3; it should be a valid list"),
     ],
 )
 def test_what_is_no_table_is_refused(tmp_path, text, message) -> None:

@@ -15,8 +15,8 @@ from hugwbc.learned.config.robot_settings import LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.policy.contract import Contract, History, Term
 from hugwbc.learned.policy.terms import COMMAND_TERMS, FRAME_TERMS, HISTORY_FRAMES, TERMS, further_terms
-from hugwbc.robot import Robot, load_robot
-from hugwbc.settings import Count, Gain, NotNegative, Positive, RobotName, Share, settings
+from hugwbc.robot import Robot, RobotName, load_robot
+from hugwbc.settings import Count, Gain, NotNegative, Positive, Share, settings
 
 
 @settings

@@ -18,9 +18,9 @@ from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownName
 from hugwbc.gait import Gait
 from hugwbc.learned.policy.network_files import CONTRACT_FILE, policy_file
 from hugwbc.learned.policy.terms import TERMS
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import Robot, RobotName, load_robot
 from hugwbc.robot_tables import DEFAULT_ROBOT
-from hugwbc.settings import Beside, Gain, NotNegative, Positive, RobotName, Share, one_of, refusing, settings
+from hugwbc.settings import Beside, Gain, NotNegative, Positive, Share, one_of, refusing, settings
 from hugwbc.settings_file import load
 
 _KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")

@@ -32,8 +32,9 @@ import numpy as np
 from pydantic import Field, PlainValidator, TypeAdapter, ValidationInfo
 
 from hugwbc.errors import ConfigError, SceneError, UnknownNameError
+from hugwbc.robot import RobotName
 from hugwbc.robot_tables import robot_names, robot_table
-from hugwbc.settings import RobotName, one_of, refusing, settings
+from hugwbc.settings import one_of, refusing, settings
 from hugwbc.settings_file import load, named_path, shipped_names
 from hugwbc.sim.scenes import furniture, jointed, movable
 from hugwbc.sim.scenes.mjcf_file import Mjcf
