@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError
-from hugwbc.runtime import SafetyReport, Trace, read_trace, write_trace
+from hugwbc.runtime import SafetyReport, Trace, read_trace, trace, write_trace
 from hugwbc.runtime.trace import scene_text
 from hugwbc.settings_file import parse
 from hugwbc.sim.scenes import Box, Scene, Table, load_scene
@@ -52,7 +52,7 @@ def test_the_line_for_people_is_short(make_run):
     assert "fell after 1.0 s" in repr(make_run(fell=True))
 
 
-def test_other_files_are_refused(tmp_path, make_run):
+def test_other_files_are_refused(tmp_path, make_run, monkeypatch):
     with pytest.raises(ConfigError, match="give a file that write_trace wrote"):
         read_trace(tmp_path / "nothing.npz")
     (tmp_path / "text.npz").write_text("no archive")
@@ -61,6 +61,11 @@ def test_other_files_are_refused(tmp_path, make_run):
     np.savez(tmp_path / "other.npz", positions=np.zeros(3))
     with pytest.raises(ConfigError, match="is not a recorded run"):
         read_trace(tmp_path / "other.npz")
+    with monkeypatch.context() as older:
+        older.setattr(trace, "_FORMAT", trace._FORMAT - 1)
+        old = write_trace(tmp_path / "old.npz", make_run())
+    with pytest.raises(ConfigError, match="was written by another version of hugwbc; run it again"):
+        read_trace(old)
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="give a path that can be written"):
         write_trace(tmp_path / "file" / "run.npz", make_run())
