@@ -56,7 +56,7 @@ def mirror_command(command: Command) -> Command:
 
 
 def bad_state():
-    return make_state(dq=np.full(19, np.nan))
+    return make_state(q=np.full(19, np.nan))
 
 
 class Recorder:

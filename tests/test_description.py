@@ -234,6 +234,11 @@ def test_what_an_mjcf_leaves_to_its_shapes_and_turns_is_refused(tmp_path) -> Non
             '<joint type="slide" name="left_knee_joint"',
             "valid, and .* has left_knee_joint",
         ),
+        (
+            '<joint name="left_knee_joint"',
+            '<joint name="shin" axis="0 0 1"/><joint name="left_knee_joint"',
+            "has 2 joints on left_knee_link; give each a link of its own",
+        ),
         ('<body name="waist_roll_link"', "<body", "has a link or a joint without a name"),
         ("<worldbody>", '<worldbody><body name="table"/>', "has table, pelvis in the world; give one robot"),
         (

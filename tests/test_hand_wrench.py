@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc.commands import Command
-from hugwbc.hand_wrench import FORCE_RATE, FREE, HEAVIEST, HandWrench
+from hugwbc.hand_wrench import FREE, HEAVIEST, STRONGEST, HandWrench
 from hugwbc.robot import load_robot
 from hugwbc.runtime.arms import ArmDrive
 from hugwbc.runtime.safety_report import SafetyLog
@@ -34,12 +34,15 @@ def test_forces_are_turned_from_the_frame_of_the_targets(frame, expected):
 
 
 def test_a_force_comes_and_goes_at_a_limited_rate():
-    wrench, last = FREE, np.zeros(3)
-    for goal in [HandWrench.of(left=(30, 0, 0))] * 20 + [FREE] * 20:
+    wrench, pressing = FREE, HandWrench.of(left=(18, 0, -24))
+    forces = []
+    for goal in [pressing] * 20 + [FREE] * 20:
         wrench = wrench.towards(goal, DT)
-        assert np.linalg.norm(wrench.force[0] - last) <= FORCE_RATE * DT + 1e-9
-        last = wrench.force[0]
-    assert wrench is FREE
+        forces.append(wrench.force[0])
+    steps = np.linalg.norm(np.diff(forces, axis=0, prepend=0.0), axis=1)
+    assert forces[19] == pytest.approx([18, 0, -24]) and wrench is FREE
+    # 30 N at 100 N/s, up and down
+    assert steps == pytest.approx(([2.0] * 15 + [0.0] * 5) * 2, abs=1e-9)
 
 
 def test_payload_is_unknown_until_it_is_told_and_after_it_has_gone():
@@ -57,10 +60,11 @@ def test_payload_is_unknown_until_it_is_told_and_after_it_has_gone():
 
 
 def test_absurd_loads_stay_within_their_ranges():
-    absurd, wrench = HandWrench(np.full((2, 3), 1e300), np.array([1e300, -5.0]), 1e9), FREE
+    absurd, wrench = HandWrench(np.outer((1e300, -1e300), np.ones(3)), np.array([1e300, -5.0]), 1e9), FREE
     for _ in range(200):
         wrench = wrench.towards(absurd, DT)
-    assert np.isfinite(wrench.total).all() and wrench.stiffness == 5000.0
+    np.testing.assert_allclose(wrench.force, np.outer((STRONGEST, -STRONGEST), np.ones(3)))
+    assert wrench.stiffness == 5000.0
     assert wrench.payload is not None and wrench.payload.tolist() == [HEAVIEST, 0.0]
 
 

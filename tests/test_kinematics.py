@@ -7,6 +7,7 @@ import pytest
 
 from hugwbc import RobotState, load_robot, rotations
 from hugwbc.kinematics import Kinematics, pinocchio_model
+from hugwbc.robot import SIDES
 from tests.conftest import make_state
 
 SITES = ("left_sole", "right_sole", "left_hand", "right_hand", "imu")
@@ -116,6 +117,11 @@ def test_measured_commands_by_hand() -> None:
     # Heading along +y: forward is +y, left is -x.
     np.testing.assert_allclose((measured.v_x, measured.v_y, measured.omega), (0.5, 0.2, 0.7), atol=1e-12)
     np.testing.assert_allclose((measured.h, measured.p, measured.w), (-0.30, 0.3, 0.4), atol=1e-12)
+    soles = np.array([kinematics.position(f"{side}_sole")[2] for side in SIDES])
+    np.testing.assert_allclose(measured.clearance, soles - 0.1)
+    uneven = kinematics.measured(0.1, sole_ground=(0.05, -0.02))
+    np.testing.assert_allclose(uneven.clearance, soles - (0.05, -0.02))
+    assert uneven.h == measured.h
 
 
 def test_measured_needs_position_and_velocity() -> None:
@@ -124,6 +130,7 @@ def test_measured_needs_position_and_velocity() -> None:
         kinematics.update(state)
         with pytest.raises(ValueError, match="position and velocity"):
             kinematics.measured()
+        assert np.isfinite(kinematics.position("left_sole")).all()
 
 
 def test_measured_commands_agree_with_the_simulators_sensors(twins: Twins) -> None:

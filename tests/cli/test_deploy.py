@@ -4,10 +4,12 @@ import sys
 
 import pytest
 
-from hugwbc.cli import main
+from hugwbc.cli import deploy, main
 from hugwbc.deploy import wire
 from hugwbc.deploy.recording import FORMAT
 from hugwbc.deploy.watchdogs import Limits
+from hugwbc.errors import DeploymentError
+from hugwbc.robot import load_robot
 
 
 @pytest.mark.parametrize(
@@ -31,6 +33,29 @@ from hugwbc.deploy.watchdogs import Limits
 def test_deploy_refuses_what_it_cannot_do(words, message, capsys) -> None:
     assert main(["deploy", "--controller", "hold", *words]) == 2
     assert message in capsys.readouterr().err
+
+
+class Line:
+    """An endpoint on which no state of this robot arrives, but messages of another kind may."""
+
+    def __init__(self, kind: str | None) -> None:
+        self.foreign = lambda: kind
+
+    def receive(self, wait: float) -> list[bytes]:
+        return []
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("unitree_hg.LowState_", r"the robot on lo sends unitree_hg\.LowState_, so it is no h1; name it with --robot"),
+        (None, "no state has arrived on lo for 0 s; check the robot, the network and the domain"),
+    ],
+)
+def test_another_robot_and_none_are_told(kind, message, monkeypatch) -> None:
+    monkeypatch.setattr(deploy, "_PATIENCE", 0.0)
+    with pytest.raises(DeploymentError, match=message):
+        deploy._await_robot(Line(kind), load_robot("h1"), "lo")  # type: ignore[arg-type]
 
 
 def test_a_deployment_that_cannot_begin_leaves_the_last_recording(tmp_path, capsys) -> None:

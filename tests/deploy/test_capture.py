@@ -83,6 +83,7 @@ def test_grips_are_read_as_they_were_written() -> None:
         1, {}, {"side": "left"}, {"side": "up", "name": None}, {"side": "left", "name": 1},
         {"side": "left", "name": "a", "hook": 1}, {"side": "left", "name": "a", "breaking_force": 0},
         {"side": "left", "name": "a", "breaking_force": float("inf")}, {"side": "left", "name": "a", "x": 1},
+        {"side": "left", "name": "a", "breaking_force": True}, {"side": "left", "name": "a", "breaking_force": "9"},
     ],
 )  # fmt: skip
 def test_a_malformed_grip_is_refused(grip: object) -> None:

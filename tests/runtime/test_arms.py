@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc import JointCommand, UpperBody, load_robot
 from hugwbc.controller import override_arms
-from hugwbc.hand_wrench import HandWrench
+from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.runtime.arms import BAND, LEARNED, ArmDrive, Handover, PayloadObserver
 from hugwbc.runtime.safety_report import SafetyLog
 from tests.conftest import make_state
@@ -29,7 +29,8 @@ def test_external_arm_targets_are_checked():
     np.testing.assert_array_equal(driven(UpperBody(np.zeros(7), np.zeros(8), np.ones(8, dtype=bool))), 0.1)
     np.testing.assert_array_equal(driven(UpperBody.targets(np.zeros(14))), 0.1)
     np.testing.assert_array_equal(driven(UpperBody.targets(np.full(8, 9.0))), ROBOT.upper[ROBOT.arms])
-    assert (log.report().upper_body_rejected, log.report().upper_body_limited) == (3, 1)
+    np.testing.assert_array_equal(driven(UpperBody.targets(np.full(8, -9.0))), ROBOT.lower[ROBOT.arms])
+    assert (log.report().upper_body_rejected, log.report().upper_body_limited) == (3, 2)
     again = UpperBody.targets(np.full(8, 0.2))
     driven(again)
     again.q[0] = again.dq[0] = np.nan
@@ -90,7 +91,7 @@ def pulled(left, right=0.0):
 
 def learn(observer, body, state, time=4.0):
     for _ in range(round(time / DT)):
-        body_now = observer.complete(body, state, DT)
+        body_now = (observer if isinstance(observer, ArmDrive) else observer.complete)(body, state, DT)
     return body_now
 
 
@@ -104,6 +105,14 @@ def test_a_weight_is_learned_up_to_the_friction():
     assert body.wrench.payload[1] == 0.0
     learn(observer, BODY, pulled(0.0))
     assert observer.payload[0] == pytest.approx(BAND / 9.81, abs=0.01)
+
+
+def test_a_reset_forgets_what_the_hands_carry_and_meet():
+    drive, pushing = ArmDrive(ROBOT, SafetyLog()), dataclasses.replace(BODY, wrench=HandWrench.of(left=(9.0, 0.0, 0.0)))
+    carried = learn(drive, pushing, pulled(-30.0)).wrench
+    assert carried.payload is not None and carried.force[0, 0] == 9.0
+    drive.reset()
+    assert drive(BODY, pulled(0.0), DT).wrench is FREE
 
 
 def test_friction_and_upward_forces_are_no_payload_and_the_rest_is_bounded():

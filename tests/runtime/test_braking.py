@@ -8,6 +8,7 @@ from hugwbc.evaluation.plans import Knot, Schedule
 from hugwbc.runtime import Simulation, load_controller, rollout
 from hugwbc.runtime.braking import DECELERATION, JUMPS, LONGEST, PAUSE, SLOW, Braking
 from hugwbc.runtime.loop import ControlLoop
+from tests.conftest import make_state
 
 DT = 0.02
 WALK = Command(v_x=1.0, omega=0.5, f=2.5, gait=Gait.WALKING)
@@ -33,7 +34,7 @@ def test_a_robot_that_moves_slows_down_in_its_gait(state):
         assert braking(WALK, moving(state, 1.0), DT) == WALK
     commands = stop(braking, moving(state, 1.0), 2.0)
     assert all(command.gait is Gait.WALKING and command.f == WALK.f and command.h == STAND.h for command in commands)
-    assert commands[0].v_x == pytest.approx(WALK.v_x - DECELERATION[0] * DT)
+    assert (commands[0].v_x, commands[0].omega) == pytest.approx((1.0 - 1.0 * DT, 0.5 - 2.0 * DT))
     assert commands[-1].v_x == commands[-1].omega == 0.0
     assert braking.active
     # It stands only when the robot is slow, not when the command is.
@@ -52,6 +53,22 @@ def test_a_sway_within_a_stride_is_no_speed(state):
     for tick in range(100):
         braking(WALK, moving(state, np.sin(2.0 * np.pi * tick * DT / stride)), DT)
     assert stop(braking, moving(state, 0.0), DT)[0] == STAND
+
+
+@pytest.mark.parametrize(
+    ("motion", "stands"),
+    [
+        ({"velocity": (0.14, 0.14, 0.0)}, False),  # 0.2 m/s along the heading
+        ({"velocity": (-0.1, 0.1, 0.0)}, True),
+        ({"angular_velocity": (0.0, 0.0, -0.35)}, False),
+        ({"angular_velocity": (0.0, 0.0, 0.25)}, True),
+    ],
+)
+def test_it_stands_once_it_neither_moves_in_its_heading_frame_nor_turns(motion, stands):
+    braking, state = Braking(), make_state(yaw=np.pi / 4, **({"velocity": np.zeros(3)} | motion))
+    for _ in range(50):
+        braking(WALK, state, DT)
+    assert (stop(braking, state, 3.0)[-1] == STAND) is stands
 
 
 def test_another_gait_begins_after_a_stop_and_a_stand_in_its_posture(state):

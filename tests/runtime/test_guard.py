@@ -46,8 +46,21 @@ def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(guarded):
     recovered = guard.act(make_state(), Command(), UpperBody.none())
     assert recorder.resets == resets + 1
     np.testing.assert_array_equal(recovered.kp, ROBOT.kp)
+    again = guard.act(bad_state(), Command(), UpperBody.none())
+    np.testing.assert_array_equal(again.kp, ROBOT.kp, err_msg="what was missing before the recovery no longer counts")
+    guard.act(make_state(), Command(), UpperBody.none())
+    assert recorder.resets == resets + 1, "it is reset after damping alone"
     report = log.report()
-    assert (report.bad_states, report.held, report.damped) == (6, 5, 1)
+    assert (report.bad_states, report.held, report.damped) == (7, 6, 1)
+
+
+def test_a_controller_that_fails_from_the_start_leaves_the_robot_where_it_was(guarded):
+    recorder, guard, _ = guarded
+    recorder.answer = RuntimeError("no solution")
+    guard.reset(make_state(ROBOT.nominal + 0.1))
+    np.testing.assert_array_equal(guard.act(make_state(), Command(), UpperBody.none()).q, ROBOT.nominal + 0.1)
+    guard.reset(bad_state())
+    np.testing.assert_array_equal(guard.act(make_state(), Command(), UpperBody.none()).q, ROBOT.nominal)
 
 
 def test_an_exception_or_a_nan_of_the_controller_is_contained(guarded):
@@ -83,6 +96,8 @@ def test_overruns_are_counted(monkeypatch):
     guard.act(make_state(), Command(), UpperBody.none())
     assert log.report().overruns == 1
     assert guard.last_tick_s == pytest.approx(0.01)
+    guard.act(bad_state(), Command(), UpperBody.none())
+    assert guard.last_tick_s == 0.0, "it was not called"
 
 
 def test_a_controller_that_raises_in_its_reset_is_held_and_reset_again(guarded):

@@ -13,22 +13,23 @@ PERIOD = 0.002
 KNEE = H1.index("left_knee_joint")
 
 
-def watched(torque, *, asked=12.0, seconds=0.1, noise=1.0):
-    """Return a watch that has seen a knee asked for a torque and measuring another, both [N*m] of time [s]."""
+def watched(torque, *, asked=12.0, seconds=0.1, noise=1.0, speed=0.0, joint=KNEE):
+    """Return a watch that has seen a joint asked for a torque and measuring another, both [N*m] of time [s]."""
     watch, rng = MotorWatch(H1), np.random.default_rng(0)
     for tick in range(round(seconds / PERIOD)):
         time = tick * PERIOD
         tau, measured = np.zeros(19), rng.normal(0.0, noise, 19)
-        tau[KNEE] = asked(time) if callable(asked) else asked
-        measured[KNEE] += torque(time) if callable(torque) else torque
-        watch.see(make_state(torque=measured, time=time), time)
+        tau[joint] = (asked(time) if callable(asked) else asked) + speed * H1.kd[joint]
+        measured[joint] += torque(time) if callable(torque) else torque
+        watch.see(make_state(torque=measured, time=time, dq=speed * (np.arange(19) == joint)), time)
         watch.note(JointCommand(H1.nominal, np.zeros(19), H1.kp, H1.kd, tau))
     return watch
 
 
 def test_a_dead_motor_is_found_within_a_tenth_of_a_second():
-    assert watched(0.0).dead == "left_knee_joint"
+    assert watched(0.0).dead == watched(0.0, asked=-12.0).dead == "left_knee_joint"
     assert watched(0.0, seconds=0.02).dead == "", "not at once"
+    assert watched(0.0, asked=-25.0, speed=13.9).dead == "left_knee_joint", "at any speed it could brake"
 
 
 @pytest.mark.parametrize(
@@ -36,6 +37,8 @@ def test_a_dead_motor_is_found_within_a_tenth_of_a_second():
     [
         {"torque": 12.0},
         {"torque": 8.0},  # a weak motor
+        {"torque": 0.0, "asked": 25.0, "speed": 13.9},  # near the joint's highest speed no motor drives it
+        {"torque": 0.0, "joint": H1.index("left_elbow_joint")},  # an arm, without which it stays up
         {"torque": 0.0, "asked": 3.0, "seconds": 10.0},  # a motor that is hardly asked for anything
         {"torque": 6.5, "asked": 7.5, "seconds": 10.0},
         {"torque": lambda t: 40.0 * np.sin(30.0 * t), "asked": lambda t: 40.0 * np.sin(30.0 * (t + 0.01))},

@@ -69,9 +69,11 @@ def test_a_torque_that_no_motor_has_is_replaced(walked, value):
     ("name", "value", "device"),
     [
         ("dq", 500.0, NAME),
+        ("dq", -57.0, NAME),  # 4 times the joint's 14 rad/s are 56
         ("q", np.nan, NAME),
-        ("q", 1.9, NAME),
+        ("q", 0.85, NAME),  # 0.24 rad away
         ("imu_gyro", 36.0, IMU),
+        ("imu_gyro", -21.0, IMU),  # a step of 21 rad/s
         ("imu_gyro", np.inf, IMU),
         ("imu_accelerometer", -240.0, IMU),
     ],
@@ -83,6 +85,22 @@ def test_a_wrong_reading_is_replaced_by_a_likely_one(walked, name, value, device
     assert state.coasted == (device,) and guard.rejected == {device: 1}
     np.testing.assert_allclose(getattr(state, name), getattr(truth, name), atol=0.5)
     assert not guard.admit(reading(1001, rng)).coasted
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("dq", -55.0), ("q", 0.78), ("imu_gyro", -19.0), ("imu_accelerometer", -230.0)]
+)
+def test_what_can_be_true_passes(walked, name, value):
+    guard, rng = walked
+    state = changed(reading(1000, rng), joint=KNEE if name in ("q", "dq") else 0, **{name: value})
+    assert guard.admit(state) is state
+
+
+def test_an_imu_that_hangs_is_refused_from_the_third_repetition_on(walked):
+    guard, rng = walked
+    held = {name: getattr(reading(1000, rng), name) for name in ("imu_gyro", "imu_accelerometer")}
+    coasted = [guard.admit(dataclasses.replace(reading(tick, rng), **held)).coasted for tick in range(1000, 1010)]
+    assert coasted == [()] * 3 + [(IMU,)] * 7
 
 
 def test_a_stuck_encoder_follows_the_stride_before(walked):
@@ -136,10 +154,18 @@ def test_a_joint_that_reads_the_same_at_rest_is_not_stuck():
         assert not guard.admit(dataclasses.replace(new, q=still.q, dq=np.zeros(19))).coasted
 
 
-@pytest.mark.parametrize(("values", "why"), [({"imu_gyro": np.nan}, "IMU"), ({"q": np.nan}, "encoder")])
-def test_what_does_not_come_back_is_lost(walked, values, why):
+@pytest.mark.parametrize(
+    ("names", "why", "after"),
+    [
+        (("imu_gyro", "orientation", "angular_velocity"), "IMU", 0.3),
+        (("q",), "encoder of left_knee_joint", 0.3),
+        (("imu_gyro", "q"), "all readings", 0.2),
+    ],
+)
+def test_what_does_not_come_back_is_lost(walked, names, why, after):
     guard, rng = walked
-    joint = KNEE if "q" in values else None
+    joint, values = KNEE if names == ("q",) else None, dict.fromkeys(names, np.nan)
     states = [guard.admit(changed(reading(tick, rng), joint=joint, **values)) for tick in range(1000, 1200)]
-    assert not states[140].lost and why in states[-1].lost
+    assert [bool(state.lost) for state in states].index(True) * PERIOD == pytest.approx(after, abs=2 * PERIOD)
+    assert why in states[-1].lost
     assert all(state.is_finite for state in states)

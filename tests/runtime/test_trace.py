@@ -1,13 +1,12 @@
 """A record that was saved is the same record when it is loaded, and other files are refused."""
 
-import contextlib
 import dataclasses
 
 import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError
-from hugwbc.runtime import SafetyReport, Trace, read_trace, write_trace
+from hugwbc.runtime import SafetyReport, Trace, read_trace, trace, write_trace
 from hugwbc.runtime.trace import scene_text
 from hugwbc.settings_file import parse
 from hugwbc.sim.scenes import Box, Scene, Table, load_scene
@@ -26,7 +25,10 @@ def test_a_saved_record_comes_back_whole(make_run, tmp_path):
     )
     path = write_trace(tmp_path / "deep" / "run", run)
     assert path == tmp_path / "deep" / "run.npz"
-    loaded = read_trace(path)
+    _assert_same(run, read_trace(path))
+
+
+def _assert_same(run, loaded):
     for field in dataclasses.fields(Trace):
         before, after = getattr(run, field.name), getattr(loaded, field.name)
         if isinstance(before, np.ndarray):
@@ -50,7 +52,7 @@ def test_the_line_for_people_is_short(make_run):
     assert "fell after 1.0 s" in repr(make_run(fell=True))
 
 
-def test_other_files_are_refused(tmp_path, make_run):
+def test_other_files_are_refused(tmp_path, make_run, monkeypatch):
     with pytest.raises(ConfigError, match="give a file that write_trace wrote"):
         read_trace(tmp_path / "nothing.npz")
     (tmp_path / "text.npz").write_text("no archive")
@@ -59,18 +61,29 @@ def test_other_files_are_refused(tmp_path, make_run):
     np.savez(tmp_path / "other.npz", positions=np.zeros(3))
     with pytest.raises(ConfigError, match="is not a recorded run"):
         read_trace(tmp_path / "other.npz")
+    with monkeypatch.context() as older:
+        older.setattr(trace, "_FORMAT", trace._FORMAT - 1)
+        old = write_trace(tmp_path / "old.npz", make_run())
+    with pytest.raises(ConfigError, match="was written by another version of hugwbc; run it again"):
+        read_trace(old)
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="give a path that can be written"):
         write_trace(tmp_path / "file" / "run.npz", make_run())
 
 
-def test_a_damaged_record_is_refused_or_read(tmp_path, make_run):
-    path, rng = write_trace(tmp_path / "run.npz", make_run(seconds=1.0)), np.random.default_rng(0)
+def test_a_damaged_record_is_refused_or_read_as_it_was(tmp_path, make_run):
+    run, rng, refused = make_run(seconds=1.0), np.random.default_rng(0), 0
+    path = write_trace(tmp_path / "run.npz", run)
     whole = path.read_bytes()
     damaged = [bytearray(whole) for _ in range(200)]
     for content in damaged:
         content[rng.integers(len(content))] ^= 0xFF
     for content in (b"", whole[:100], whole[: len(whole) // 2], *damaged):
         path.write_bytes(content)
-        with contextlib.suppress(ConfigError):
-            read_trace(path)
+        try:
+            loaded = read_trace(path)
+        except ConfigError:
+            refused += 1
+        else:
+            _assert_same(run, loaded)
+    assert refused > 100

@@ -73,11 +73,14 @@ def test_a_robot_has_neither_foot_sensors_nor_a_position() -> None:
 def test_noise_biases_and_offsets_have_the_stated_deviations() -> None:
     simulation = Simulation(sensing=dataclasses.replace(ROBOT, latency=0.0, gyro_walk=0.0, accelerometer_walk=0.0))
     means: dict[str, list[np.ndarray]] = {}
+    noises = {"q": ROBOT.encoder, "dq": ROBOT.joint_velocity, "torque": ROBOT.torque}
+    noises |= {"imu_gyro": ROBOT.gyro, "imu_accelerometer": ROBOT.accelerometer}
     for _ in range(40):
         truth = simulation.reset()
         reference = {
             "q": truth.q,
             "dq": truth.dq,
+            "torque": truth.torque,
             "imu_gyro": simulation.data.sensor("imu_gyro").data.copy(),
             "imu_accelerometer": rotations.rotate_inverse(
                 simulation.data.sensor("imu_orientation").data, np.array([0.0, 0.0, 9.81])
@@ -87,28 +90,39 @@ def test_noise_biases_and_offsets_have_the_stated_deviations() -> None:
         for name, value in reference.items():
             errors = np.array([getattr(reading, name) for reading in readings]) - value
             means.setdefault(name, []).append(errors.mean(axis=0))
-            noise = {"q": ROBOT.encoder, "dq": ROBOT.joint_velocity, "imu_gyro": ROBOT.gyro}.get(
-                name, ROBOT.accelerometer
-            )
-            assert errors.std(axis=0).mean() == pytest.approx(noise, rel=0.2), name
+            assert errors.std(axis=0).mean() == pytest.approx(noises[name], rel=0.2), name
     for name, bias in (
         ("q", ROBOT.encoder_offset),
         ("imu_gyro", ROBOT.gyro_bias),
         ("imu_accelerometer", ROBOT.accelerometer_bias),
     ):
         assert np.std(means[name]) == pytest.approx(bias, rel=0.25), name
-    assert np.abs(means["dq"]).max() < 0.5 * ROBOT.joint_velocity, "velocities have no bias"
+    for name in ("dq", "torque"):
+        assert np.abs(means[name]).max() < 0.5 * noises[name], f"{name} has no bias"
 
 
-def test_a_bias_walks_with_the_square_root_of_time() -> None:
-    profile = dataclasses.replace(EXACT, gyro_walk=0.1)
+def test_a_motors_torque_is_off_by_its_own_share() -> None:
+    simulation, shares = Simulation(sensing=dataclasses.replace(EXACT, torque_scale=0.03)), []
+    pull = dataclasses.replace(HOLD, tau=np.full(19, 10.0))
+    for _ in range(40):
+        simulation.reset()
+        truths = [simulation.step(pull, 0.002).torque for _ in range(2)]
+        shares.append(simulation.sense().torque / truths[-1])
+        np.testing.assert_array_equal(simulation.sense().torque / truths[-1], shares[-1])
+    assert np.mean(shares) == pytest.approx(1.0, abs=0.005) and np.std(shares) == pytest.approx(0.03, rel=0.1)
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accelerometer"])
+def test_a_bias_walks_with_the_square_root_of_time(sensor) -> None:
     ends = []
-    for seed in range(30):
-        simulation = Simulation(sensing=profile, seed=seed)
-        simulation.sense()
-        simulation.step(HOLD, 0.04)
-        ends.append(simulation.sense().imu_gyro - simulation.data.sensor("imu_gyro").data)
-    assert np.std(ends) == pytest.approx(0.1 * np.sqrt(0.04), rel=0.25)
+    for profile in (EXACT, dataclasses.replace(EXACT, **{f"{sensor}_walk": 0.1})):
+        simulation = Simulation(sensing=profile)
+        for _ in range(1 if profile is EXACT else 30):
+            simulation.reset()
+            simulation.sense()
+            simulation.step(HOLD, 0.04)
+            ends.append(getattr(simulation.sense(), f"imu_{sensor}"))
+    assert np.std(np.array(ends[1:]) - ends[0]) == pytest.approx(0.1 * np.sqrt(0.04), rel=0.25)
 
 
 def test_the_attitude_errs_about_level_axes() -> None:
@@ -117,6 +131,10 @@ def test_the_attitude_errs_about_level_axes() -> None:
     error = rotations.multiply(simulation.sense().orientation, rotations.conjugate(truth.orientation))
     assert 0.005 < np.linalg.norm(error[1:3]) < 0.04
     assert error[3] == pytest.approx(0.0, abs=1e-9), "no error of yaw"
+    simulation = Simulation(sensing=dataclasses.replace(EXACT, attitude=0.02))
+    back = rotations.conjugate(simulation.state().orientation)
+    errors = [2.0 * rotations.multiply(simulation.sense().orientation, back)[1:] for _ in range(300)]
+    np.testing.assert_allclose(np.std(errors, axis=0), 0.02, rtol=0.2)
 
 
 def test_noise_repeats_with_its_seed() -> None:

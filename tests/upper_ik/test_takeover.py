@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from hugwbc.numeric import smooth_step
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik import Takeover
 from hugwbc.upper_ik.takeover import JointLimiter, Phase
@@ -26,8 +27,8 @@ def test_takeover_blends_from_the_start_to_the_target(takeover):
     assert all(body.mask.all() for body in bodies)
     # Half of the blend time: half of the way.
     assert Takeover(load_robot()).follow(ARMS, np.zeros(8), 0.25, np.full(8, 0.1)).q == pytest.approx(0.05 + ARMS / 2)
-    assert not np.any(np.abs(bodies[0].q - 0.1) > 0.001)
-    assert bodies[-1].q == pytest.approx(ARMS)
+    share = [smooth_step(DT * (tick + 1) / 0.5) for tick in range(25)]
+    assert [body.q for body in bodies] == pytest.approx(0.1 + np.outer(share, ARMS - 0.1), abs=1e-6)
 
 
 def test_hand_back_returns_before_the_mask_clears(takeover):
@@ -41,6 +42,24 @@ def test_hand_back_returns_before_the_mask_clears(takeover):
     assert last.q == pytest.approx(own)
     assert takeover.phase is Phase.RELEASED
     assert not takeover.release(own, DT).indicator
+
+
+def test_the_mask_stays_until_the_arms_are_where_the_controller_has_them(takeover):
+    own = np.full(8, 0.2)
+    run(takeover, ARMS, 1.0, start=own)
+    for tick in range(100):
+        if (body := takeover.release(own if tick < 49 else own - 1.0, DT)).indicator:
+            last = body
+    assert not body.indicator and np.all(np.abs(last.q - (own - 1.0)) <= 0.5 * LIMIT * DT + 1e-9)
+
+
+def test_a_takeover_begins_where_the_controller_has_the_arms(robot):
+    """Beyond the joint limits by what carries them; a start that is not a number is none."""
+    reach = 0.9 * robot.torque_limit[robot.arms] / robot.kp[robot.arms]
+    for start in (robot.lower[robot.arms] - reach, robot.upper[robot.arms] + reach):
+        assert Takeover(robot).follow(ARMS, np.zeros(8), DT, start).q == pytest.approx(start, abs=0.01)
+    unknown = Takeover(robot).follow(ARMS, np.zeros(8), DT, np.full(8, math.nan)).q
+    assert unknown == pytest.approx(robot.nominal[robot.arms], abs=0.01)
 
 
 def test_targets_that_return_during_a_hand_back_are_taken_up_from_there(takeover):

@@ -162,10 +162,10 @@ def test_a_file_that_asks_for_hours_is_refused_at_once(name: str, tmp_path: path
     with (tmp_path / "big.obj").open("wb") as file:
         file.truncate(40_000_000)
     text, said = HUGE[name]
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(SceneError, match=rf"k\.xml: .*it has .*{said}"):
         Mjcf(name="k", mjcf=written(tmp_path, text))
-    assert time.perf_counter() - started < 1.0
+    assert time.process_time() - started < 1.0
 
 
 def test_an_ordinary_hfield_and_comments_with_dashes_are_read(tmp_path: pathlib.Path) -> None:

@@ -296,7 +296,6 @@ def test_a_hand_wakes_what_sleeps() -> None:
     start = simulation.objects["parcel"].position[0]
     run(simulation, 0.5, {"left_elbow_link": (25.0, 0.0, 0.0)})
     assert simulation.objects["parcel"].position[0] > start + 0.02
-    assert simulation.state().hand_force[0, 0] < 0.0 or simulation.data.ntree_awake == 2
 
 
 def test_the_most_slippery_box_lies_still_on_level_ground() -> None:
