@@ -4,7 +4,7 @@ The types `bool` and `Path` understand text; `Any` gets numbers, text, lists, ma
 """
 
 import pathlib
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
@@ -13,9 +13,6 @@ from hugwbc.errors import ConfigError, UnknownNameError, one_line
 from hugwbc.files import read_file
 from hugwbc.settings import Place, deepest
 from hugwbc.yaml_text import read_yaml
-
-if TYPE_CHECKING:
-    from hugwbc.robot import Robot  # whose table is read with this module
 
 LARGEST_FILE = 1_000_000  # [byte]
 _T = TypeVar("_T")
@@ -37,13 +34,13 @@ def named_path(kind: str, name: str | pathlib.Path, *folders: pathlib.Path) -> p
     return paths[str(name)]
 
 
-def load(model: type[_T], path: pathlib.Path, robot: "Robot | None" = None, **more: object) -> _T:
+def load(model: type[_T], path: pathlib.Path, robot: object = None, **more: object) -> _T:
     """Read a model from a YAML file; errors name file, line and column, what is wrong and what is valid.
 
     Args:
         model: a class of settings, or any other type that pydantic can check.
         path: path of the file.
-        robot: the robot that the file is for, if it says something that depends on it.
+        robot: the `Robot` that the file is for, if it says something that depends on it.
         more: fields that the file does not give, such as its name.
     """
     try:
@@ -53,7 +50,7 @@ def load(model: type[_T], path: pathlib.Path, robot: "Robot | None" = None, **mo
     return parse(model, text, path, robot, **more)
 
 
-def parse(model: type[_T], text: str, path: pathlib.Path, robot: "Robot | None" = None, **more: object) -> _T:
+def parse(model: type[_T], text: str, path: pathlib.Path, robot: object = None, **more: object) -> _T:
     """Read a model from YAML text; as `load`, whose path stands in the messages and is the base of relative paths."""
     root, content = read_yaml(text, path)
     content = {**content, **more} if isinstance(content, dict) else content
