@@ -238,6 +238,13 @@ def test_estimates_of_a_consistent_estimator_lie_within_their_bounds():
     assert bootstrap_rms([3.0, 4.0]).value == pytest.approx(np.sqrt(12.5))
 
 
+@pytest.mark.parametrize("samples", [2500, 2501, 100, 1])
+def test_the_way_that_drifts_are_scaled_by_is_the_whole_one(samples):
+    time = 0.002 * np.arange(samples)
+    record = {"time": time, "true_position": np.outer(time, [0.3, -0.4, 0.0])}
+    assert estimation._way(record) == pytest.approx(0.5 * time[-1])
+
+
 def test_errors_in_both_engines_and_their_ratio():
     rows = [
         {"command": "walk", "engine": engine, "error_v_x": error, "error_v_y": 0.1, "error_omega": None, **END}
