@@ -96,7 +96,7 @@ def compare(
         if isinstance(played, Task):
             simulation = arena.simulation(seed=seed, scene=played.scene)
             run = run_task(played, controller, simulation, on_progress=advance, strict=False)
-            verdict = {**dataclasses.asdict(run.verdict), "seconds": run.record.ending.time}
+            verdict = {**dataclasses.asdict(run.verdict), "seconds": run.seconds}
             trace, further = run.trace, {"verdict": verdict, "gripped": run.record.gripped}
         else:
             source = played if isinstance(played, Script) else BehaviourSource(played)
