@@ -252,6 +252,12 @@ def test_errors_in_both_engines_and_their_ratio():
     ]
     found = by_quantity(engines.figures(engines.EnginesSettings(commands=("walk",), episodes=1), frame_of(rows)))
     assert found["E_v_x, ratio"].value == pytest.approx(2.0) and found["falls, physx"].value == 0.0
+    hard = [row | {"error_v_x": 0.9} for row in rows]
+    hard[1] |= {"error_v_x": None, "fell": True}
+    settings = engines.EnginesSettings(commands=("walk",), episodes=2)
+    found = by_quantity(engines.figures(settings, frame_of([*rows, *hard])))
+    assert found["E_v_x, mujoco"].value == pytest.approx(0.5) and found["falls, physx"].value == 50.0
+    assert found["E_v_x, ratio"].value == pytest.approx(2.0), "over the episodes that stay up in both"
 
 
 @pytest.mark.parametrize(
