@@ -39,6 +39,8 @@ class RandomCommandsSettings(CountedSettings):
         super().__post_init__()
         if self.changing and self.gait != Gait.WALKING.label:
             raise ConfigError("changing draws every gait; leave --gait out")
+        if self.changing and self.settle != metrics.SETTLE_S:
+            raise ConfigError("changing counts falls only, from the start on; leave --settle out")
 
 
 def plan(settings: RandomCommandsSettings) -> list[Plan]:

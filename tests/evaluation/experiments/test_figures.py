@@ -122,6 +122,8 @@ def test_random_scripts_reach_every_change_of_gait_within_the_ranges():
     assert plans[7] == random_commands.plan(dataclasses.replace(settings, episodes=8))[7], "one can be run again"
     with pytest.raises(ConfigError, match="leave --gait out"):
         random_commands.RandomCommandsSettings(changing=True, gait="jumping")
+    with pytest.raises(ConfigError, match="leave --settle out"):
+        random_commands.RandomCommandsSettings(changing=True, settle=2.0)
 
 
 def test_a_search_of_forces_is_that_of_its_rows():
