@@ -20,6 +20,7 @@ from hugwbc.evaluation.experiments import (
     estimation,
     faults,
     forces,
+    hands,
     intervention,
     ramp,
     random_commands,
@@ -99,6 +100,17 @@ def test_random_commands_without_falls():
     found = by_quantity(random_commands.figures(settings, frame_of(rows)))
     assert found["E_h"].value == 0.2 and found["falls"].value == 50.0
     assert found["E_vx_low"].value == 0.2 and "E_vx_high" not in found, "its episode fell"
+
+
+def test_an_episode_that_fell_early_counts_as_much_in_the_mean_of_the_hands():
+    rows = [
+        END
+        | {"hand_error_m": error, "joint_error_rad": 0.01, "fell": count < 400}
+        | {"errors": [[error, error]] * count, "reachable": [[True, True]] * count}
+        for error, count in ((0.01, 400), (0.03, 25))
+    ]
+    mean = by_quantity(hands.figures(hands.HandsSettings(), frame_of(rows)))["hand error, mean"].estimate
+    assert (mean.value, mean.low, mean.high) == pytest.approx((2.0, 1.0, 3.0)), "of one and the same quantity"
 
 
 def test_a_robot_that_does_not_come_to_rest_is_counted():
