@@ -96,7 +96,7 @@ def compare(
         if isinstance(played, Task):
             simulation = arena.simulation(seed=seed, scene=played.scene)
             run = run_task(played, controller, simulation, on_progress=advance, strict=False)
-            verdict = {**dataclasses.asdict(run.verdict), "seconds": run.record.ending.time}
+            verdict = {**dataclasses.asdict(run.verdict), "seconds": run.seconds}
             trace, further = run.trace, {"verdict": verdict, "gripped": run.record.gripped}
         else:
             source = played if isinstance(played, Script) else BehaviourSource(played)
@@ -169,9 +169,9 @@ def figure_table(outcomes: Mapping[str, Mapping[str, Any]]) -> Table:
     return Table("Figures", ("", *outcomes), rows, HAND_NOTE)
 
 
-# Differences of errors that somebody would see, in m/s, rad/s, m and rad of the commands, and in m of the hands.
+# Differences of errors that somebody would see, in m/s, rad/s, m and rad of the commands, and those of the hands.
 SEEN = {"v_x": 0.01, "v_y": 0.01, "omega": 0.01, "h": 0.003, "p": 0.01, "w": 0.01}
-SEEN_BY_HANDS = 0.003
+SEEN_BY_HANDS, SEEN_ON_THE_WAY = 0.003, 0.5  # [m], [s]
 NAMES = {"v_x": "forward speed", "v_y": "sideways speed", "omega": "turning", "h": "height", "p": "pitch",
          "w": "waist"}  # fmt: skip
 
@@ -220,21 +220,24 @@ def _centimetres(value: float | None) -> float | None:
 def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what became of every controller, and the smallest and the largest error of each kind that differs.
 
-    It reads the "controllers" of `comparison.comparison_summary`. Errors until a fall are called so.
+    It reads the "controllers" of `comparison.comparison_summary`. Errors until a fall are called so. Beside the hands'
+    error once there stands how long they were on the way: a hand that never arrives has no such error.
     """
     fates: dict[str, list[str]] = {}
     for name, figures in controllers.items():
         fates.setdefault(_fate(figures), []).append(name)
     text = "; ".join(f"{_listed(names)} {fate}" for fate, names in fates.items())
-    kinds = [(NAMES[k], {n: f["errors"][k] for n, f in controllers.items()}, k, 1.0) for k in NAMES]
-    kinds.append(("hands once there", {n: f["hand_travel"]["arrived"] for n, f in controllers.items()}, "", 100.0))
+    kinds = [(NAMES[k], {n: f["errors"][k] for n, f in controllers.items()}, SEEN[k], COMMAND_UNITS[k]) for k in NAMES]
+    hands = {n: f["hand_travel"] for n, f in controllers.items()}
+    there = {n: _centimetres(found["arrived"]) for n, found in hands.items()}
+    kinds.append(("hands once there", there, 100.0 * SEEN_BY_HANDS, "cm"))
+    kinds.append(("on the way", {n: found["travel_time"] for n, found in hands.items()}, SEEN_ON_THE_WAY, "s"))
     whose, parts = {n: f"{n}, until its fall" if f["fell"] else n for n, f in controllers.items()}, []
-    for words, errors, command, scale in kinds:
+    for words, errors, seen, unit in kinds:
         known = sorted((e, name) for name, e in errors.items() if e is not None and math.isfinite(e))
-        if known and known[-1][0] - known[0][0] >= SEEN.get(command, SEEN_BY_HANDS):
+        if known and known[-1][0] - known[0][0] >= seen:
             (least, best), (most, worst) = known[0], known[-1]
-            unit = COMMAND_UNITS.get(command, "cm")
-            parts.append(f"{words} {scale * least:.2g} ({whose[best]}) to {scale * most:.2g} {unit} ({whose[worst]})")
+            parts.append(f"{words} {least:.2g} ({whose[best]}) to {most:.2g} {unit} ({whose[worst]})")
     return f"{text}. Mean errors: {', '.join(parts)}." if parts else f"{text}."
 
 

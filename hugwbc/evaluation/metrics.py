@@ -74,36 +74,54 @@ def touch_downs(trace: Trace, foot: int, settle: float = SETTLE_S) -> np.ndarray
 def frequency_error(trace: Trace, settle: float = SETTLE_S) -> float:
     """Return E_f [Hz]: the mean over complete gait cycles of both feet of |f - 1 / (touch-down to touch-down)|.
 
-    A foot that should step but has no complete cycle has frequency 0. NaN if no foot should step.
+    Cycles that a foot misses before its first or after its last step have frequency 0. So has a foot that should step
+    but has no complete cycle. NaN if no foot should step.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
-        downs = touch_downs(trace, foot, settle)
-        commanded = _at(trace, downs[1:], _F) if downs.size > 1 else trace.command[-1:, _F]
-        measured = 1.0 / np.diff(downs) if downs.size > 1 else np.zeros(1)
-        errors.extend(np.abs(commanded - measured))
+        downs, (missed, _) = touch_downs(trace, foot, settle), _missed(trace, foot, settle)
+        ends, measured = np.r_[downs[1:], missed], np.r_[1.0 / np.diff(downs), 0.0 * missed]
+        if not ends.size:
+            ends, measured = trace.time[-1:], np.zeros(1)
+        errors.extend(np.abs(_at(trace, ends, _F) - measured))
     return float(np.mean(errors)) if errors else float("nan")
 
 
 def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
     """Return E_l [m]: the mean over complete gait cycles of both feet of |l - highest sole clearance of the cycle|.
 
-    A foot that should step but has no complete cycle is judged by its highest clearance after `settle`.
+    Cycles that a foot misses before its first or after its last step count likewise. A foot that should step but has no
+    complete cycle is judged by its highest clearance after `settle`.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
-        ends, highest = swings(trace, foot, settle)
+        ends, highest = np.hstack((swings(trace, foot, settle), _missed(trace, foot, settle)))
         if not ends.size:
             ends, highest = trace.time[-1:], trace.clearance[trace.time >= settle, foot].max(keepdims=True)
         errors.extend(np.abs(_at(trace, ends, _L) - highest))
     return float(np.mean(errors)) if errors else float("nan")
 
 
-def swings(trace: Trace, foot: int, settle: float = SETTLE_S) -> tuple[np.ndarray, np.ndarray]:
+def swings(trace: Trace, foot: int, settle: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the end [s] and the highest sole clearance [m] of every complete gait cycle of a foot after `settle`."""
-    downs = touch_downs(trace, foot, settle)
-    cycles = [(trace.time >= begin) & (trace.time <= end) for begin, end in itertools.pairwise(downs)]
-    return downs[1:], np.array([trace.clearance[cycle, foot].max() for cycle in cycles])
+    return _highest(trace, foot, list(itertools.pairwise(touch_downs(trace, foot, settle))))
+
+
+def _missed(trace: Trace, foot: int, settle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same of the cycles that a foot misses before its first and after its last step.
+
+    A gap without a touch-down that is n commanded periods long, with n >= 2, has missed all but the last of them.
+    """
+    downs, cycles = touch_downs(trace, foot, settle), []
+    for begin, end in [(settle, downs[0]), (downs[-1], trace.survived_s)] if downs.size else []:
+        period = 1.0 / float(_at(trace, end, _F))
+        cycles += [(begin + i * period, begin + (i + 1) * period) for i in range(int((end - begin) / period) - 1)]
+    return _highest(trace, foot, cycles)
+
+
+def _highest(trace: Trace, foot: int, cycles: Sequence[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+    kept = [(trace.time >= begin) & (trace.time <= end) for begin, end in cycles]
+    return np.array([end for _, end in cycles]), np.array([trace.clearance[cycle, foot].max() for cycle in kept])
 
 
 def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
@@ -113,7 +131,7 @@ def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
     return Gait(int(trace.gait[-1])).feet
 
 
-def _at(trace: Trace, times: np.ndarray, column: int) -> np.ndarray:
+def _at(trace: Trace, times: np.ndarray | float, column: int) -> np.ndarray:
     """Return a column of the command at some times."""
     index = np.clip(np.searchsorted(trace.time, times, side="right") - 1, 0, trace.time.size - 1)
     return trace.command[index, column]

@@ -43,6 +43,9 @@ class ReportPlan:
                 raise UnknownNameError("experiment of the report", name, known)
             if reason := known[name].unavailable():
                 raise ConfigError(reason)
+        if self.ablation and self.experiments and not any(known[name].ablation for name in self.experiments):
+            moved = ", ".join(name for name, section in known.items() if section.ablation)
+            raise ConfigError(f"--ablation is for {moved}; add one of them to --experiments, or leave it out")
 
     @functools.cached_property
     def specs(self) -> list[ControllerSpec]:

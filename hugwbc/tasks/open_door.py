@@ -5,6 +5,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.behaviours import Course, View, doing, glide, seen, step, walk_to
 from hugwbc.behaviours.course import Seconds
+from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.judges import in_axes_of, touched, trunk_clear
 from hugwbc.tasks.record import TaskRecord
 from hugwbc.tasks.task import Shapes, Task, scene_of
@@ -15,8 +16,14 @@ OPEN = 0.5  # [rad]
 
 
 def passed(record: TaskRecord) -> np.ndarray:
-    """Return how far the pelvis is behind the doorway [m], shape (T,); negative before it."""
-    return in_axes_of(record, "door/frame", record.pelvis[:, :3])[:, 0]
+    """Return how far the pelvis is behind the doorway [m], shape (T,); negative before it.
+
+    A pelvis that came behind it beside the leaf, so round the frame, is at 0.
+    """
+    ahead, left, _ = in_axes_of(record, "door/frame", record.pelvis[:, :3]).T
+    behind, half = ahead >= 0.0, settled(record.thing("door").size[1]) / 2  # type: ignore[attr-defined]
+    came = np.maximum.accumulate(np.where(np.diff(behind, prepend=False) & behind, np.arange(len(ahead)), 0))
+    return np.where(behind & (np.abs(left[came]) > half), 0.0, ahead)
 
 
 MILESTONES = (

@@ -33,6 +33,12 @@ class TaskRun:
     record: TaskRecord
     verdict: Verdict
 
+    @property
+    def seconds(self) -> float | None:
+        """When the behaviour ended, or the time limit in a success without that; None without both [s]."""
+        ended = self.record.ending.time
+        return self.trace.survived_s if ended is None and self.verdict.success else ended
+
 
 def run_task(
     task: Task,
@@ -92,7 +98,8 @@ def run_task(
         until=over,
         strict=strict,
     )
-    record = watch.record(_ending(source, ended))
+    # A fall in the period in which the behaviour ended comes before `over`.
+    record = watch.record(_ending(source, min(ended, simulation.time)))
     return TaskRun(trace, record, task.judge(record))
 
 

@@ -150,6 +150,13 @@ def test_the_headline_says_the_smallest_and_the_largest_error_of_any_number_of_c
     assert headline({"qp": figures["qp"]}) == "qp stayed up for 10.0 s."
 
 
+def test_the_headline_says_that_a_hand_does_not_arrive(reaching):
+    one = reaching("one", near=0.002)
+    one.hand_error[100:, 1] = 0.1  # no error once there
+    text = headline({run.name: summarise(run) for run in (one, reaching("both", near=0.02))})
+    assert text.endswith("hands once there 0.2 (one) to 2 cm (both), on the way 3 (both) to 5.5 s (one).")
+
+
 def test_the_headline_of_a_task_has_the_verdicts(reaching):
     figures = summarise(reaching())
     said = {"reason": "it fell over", "seconds": 9.0}

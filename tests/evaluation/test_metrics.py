@@ -82,6 +82,23 @@ def test_a_foot_that_never_steps_counts_as_frequency_and_height_zero(synthetic_t
     assert metrics.swing_height_error(still) == pytest.approx(0.15)
 
 
+@pytest.mark.parametrize(
+    ("first", "last", "missed"),
+    [
+        (0.0, 3.0, 2 * 13 / (2 * 13 + 4 + 3)),  # the feet step until 3 and 2.75 s, and stand still for 7 s and longer
+        (6.0, 10.0, 2 * 9 / (2 * 9 + 7 + 7)),
+        (0.0, 9.6, 0.0),  # less than two periods without a step
+    ],
+)
+def test_cycles_that_are_missed_before_the_first_and_after_the_last_step_count(synthetic_trace, first, last, missed):
+    trace = synthetic_trace(Command(gait=Gait.WALKING))
+    downs = tuple(times[(times >= first) & (times <= last)] for times in trace.touch_downs)
+    swung = (trace.time >= first - 0.3) & (trace.time <= last)
+    still = dataclasses.replace(trace, touch_downs=downs, clearance=trace.clearance * swung[:, None])
+    assert metrics.frequency_error(still) == pytest.approx(2.0 * missed)
+    assert metrics.swing_height_error(still) == pytest.approx(0.15 * missed, abs=0.003)
+
+
 def test_a_run_that_ended_in_the_settling_time_has_no_errors(synthetic_trace):
     trace = synthetic_trace(duration=0.5)
     assert all(math.isnan(error) for error in metrics.tracking_errors(trace).values())

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
@@ -62,3 +63,6 @@ def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
     assert theirs == ["intervention"] * 3 + ["foot-displacement"]
     (note,) = [note for note in plan._notes([]) if "ablation" in note and "no policy" in note]
     assert "no policy trained with noise, nor trained without intervention" in note
+    with pytest.raises(ConfigError, match="--ablation is for intervention, foot-displacement; add one of them"):
+        ReportPlan("quick", ("qp",), ablation=(str(tmp_path / "mine"),), experiments=("contacts", "ramp"))
+    assert ReportPlan("quick", ("qp",), ablation=(), experiments=("contacts",)).entries

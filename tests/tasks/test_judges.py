@@ -139,6 +139,13 @@ def test_a_door_that_is_walked_through(made_up):
     through = dataclasses.replace(still, pelvis=walk)
     assert verdict_of("open_door", through).success
     assert verdict_of("open_door", still).reason == "the robot did not get through the door"
+    around, back = walk.copy(), walk.copy()
+    around[:, 1] = 2.0 * np.sin(np.linspace(0.0, math.pi, 1000))
+    beside = verdict_of("open_door", dataclasses.replace(still, pelvis=around))
+    assert beside.reason == "the robot did not get through the door" and beside.score < 0.75
+    back[:, 0] = np.interp(np.linspace(0.0, 4.2, 1000), [0, 1, 2, 3, 4], [0.0, 2.5, 2.5, 0.0, 2.5])
+    back[:, 1] = np.interp(np.linspace(0.0, 4.2, 1000), [0, 1, 2, 3, 4], [0.0, 3.0, 3.0, 0.0, 0.0])
+    assert verdict_of("open_door", dataclasses.replace(still, pelvis=back)).success, "round it, back, and through"
     bumped = dataclasses.replace(through, touched={**still.touched, ("trunk", "door/frame"): 3.0})
     assert verdict_of("open_door", bumped).reason == "the trunk touched the frame"
     shut = dataclasses.replace(through, travel={"door": np.full(1000, 0.1)})

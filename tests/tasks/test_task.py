@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.comparison import compare, headline
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import HoldController
-from hugwbc.sim import Arena
-from hugwbc.tasks import TASK_NAMES, load_task, run_task, shapes_of
+from hugwbc.sim import Arena, Simulation
+from hugwbc.tasks import TASK_NAMES, Milestone, load_task, run_task, shapes_of
 from hugwbc.tasks.task import SCENES
 from hugwbc.upper_ik import UpperBodySource
 
@@ -47,6 +48,24 @@ def test_a_simulation_can_be_used_again():
     simulation = Arena(sensing="exact").simulation(scene=task.scene)
     times = [run_task(task, HoldController(load_robot()), simulation).record.time.tolist() for _ in range(2)]
     assert times[0] == times[1] and len(times[0]) == 5
+
+
+def test_a_success_without_an_end_took_the_whole_time(standing_task):
+    task = dataclasses.replace(load_task(str(standing_task("Milestone('unmet', lambda record: 1.0)"))), limit=0.06)
+    (run,) = compare({"hold": HoldController(load_robot())}, task, arena=Arena(sensing="exact"))
+    assert headline({"hold": run.outcome}) == "hold did the task in 0.1 s."
+    assert run.outcome["verdict"]["seconds"] == 0.06
+    undone = dataclasses.replace(task, milestones=(Milestone("unmet", lambda record: 0.0),))
+    (run,) = compare({"hold": HoldController(load_robot())}, undone, arena=Arena(sensing="exact"))
+    assert run.outcome["verdict"]["seconds"] is None
+
+
+def test_a_behaviour_that_ends_in_the_period_of_a_fall_has_a_time(standing_task, monkeypatch):
+    monkeypatch.setattr(Simulation, "fallen", True)
+    task = load_task(str(standing_task()))
+    simulation = Arena(sensing="exact").simulation(scene=task.scene)
+    run = run_task(task, HoldController(load_robot()), simulation, behaviour=lambda view: iter(()))
+    assert run.record.fell and run.seconds == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("name", TASK_NAMES)

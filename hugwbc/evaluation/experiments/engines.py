@@ -86,24 +86,25 @@ def push_of(settings: EnginesSettings, number: int) -> Force:
 
 
 def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Row:
-    """Return the mean absolute errors of v_x, v_y and omega; None where the robot fell too early."""
+    """Return the mean absolute errors of v_x, v_y and omega; None in a fall."""
     trace = simulate(controller, settings, plan)
     errors = tracking_errors(trace, settings.settle)
-    return {**{f"error_{name}": known(errors[name]) for name in ERRORS}, **ending(trace)}
+    return {**{f"error_{name}": None if trace.fell else known(errors[name]) for name in ERRORS}, **ending(trace)}
 
 
 def figures(settings: EnginesSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return errors in both engines without falls, their ratio and the falls, a table for each command."""
+    """Return a table for each command: errors in both engines, their ratio where neither fell, and the falls."""
     found = []
     for command in settings.commands:
         table = f"Both engines, {command}"
         parts = {e: rows.filter((pl.col("command") == command) & (pl.col("engine") == e)) for e in _BOTH}
         for name, unit in ERRORS.items():
-            errors = {engine: part.filter(~pl.col("fell"))[f"error_{name}"] for engine, part in parts.items()}
+            errors = {engine: part[f"error_{name}"].to_list() for engine, part in parts.items()}
             for engine, values in errors.items():
                 found.append(Figure(table, f"E_{name}, {engine}", unit, bootstrap_mean(values)))
-            mujoco, physx = errors.values()
-            found.append(Figure(table, f"E_{name}, ratio", "", bootstrap_ratio(physx, mujoco)))
+            pairs = [pair for pair in zip(*errors.values(), strict=False) if None not in pair]
+            ratio = bootstrap_ratio([physx for _, physx in pairs], [mujoco for mujoco, _ in pairs])
+            found.append(Figure(table, f"E_{name}, ratio", "", ratio))
         for engine, part in parts.items():
             found.append(falls_figure(table, part["fell"], quantity=f"{FALLS}, {engine}"))
     return found
@@ -125,11 +126,12 @@ EXPERIMENT = Experiment(
     plan,
     episode,
     figures,
-    note="Ratio: PhysX divided by MuJoCo.",
+    note="Ratio: PhysX divided by MuJoCo, over the episodes that stay up in both.",
     section=Section(
         "Both engines",
         "The same commands in MuJoCo and in PhysX 5, each episode with one light push. What holds in one of them only "
-        "is a property of that engine, not of the controller. Ratio: PhysX divided by MuJoCo.",
+        "is a property of that engine, not of the controller. Ratio: PhysX divided by MuJoCo, over the episodes that "
+        "stay up in both.",
         lambda: [EnginesSettings(episodes=1, commands=("walk", "turn", "stand"), duration=4.0)],
         lambda: [EnginesSettings()],
         unavailable=unavailable,

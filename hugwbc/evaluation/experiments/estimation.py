@@ -254,8 +254,9 @@ def _way(record: Record) -> float:
     """Return the length of the true path [m]."""
     if record["time"].size < 2:
         return 0.0
-    stride = max(1, round(_WAY_STEP / float(record["time"][1] - record["time"][0])))
-    return float(np.linalg.norm(np.diff(record["true_position"][::stride, :2], axis=0), axis=1).sum())
+    stride, path = max(1, round(_WAY_STEP / float(record["time"][1] - record["time"][0]))), record["true_position"]
+    points = np.concatenate((path[:-1:stride], path[-1:]))[:, :2]  # to the end, as the errors are
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:

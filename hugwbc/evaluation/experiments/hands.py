@@ -1,6 +1,5 @@
 """How closely the hands follow their targets in closed loop, standing or walking, with any controller."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -109,10 +108,9 @@ def episode(controller: Controller, settings: HandsSettings, plan: Plan) -> Row:
 
 
 def figures(settings: HandsSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return the errors over all samples, with intervals of their means over the episodes, and the falls.
+    """Return the mean error over the episodes, the 95th percentile over all samples, the arm joints', and the falls.
 
-    For an interval an episode is one sample, whatever part of its targets is reachable; so its centre may differ a
-    little from the mean over all samples.
+    An episode counts once in the mean, however early it fell and whatever part of its targets was reachable.
     """
     table = f"Hands, {settings.gait}"
     samples = (
@@ -120,7 +118,7 @@ def figures(settings: HandsSettings, rows: pl.DataFrame) -> list[Figure]:
         for name, kind in (("errors", float), ("reachable", bool))
     )
     pooled = metrics.hand_errors(*samples)
-    mean = dataclasses.replace(bootstrap_mean(rows["hand_error_m"]), value=pooled["mean"], samples=len(rows))
+    mean = bootstrap_mean(rows["hand_error_m"])
     p95, reachable = Estimate(pooled["p95"], None, None, len(rows)), single(pooled["reachable_fraction"])
     return [
         Figure(table, "hand error, mean", "cm", scaled(mean, 100.0)),

@@ -39,6 +39,8 @@ class RandomCommandsSettings(CountedSettings):
         super().__post_init__()
         if self.changing and self.gait != Gait.WALKING.label:
             raise ConfigError("changing draws every gait; leave --gait out")
+        if self.changing and self.settle != metrics.SETTLE_S:
+            raise ConfigError("changing counts falls only, from the start on; leave --settle out")
 
 
 def plan(settings: RandomCommandsSettings) -> list[Plan]:
@@ -65,7 +67,7 @@ def random_schedule(rng: np.random.Generator, duration: float, robot: Robot) -> 
 
 
 def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan) -> Row:
-    """Return the drawn commands, and the error of each that the gait samples; None if the robot fell too early."""
+    """Return the drawn commands, and the error of each that the gait samples; None in a fall."""
     trace, command = simulate(controller, settings, plan), plan.command
     if settings.changing:
         return {"gait": Gait(int(trace.gait[-1])).label, **ending(trace)}
@@ -75,7 +77,7 @@ def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan
     return {
         "gait": command.gait.label,
         **dict(zip(COMMAND_NAMES, command.array().tolist(), strict=True)),
-        **{f"error_{name}": known(error) for name, error in errors.items()},
+        **{f"error_{name}": None if trace.fell else known(error) for name, error in errors.items()},
         **ending(trace),
     }
 

@@ -186,7 +186,8 @@ EXPERIMENT = Experiment(
     section=Section(
         "Single commands",
         "One command is sampled over its range while the others stay at their defaults. Foot commands (f, l) are "
-        "judged over complete gait cycles, the others over control steps. The impact of a foot after a swing is the "
+        "judged over gait cycles, those included that a foot misses before its first and after its last step, the "
+        "others over samples of 20 ms. The impact of a foot after a swing is the "
         "sole's vertical speed in the physics step before the touch-down, and the largest vertical force on the foot "
         "in the stance after it. The figures of HOVER and ExBody are the paper's; they were not run here.",
         quick,

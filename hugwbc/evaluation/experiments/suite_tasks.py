@@ -46,7 +46,8 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
     - `seed`: of the scene and of the sensors; `hugwbc play --task TASK --seed SEED` shows the same episode.
     - `success`, `reason`: whether the task was done, and why not; `detail`: see `Verdict`.
     - `score`: 0 to 1.
-    - `seconds`: time until the behaviour ended [s]; None if a fall or the time limit ended it.
+    - `seconds`: time until the behaviour ended, or the limit if it was done without that [s]; None if a fall or the
+      limit ended it undone.
     - `hand_acceleration`: root mean square of the hands' acceleration [m/s^2].
     - `energy`: mechanical energy of the joints; braking costs as much as driving [J].
     - `drift`: farthest way of the pelvis while told to stand [m]; `end_speed`: its speed at the end [m/s].
@@ -67,7 +68,7 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
         "reason": verdict.reason,
         "detail": verdict.detail,
         "score": verdict.score,
-        "seconds": None if record.ending.time is None else float(record.ending.time),
+        "seconds": run.seconds,
         "hand_acceleration": known(metrics.hand_acceleration(record.hands)),
         "energy": known(metrics.mechanical_power(trace, settle=0.0) * seconds),
         "drift": drift,

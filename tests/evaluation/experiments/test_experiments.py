@@ -12,6 +12,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.experiment import Section, frame_of, run_experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of, hands
 from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.sim import Simulation
 
 HOLD = ControllerSpec("hold")
 QUICK = {"duration": 0.3, "settle": 0.1, "conditions": Conditions(timestep=0.005)}
@@ -85,6 +86,16 @@ def test_a_short_run_gives_rows_figures_and_pictures(name):
         pictures = experiment.section.pictures([("hold", result.settings, frame_of(result.rows))], ["hold"])
         assert bool(pictures) == (experiment.section.pictures is not Section.pictures)
         assert all(picture.svg for picture in pictures)
+
+
+@pytest.mark.parametrize("name", ["random-commands", "engines"])
+def test_a_fall_has_no_errors_where_figures_leave_it_out(name, monkeypatch):
+    """So that `remarks` counts it among the episodes that means lack."""
+    monkeypatch.setattr(Simulation, "fallen", True)
+    experiment = EXPERIMENTS[name]
+    settings = experiment.settings(**QUICK | SHORT[name] | {"settle": 0.0})
+    row = experiment.episode(HOLD.build(), settings, experiment.plan(settings)[0])
+    assert row["fell"] and {value for column, value in row.items() if column.startswith("error_")} == {None}
 
 
 def test_sections_have_runs_in_both_profiles():

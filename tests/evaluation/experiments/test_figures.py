@@ -20,6 +20,7 @@ from hugwbc.evaluation.experiments import (
     estimation,
     faults,
     forces,
+    hands,
     intervention,
     ramp,
     random_commands,
@@ -101,6 +102,17 @@ def test_random_commands_without_falls():
     assert found["E_vx_low"].value == 0.2 and "E_vx_high" not in found, "its episode fell"
 
 
+def test_an_episode_that_fell_early_counts_as_much_in_the_mean_of_the_hands():
+    rows = [
+        END
+        | {"hand_error_m": error, "joint_error_rad": 0.01, "fell": count < 400}
+        | {"errors": [[error, error]] * count, "reachable": [[True, True]] * count}
+        for error, count in ((0.01, 400), (0.03, 25))
+    ]
+    mean = by_quantity(hands.figures(hands.HandsSettings(), frame_of(rows)))["hand error, mean"].estimate
+    assert (mean.value, mean.low, mean.high) == pytest.approx((2.0, 1.0, 3.0)), "of one and the same quantity"
+
+
 def test_a_robot_that_does_not_come_to_rest_is_counted():
     rows = [END | {"way": way, "stop_s": 1.5, "moved": 0.5} for way in ("a", "a", "b")]
     rows[1] |= {"stop_s": None, "moved": None}
@@ -122,6 +134,8 @@ def test_random_scripts_reach_every_change_of_gait_within_the_ranges():
     assert plans[7] == random_commands.plan(dataclasses.replace(settings, episodes=8))[7], "one can be run again"
     with pytest.raises(ConfigError, match="leave --gait out"):
         random_commands.RandomCommandsSettings(changing=True, gait="jumping")
+    with pytest.raises(ConfigError, match="leave --settle out"):
+        random_commands.RandomCommandsSettings(changing=True, settle=2.0)
 
 
 def test_a_search_of_forces_is_that_of_its_rows():
@@ -238,6 +252,13 @@ def test_estimates_of_a_consistent_estimator_lie_within_their_bounds():
     assert bootstrap_rms([3.0, 4.0]).value == pytest.approx(np.sqrt(12.5))
 
 
+@pytest.mark.parametrize("samples", [2500, 2501, 100, 1])
+def test_the_way_that_drifts_are_scaled_by_is_the_whole_one(samples):
+    time = 0.002 * np.arange(samples)
+    record = {"time": time, "true_position": np.outer(time, [0.3, -0.4, 0.0])}
+    assert estimation._way(record) == pytest.approx(0.5 * time[-1])
+
+
 def test_errors_in_both_engines_and_their_ratio():
     rows = [
         {"command": "walk", "engine": engine, "error_v_x": error, "error_v_y": 0.1, "error_omega": None, **END}
@@ -245,6 +266,12 @@ def test_errors_in_both_engines_and_their_ratio():
     ]
     found = by_quantity(engines.figures(engines.EnginesSettings(commands=("walk",), episodes=1), frame_of(rows)))
     assert found["E_v_x, ratio"].value == pytest.approx(2.0) and found["falls, physx"].value == 0.0
+    hard = [row | {"error_v_x": 0.9} for row in rows]
+    hard[1] |= {"error_v_x": None, "fell": True}
+    settings = engines.EnginesSettings(commands=("walk",), episodes=2)
+    found = by_quantity(engines.figures(settings, frame_of([*rows, *hard])))
+    assert found["E_v_x, mujoco"].value == pytest.approx(0.5) and found["falls, physx"].value == 50.0
+    assert found["E_v_x, ratio"].value == pytest.approx(2.0), "over the episodes that stay up in both"
 
 
 @pytest.mark.parametrize(
