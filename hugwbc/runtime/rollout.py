@@ -78,8 +78,8 @@ def rollout(
             recorder.ik_ms.append(loop.control.ik_s * 1e3)
         if on_progress is not None and recorder.due(t):
             on_progress(tick / ticks)
-        if not recorder.advance(joint_command, t) and fell_s is None:
-            fell_s = t
+        fell = recorder.advance(joint_command, t, past_falls=past_falls)
+        fell_s = fell if fell_s is None else fell_s
         if fell_s is not None and not past_falls:
             return recorder.trace(fell_s, t, steps=tick + 1)
         if until is not None and until():
@@ -116,12 +116,15 @@ class Recorder:
         """Return whether the next sample is due at time t [s]."""
         return t >= self._samples * RECORD_PERIOD - 1e-9
 
-    def advance(self, command: JointCommand, t: float) -> bool:
-        """Step the physics through one control period, note touch-downs, and return whether the robot is still up.
+    def advance(self, command: JointCommand, t: float, *, past_falls: bool) -> float | None:
+        """Step the physics through one control period, or to a fall if it ends the run, and note touch-downs.
 
-        Samples are taken at the physics steps at which they are due, whatever the control period is.
+        Samples and falls are taken at the physics steps at which they are due, whatever the control period is.
+
+        Returns:
+            When the robot fell [s]; None if it is up.
         """
-        dt, simulation = self.simulation.timestep, self.simulation
+        dt, simulation, fell_s = self.simulation.timestep, self.simulation, None
         for substep in range(self.loop.substeps):
             if self.due(t + substep * dt):
                 snapshot = self.sample(t + substep * dt, command)
@@ -135,7 +138,11 @@ class Recorder:
             if self.on_step is not None:
                 self.on_step(simulation.state(), self.loop.control.estimate)
             self._watch.update(t + (substep + 1) * dt, simulation.foot_force, simulation.sole_velocity)
-        return not self.simulation.fallen
+            if fell_s is None and simulation.fallen:
+                fell_s = t + (substep + 1) * dt
+                if not past_falls:
+                    break
+        return fell_s
 
     def sample(self, t: float, command: JointCommand) -> Snapshot:
         """Add a sample at time t [s]; return the part of it that a picture shows."""

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 import re
 
 import mujoco
@@ -105,9 +106,20 @@ def test_a_fall_ends_the_run_and_is_reported(simulation):
 
     trace = rollout(Limp(load_robot()), Constant(Command()), simulation, duration=5.0)
     assert trace.fell and 0.1 < trace.survived_s < 3.0
-    assert trace.steps == pytest.approx(trace.survived_s / 0.02 + 1, abs=1e-6)
+    assert trace.steps == math.ceil(trace.survived_s / 0.02 - 1e-6)
     past_it = rollout(Limp(load_robot()), Constant(Command()), simulation, duration=3.2, past_falls=True)
     assert past_it.fell and past_it.survived_s == trace.survived_s and past_it.steps == 160
+
+
+def test_a_fall_of_one_physics_step_counts_for_a_controller_of_any_rate(monkeypatch):
+    """The trunk touches the ground for 2 ms only, in the middle of a control period."""
+    simulation = Simulation(sensing="exact")
+    monkeypatch.setattr(type(simulation), "_trunk_on_ground", lambda self: abs(self.time - 0.106) < 1e-6)
+    for period in (0.004, 0.02):
+        controller = HoldController(load_robot())
+        controller.period = period
+        trace = rollout(controller, Constant(Command()), simulation, duration=0.5)
+        assert trace.fell and trace.survived_s == pytest.approx(0.106), period
 
 
 def test_out_of_range_commands_are_recorded_as_clamped_and_reported(simulation):

@@ -65,7 +65,7 @@ def test_a_behaviour_that_ends_in_the_period_of_a_fall_has_a_time(standing_task,
     task = load_task(str(standing_task()))
     simulation = Arena(sensing="exact").simulation(scene=task.scene)
     run = run_task(task, HoldController(load_robot()), simulation, behaviour=lambda view: iter(()))
-    assert run.record.fell and run.seconds == pytest.approx(0.02)
+    assert run.record.fell and run.seconds == pytest.approx(0.002)
 
 
 @pytest.mark.parametrize("name", TASK_NAMES)
