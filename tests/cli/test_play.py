@@ -91,7 +91,8 @@ def test_a_task_is_played(capsys, standing_task):
 
 
 @pytest.mark.parametrize(
-    ("seconds", "code", "told"), [("0.1", 0, "done"), ("'long'", 1, "seconds is 'long'; give a time")]
+    ("seconds", "code", "told"),
+    [("0.1", 0, "done"), ("'long'", 1, "wait.seconds is 'long'; it should be a valid number")],
 )
 def test_a_behaviour_that_is_not_done_exits_with_1(tmp_path, capsys, seconds, code, told):
     path = tmp_path / "mine.py"
