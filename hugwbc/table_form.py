@@ -5,6 +5,7 @@ whether what a table says is plausible.
 """
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -18,6 +19,19 @@ Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
 
 _OUT: Any = None
 """Of a field that may be left out. None is not of its type, so that a field without a value is refused."""
+
+
+def _left_out(form: Any, names: Iterable[str]) -> list[str]:  # noqa: ANN401  any of these models
+    """Return which fields a file leaves out."""
+    return [name for name in names if getattr(form, name) is None]
+
+
+def _check_whole(row: Any, label: str, kind: Any, optional: Any) -> None:  # noqa: ANN401
+    """Refuse a row that leaves out a field of a kind of rows, but for those of its base class."""
+    fields, spared = ([field.name for field in dataclasses.fields(one)] for one in (kind, optional))
+    needed = [name for name in fields if name not in spared]
+    if lacking := _left_out(row, needed):
+        raise ConfigError(f"{label} lacks {', '.join(lacking)}; give it")
 
 
 @settings(kw_only=True)
@@ -84,17 +98,16 @@ class JointChange(Figures):
 
 
 @settings(kw_only=True)
-class Joint(Figures):
+class Joint(JointChange):
     """A hinge and the link that it moves, whose frame is the joint's."""
 
     name: str
     parent: str
     child: str
-    xyz: Point
-    rpy: Point
-    axis: Point
-    range: Span
-    nominal: float
+
+    def __post_init__(self) -> None:
+        """Check that nothing lacks but what its drive may say."""
+        _check_whole(self, self.name, JointChange, Figures)
 
 
 @settings(kw_only=True)
@@ -114,16 +127,16 @@ class Bounds:
 
 
 @settings(kw_only=True)
-class Extent:
-    """Where a link is."""
+class Shapes:
+    """Extent of a link."""
 
     collision_box: Box = _OUT
     bbox: Bounds = _OUT  # of the outer shell, for drawing
 
 
 @settings(kw_only=True)
-class LinkChange(Extent):
-    """What another description says of a link."""
+class LinkChange(Shapes):
+    """What another description says of a link; its inertia is about the centre of mass, along the axes of the link."""
 
     mass: float = _OUT
     com: Point = _OUT
@@ -136,18 +149,14 @@ class LinkChange(Extent):
 
 
 @settings(kw_only=True)
-class Link(Extent):
-    """A link; its inertia is about the centre of mass, along the axes of the link."""
+class Link(LinkChange):
+    """A link."""
 
     name: str
-    mass: float
-    com: Point
-    ixx: float
-    iyy: float
-    izz: float
-    ixy: float
-    ixz: float
-    iyz: float
+
+    def __post_init__(self) -> None:
+        """Check that nothing lacks but its shapes."""
+        _check_whole(self, self.name, LinkChange, Shapes)
 
 
 @settings(kw_only=True)
@@ -281,7 +290,7 @@ class Table:
                     else f"without a description, `{section}` have a row each, {section}: [{{name: NAME, ...}}]",
                     at=(section,),
                 )
-        lacking = [] if described else [name for name in _OF_A_WHOLE_TABLE if getattr(self, name) is None]
+        lacking = [] if described else _left_out(self, _OF_A_WHOLE_TABLE)
         if lacking:
             raise ConfigError(f"there is neither a `description` nor {', '.join(lacking)}; give one or the other")
         for section in () if described else ("imu", "camera", "hand"):

@@ -255,6 +255,14 @@ MALFORMED = {
         lambda table: table["arm_servo"].update(kp=80),
         "kp: Table.arm_servo.kp is 80; it should be a valid list",
     ),
+    "a joint has no place": (
+        lambda table: _row(table, LEFT_KNEE).pop("xyz"),
+        "effort: left_knee_joint lacks xyz; give it",
+    ),
+    "a link has no inertia": (
+        lambda table: [_row(table, "pelvis").pop(key) for key in ("ixx", "com")],
+        "mass: pelvis lacks com, ixx; give it",
+    ),
     "a section is missing": (lambda table: table.pop("imu"), "roles: there is neither a `description` nor imu; give"),
     "the interface has nothing": (
         lambda table: table.update(interface={}),
