@@ -1,6 +1,7 @@
 """`hugwbc train`: reinforcement learning of a policy, by options, by settings in Python, or by a recipe."""
 
 import dataclasses
+import functools
 import itertools
 import math
 import os
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from hugwbc.learned.recipe.recipe import Recipe
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
-_OTHER_STAGES = 3e6  # environment steps that take about as long as a recording or a calibration
+_OTHER_STAGES = 3e6  # environment steps that take about as long as a calibration
 _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
@@ -112,7 +113,7 @@ def _check_options(config: TrainConfig, default: TrainConfig) -> None:
 
 
 def _run_recipe(words: Sequence[str]) -> int:
-    from hugwbc.evaluation.recipe_services import RecipeServices
+    from hugwbc.evaluation.recipe_services import executed
     from hugwbc.learned.recipe.recipe import load_recipe
     from hugwbc.learned.recipe.run import run_recipe
 
@@ -126,13 +127,14 @@ def _run_recipe(words: Sequence[str]) -> int:
     line = _Line()
     with output_folder(out), progress(f"recipe {recipe.name}") as advance:
 
-        def report(stage: str, figures: Mapping[str, float]) -> None:
+        def report(stage: str, figures: Mapping[str, float], gates: Mapping[str, str]) -> None:
             before = sum(sizes[name] for name in itertools.takewhile(lambda name: name != stage, sizes))
             advance((before + figures["progress"] * sizes[stage]) / sum(sizes.values()))
             if "iteration" in figures:
-                line(figures, {})
+                line(figures, gates)
 
-        finished = run_recipe(recipe, out, RecipeServices(options.workers), report=report, say=say)
+        in_arena = functools.partial(executed, workers=options.workers)
+        finished = run_recipe(recipe, out, in_arena, report=report, say=say)
     return 0 if finished else INTERRUPTED
 
 

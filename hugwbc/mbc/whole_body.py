@@ -140,11 +140,6 @@ class WholeBodyController:
         return self._locomotion.plan.phase
 
     @property
-    def stepping(self) -> bool:
-        """Whether the gait clock runs; it does not while the robot stands or shifts its weight for a first step."""
-        return self._locomotion.plan.stepping
-
-    @property
     def footholds(self) -> np.ndarray:
         """Where the soles of the feet in the air should land, world x and y [m], shape (2, 2); NaN for the others."""
         return self._locomotion.footholds.copy()

@@ -15,7 +15,6 @@ from hugwbc.sim.footing import Footing
 from hugwbc.sim.robot_model import TRAINING_TIMESTEP, load_model, robot_layout
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import Ground, HeightField
-from hugwbc.state import RobotState
 
 # Robots for each thread that go through all substeps before the next ones: the data of so many stay in the cache.
 _BLOCK = 16
@@ -147,22 +146,6 @@ class RobotBatch(abc.ABC):
     def faults(self) -> str:
         """Return in words what the engine left out since the last call; empty if nothing. A GPU is waited for."""
         return ""
-
-    def states(self) -> list[RobotState]:
-        """Return the true state of every robot in the form that a controller of one robot expects."""
-        arrays = (value.numpy(force=True).astype(float) for value in (self.qpos, self.qvel, self.foot_force()))
-        return [
-            RobotState(
-                q=qpos[7:],
-                dq=qvel[6:],
-                orientation=qpos[3:7],
-                angular_velocity=qvel[3:6],
-                position=qpos[:3],
-                velocity=qvel[:3],
-                foot_force=force,
-            )
-            for qpos, qvel, force in zip(*arrays, strict=True)
-        ]
 
     def sole_position(self) -> torch.Tensor:
         """Return the centres of both soles in the world [m], shape (count, 2, 3)."""

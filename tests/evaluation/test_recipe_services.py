@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc.commands import Command
 from hugwbc.evaluation.metrics import executed_means
-from hugwbc.evaluation.recipe_services import RecipeServices
+from hugwbc.evaluation.recipe_services import executed
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import policy_file
@@ -16,7 +16,7 @@ from hugwbc.learned.policy import policy_file
 def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:
     config = CalibrationConfig(policy=policy_file("h1"), duration=2.5)
     commands = [{"gait": "walking", "v_x": 0.5}, {"gait": "standing", "h": -0.2}]
-    walk, stand = RecipeServices().executed(policy_file("h1"), commands, config)
+    walk, stand = executed(policy_file("h1"), commands, config)
     assert walk["v_x"] == pytest.approx(0.5, abs=0.1) and walk["l"] == pytest.approx(0.15, abs=0.06)
     assert stand["h"] == pytest.approx(-0.2, abs=0.05) and np.isnan(stand["l"])
 

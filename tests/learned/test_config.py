@@ -26,7 +26,6 @@ BAD: dict[Callable, list[tuple[str, object]]] = {
     ],
     config.EnvConfig: [("count", 0), ("motions", pathlib.Path("recordings"))],
     config.TrainConfig: [("threads", 0), ("seed", -1), ("seed", 10**40), ("hours", NAN), ("evaluation_seconds", INF)],
-    config.RecordConfig: [("max_speed", NAN), ("max_speed", 2.5)],
 }
 
 

@@ -10,7 +10,8 @@ from hugwbc.evaluation.metrics import held_foot_contact, touch_downs
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.policy import load_policy, policy_file, shipped_policies
-from hugwbc.learned.rl.trainer import SNAPSHOT_NAME, Trainer
+from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
+from hugwbc.learned.rl.trainer import Trainer
 from hugwbc.runtime import Constant, rollout
 from hugwbc.sim import Simulation
 
@@ -59,7 +60,7 @@ def test_every_policy_has_a_card_and_the_curve_of_its_training() -> None:
 
 def test_training_goes_on_from_the_shipped_snapshot(tmp_path: pathlib.Path) -> None:
     settings = TrainConfig(
-        out=tmp_path, start_from=policy_file("h1").parent / SNAPSHOT_NAME, threads=1, env=EnvConfig(count=8)
+        out=tmp_path, start_from=policy_file("h1").parent / SNAPSHOT_FILE, threads=1, env=EnvConfig(count=8)
     )
     resumed, shipped = Trainer(settings), load_policy("h1")
     assert resumed.steps == shipped.training["steps"]

@@ -15,7 +15,6 @@ from hugwbc.learned.config.training_settings import (
     CALIBRATED_COMMANDS,
     CalibrationConfig,
     PPOConfig,
-    RecordConfig,
     TrainConfig,
 )
 
@@ -29,7 +28,6 @@ __all__ = [
     "LoadConfig",
     "PPOConfig",
     "RandomizationConfig",
-    "RecordConfig",
     "RewardTerm",
     "RewardWeights",
     "Schedule",

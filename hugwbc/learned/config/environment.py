@@ -10,7 +10,6 @@ import tyro
 from pydantic import Field
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.learned import ACTION_SCALE, WAIST_RATE
 from hugwbc.learned.config.robot_settings import LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import value_of
 from hugwbc.learned.policy.contract import Contract, History, Term
@@ -178,7 +177,7 @@ class ExtraWeights:
     """exp(-e^2 / 0.2) of the pelvis' vertical speed against that of a flight by the clock, in jumps, and in hops while
     the held foot is up. Without it the policy bobs to the clock instead of jumping."""
     bounce_error: float = 0.0
-    """Square of that error, up to 2 (m/s)^2, which has a slope where the exponential is flat."""
+    """Square of that error in jumps, up to 2 (m/s)^2, which has a slope where the exponential is flat."""
     unequal_support: float = -3.0
     """1 while a single foot carries the robot although both feet move in phase (standing, jumping). Without it the
     policy ran at twice the frequency instead of jumping."""
@@ -214,7 +213,7 @@ class EnvConfig:
     """Physics steps in a control step."""
     episode_steps: Count = 1000
     """Control steps after which an episode ends."""
-    action_scale: Positive = ACTION_SCALE
+    action_scale: Positive = 0.25
     """Radians of joint target per unit of action."""
     yaw_action_factor: Positive = 0.4
     """Factor on the action scale of hip yaw and waist. These joints are stiff and the yaw inertia is small: at the
@@ -222,15 +221,7 @@ class EnvConfig:
     yaw_damping_factor: Positive = 3.0
     """Factor on the damping of hip yaw and waist. With the paper's gains (1) they resonate near 2 Hz, the frequency of
     the stride."""
-    starts: pathlib.Path | None = None
-    """File of recorded motion in which a share of the episodes starts, instead of from a stand; a recipe's stage that
-    records writes one as starts.safetensors."""
-    starts_share: Share = 0.7
-    """Share of the episodes that start in recorded motion, among those whose gait was recorded."""
-    held_foot_grace: NotNegative = 0.0
-    """Time after a new command in which a hopping robot must lift its held foot [s]. From then on, and at once in an
-    episode that starts in mid-hop, more than a brief touch of the ground ends the episode. 0 switches the rule off."""
-    waist_rate: NotNegative = WAIST_RATE
+    waist_rate: NotNegative = 2.0
     """Speed at which the waist's joint target follows the commanded w [rad/s]; the action is added to it. With 0 the
     action alone moves the waist, as in the paper."""
     squat_gain: Gain = 0.0
@@ -320,7 +311,7 @@ class EnvConfig:
 
 
 # What an environment can take over without rebuilding its robots.
-ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain", "starts_share")
+ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain")
 
 
 def same_robots(one: EnvConfig, other: EnvConfig) -> bool:

@@ -20,7 +20,6 @@ from hugwbc.settings import (
     Positive,
     PositiveShare,
     Seed,
-    Share,
     settings,
 )
 
@@ -153,33 +152,6 @@ class TrainConfig:
                 self.at(steps)
             except ConfigError as error:
                 raise ConfigError(f"the schedules give at {steps:g} steps: {error}", at=("schedules",)) from error
-
-
-@settings
-class RecordEnvConfig(EnvConfig):
-    """The environment of a recording: few robots, since each has a controller to ask."""
-
-    count: Count = 24
-    episode_steps: Count = 600
-
-
-@settings
-class RecordConfig:
-    """States of robots driven by another controller, such as the QP, from which training episodes can start."""
-
-    states: Count = 3000
-    """States to record."""
-    seed: Seed = TRAINING_SEED
-    """Seed of all random numbers."""
-    threads: Count = 1
-    """Threads of the simulation."""
-    exploration: NotNegative = 0.08
-    """Std of the noise on all actions, so that states beside the controller's path are recorded too."""
-    noise_level: Share = 0.3
-    """Noise level alpha of the arms' intervention."""
-    max_speed: Annotated[float, Field(gt=0, le=2)] = 1.4
-    """Largest v_x of the agile group [m/s]."""
-    env: RecordEnvConfig = dataclasses.field(default_factory=RecordEnvConfig)
 
 
 @settings

@@ -1,4 +1,4 @@
-"""The training environment: many H1s, their commands, rewards, curricula, disturbances and interventions."""
+"""The training environment: many robots, their commands, rewards, curricula, disturbances and interventions."""
 
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.readings import StepResult

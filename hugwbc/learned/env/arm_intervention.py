@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
+from hugwbc.learned import PERIOD
 from hugwbc.learned.env.randomization import rand, randint
 from hugwbc.robot import Robot, load_mirror
 from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
@@ -89,10 +90,12 @@ class NoiseTargets:
 class MotionTargets:
     """Motions: each is played from a random frame to its end, and another one follows."""
 
-    def __init__(self, robot: Robot, count: int, motions: Sequence[ArmMotion], generator: torch.Generator) -> None:
-        """Start at the nominal posture; motions of any rate are resampled to the control rate."""
+    def __init__(
+        self, robot: Robot, count: int, motions: Sequence[ArmMotion], generator: torch.Generator, period: float = PERIOD
+    ) -> None:
+        """Start at the nominal posture; motions of any rate are resampled to the control period [s]."""
         device = generator.device
-        clips = [torch.tensor(motion.resampled().positions, dtype=torch.float32) for motion in motions]
+        clips = [torch.tensor(motion.resampled(1.0 / period).positions, dtype=torch.float32) for motion in motions]
         self._frames = torch.cat(clips).to(device)
         self._length = torch.tensor([len(clip) for clip in clips], device=device)
         self._begin = self._length.cumsum(0) - self._length
@@ -153,21 +156,21 @@ def make_arm_targets(
     motions_seed: int,
     generator: torch.Generator,
     paired: float = 0.0,
+    period: float = PERIOD,
 ) -> ArmTargets:
     """Build the source of arm targets: motions, of a folder or generated with a seed, or else the paper's noise."""
     if kind != "motion":
         return NoiseTargets(robot, count, interval, generator, paired)
     clips = generate_motions(robot, motions_seed) if motions is None else load_motions(motions, robot)
-    return MotionTargets(robot, count, clips, generator)
+    return MotionTargets(robot, count, clips, generator, period)
 
 
 class Intervention:
-    """The intervention of n robots: its indicators, its noise level and its targets.
+    """The intervention of n robots: its indicators and its targets.
 
     Attributes:
         eligible: whether a robot may be intervened now, shape (n,), bool.
         active: the paper's I(t), shape (n,), bool.
-        alpha: noise level in [0, 1], common to all robots.
         source: source of the arm targets.
     """
 
@@ -177,7 +180,6 @@ class Intervention:
         """Start without intervention; `flip_probability` is that of I(t) in a control step."""
         self.eligible = eligible
         self.flip_probability = flip_probability
-        self.alpha = 0.0
         self.active = torch.zeros_like(eligible)
         self.source = source
         self._generator = generator
@@ -193,20 +195,18 @@ class Intervention:
         self.active = (self.active ^ flip) & self.eligible
         self.source.step()
 
-    def blend(self, policy: torch.Tensor) -> torch.Tensor:
-        """Blend the external targets into the policy's where I = 1, both [rad], shape (n, arm joints)."""
-        blended = self.alpha * self.source.targets() + (1.0 - self.alpha) * policy
+    def blend(self, policy: torch.Tensor, alpha: float) -> torch.Tensor:
+        """Blend external targets into the policy's where I = 1 at a noise level, both [rad], shape (n, arm joints)."""
+        blended = alpha * self.source.targets() + (1.0 - alpha) * policy
         return torch.where(self.active[:, None], blended, policy)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return everything that a resumed run needs."""
-        state = {"active": self.active, "alpha": torch.tensor(self.alpha, dtype=torch.float64)}
-        return state | self.source.state_dict()
+        return {"active": self.active} | self.source.state_dict()
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore what `state_dict` returned."""
         self.active = state["active"].clone()
-        self.alpha = float(state["alpha"])
         self.source.load_state_dict(state)
 
 

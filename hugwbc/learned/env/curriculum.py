@@ -5,7 +5,6 @@ why it is closed, and all levels are in `state_dict`. A user's settings may have
 """
 
 import dataclasses
-import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,6 +33,7 @@ class Curriculum:
         penalty_scale: factor on the regularisation rewards.
         alpha: noise level of the intervention.
         max_speed: largest v_x of the agile group [m/s].
+        speeds, yaw_rates: largest v_x [m/s] and |omega| [rad/s] at the start and at the end.
         agile, intervened: mean linear and angular tracking reward of both groups, relative to their maxima, at the last
             move; None if the group is empty.
         values: settings that the rules have moved, by name.
@@ -46,6 +46,8 @@ class Curriculum:
     penalty_scale: float = dataclasses.field(init=False)
     alpha: float = 0.0
     max_speed: float = dataclasses.field(init=False)
+    speeds: tuple[float, float] = dataclasses.field(init=False)
+    yaw_rates: tuple[float, float] = dataclasses.field(init=False)
     agile: tuple[float, float] | None = None
     intervened: tuple[float, float] | None = None
     values: dict[str, float] = dataclasses.field(default_factory=dict)
@@ -53,21 +55,9 @@ class Curriculum:
 
     def __post_init__(self) -> None:
         """Start at the configured penalty and at the initial speeds."""
+        ranges = command_ranges(Gait.WALKING, self.robot)
+        self.speeds, self.yaw_rates = ((ranges[n].initial[1], ranges[n].finishing[1]) for n in ("v_x", "omega"))
         self.penalty_scale, self.max_speed = self.config.penalty_start, self.speeds[0]
-
-    @functools.cached_property
-    def speeds(self) -> tuple[float, float]:
-        """Largest v_x at the start and at the end [m/s]."""
-        return self._largest("v_x")
-
-    @functools.cached_property
-    def yaw_rates(self) -> tuple[float, float]:
-        """Largest |omega| at the start and at the end [rad/s]."""
-        return self._largest("omega")
-
-    def _largest(self, name: str) -> tuple[float, float]:
-        limits = command_ranges(Gait.WALKING, self.robot)[name]
-        return limits.initial[1], limits.finishing[1]
 
     @property
     def max_yaw_rate(self) -> float:

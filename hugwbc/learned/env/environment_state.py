@@ -5,12 +5,12 @@ from typing import Any
 
 import torch
 
-from hugwbc.learned.env.randomization import Latency, restore as restore_generator
+from hugwbc.learned.env.randomization import restore as restore_generator
 from hugwbc.learned.env.readings import read
 
 # Tensors of the environment, parts with a state of their own, and arrays of the simulation.
 _STATE_TENSORS = ("command", "gait", "phase", "age", "actions", "history", "waist", "posture", "bias")
-_STATE_PARTS = ("intervention", "sensors", "loads", "held_foot", "statistics")
+_STATE_PARTS = ("intervention", "sensors", "loads", "statistics")
 _STATE_SIMULATION = ("qpos", "qvel", "ctrl", "warm_start")
 
 
@@ -25,9 +25,7 @@ def state_of(env: Environment) -> dict[str, torch.Tensor]:
     state["foot_force"], state["link_force"] = env.readings.foot_force, env.readings.link_force
     state["generator"] = env.generator.get_state()
     for name in _STATE_PARTS:
-        part = getattr(env, name)
-        if part is not None:
-            state |= {f"{name}.{k}": v for k, v in part.state_dict().items()}
+        state |= {f"{name}.{k}": v for k, v in getattr(env, name).state_dict().items()}
     if env.latency is not None:
         state["targets"] = env.latency.targets
     if env.ground is not None:
@@ -59,9 +57,7 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
             prefixed[group][name] = value
     env.restore_levels({name: value.tolist() for name, value in prefixed["curriculum"].items()})
     for name in _STATE_PARTS:
-        part = getattr(env, name)
-        if part is not None and prefixed[name]:
-            part.load_state_dict(prefixed[name])
+        getattr(env, name).load_state_dict(prefixed[name])
     env.arm_gains.update(env.intervention.active * env.curriculum.alpha)
     # Write twice: `forward` needs the state, and changes the solver's warm start, which must be the stored one.
     _write_simulation(env, state)
@@ -71,7 +67,9 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
     _write_simulation(env, state)
     forces = {name: state[name].clone() for name in ("foot_force", "link_force")}
     if env.latency is not None:
-        _restore_latency(env, env.latency, state.get("targets"))
+        # If the stored run had another latency or none, pretend that the current target has acted for ever.
+        targets, kept = env.latency.targets, state.get("targets")
+        targets[:] = kept if kept is not None and kept.shape == targets.shape else env.simulation.ctrl
     if env.ground is not None:
         env.ground.load_state_dict(prefixed["terrain"])
     env.readings = dataclasses.replace(read(env.simulation, env.ground), **forces)
@@ -82,10 +80,3 @@ def restore(env: Environment, state: dict[str, torch.Tensor]) -> None:
 def _write_simulation(env: Environment, state: dict[str, torch.Tensor]) -> None:
     for name in _STATE_SIMULATION:
         getattr(env.simulation, name)[:] = state[name]
-
-
-def _restore_latency(env: Environment, latency: Latency, targets: torch.Tensor | None) -> None:
-    if targets is not None and targets.shape == latency.targets.shape:
-        latency.targets = targets.to(latency.targets, copy=True)
-    else:  # the stored run had another latency or none: pretend that the current target has acted for ever
-        latency.targets[:] = env.simulation.ctrl

@@ -1,6 +1,7 @@
 """The training environment: many robots, their commands, interventions, rewards and resets; torch in, torch out."""
 
 import functools
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -11,17 +12,36 @@ from hugwbc import gait as gaits
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.config.schedules import value_of
-from hugwbc.learned.env import environment_state, terminations
+from hugwbc.learned.env import environment_state
 from hugwbc.learned.env.arm_intervention import ArmGains, Intervention, make_arm_targets
 from hugwbc.learned.env.curriculum import Curriculum, draw_commands, draw_gaits
 from hugwbc.learned.env.loads import Loads
-from hugwbc.learned.env.randomization import Latency, SensorErrors, draw_delays, push, rand, randint, randomize
-from hugwbc.learned.env.readings import BIAS_TIME, Body, Readings, StepResult, Transition, read, tensor, to_heading
+from hugwbc.learned.env.randomization import (
+    Latency,
+    SensorErrors,
+    draw_delays,
+    push,
+    rand,
+    randint,
+    randomize,
+    symmetric,
+    uniform,
+)
+from hugwbc.learned.env.readings import (
+    BIAS_TIME,
+    Body,
+    Readings,
+    StepResult,
+    Transition,
+    feet_on_ground,
+    has_fallen,
+    read,
+    tensor,
+    to_heading,
+)
 from hugwbc.learned.env.rewards import check_terms, evaluate_terms, relative_tracking, reward_terms
-from hugwbc.learned.env.rough_ground import RoughGround, terrain_samples
+from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.env.running_statistics import Statistics
-from hugwbc.learned.env.starts import COLUMNS, RecordedStarts, draw_starts
-from hugwbc.learned.env.terminations import FeetRule
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
@@ -30,6 +50,7 @@ from hugwbc.learned.policy.terms import (
     ESTIMATE,
     FRAME,
     HISTORY_FRAMES,
+    LENGTH_SCALE,
     PRIVILEGED,
     Sensed,
     further_terms,
@@ -42,11 +63,11 @@ from hugwbc.sim.batch import BatchSimulation, RobotBatch
 from hugwbc.sim.terrain import Ground
 
 GENERATED_MOTIONS_SEED = 0
+START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
+START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start of an episode
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
 _F, _L, _H, _P = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p"))
 _ALL = slice(None)
-# Parts of a recorded start besides the simulation's `qpos` and `qvel`, and `actions`, which is stored transposed.
-_START_TENSORS = ("command", "gait", "phase", "history", "waist")
 
 
 class HumanoidEnv:
@@ -76,8 +97,6 @@ class HumanoidEnv:
         posture: height [m] and pitch [rad] that the feed-forward of squats has reached, shape (n, 2).
         nominal_qpos: nominal stand at the origin, shape (7 + joints,).
         action_scale: radians of joint target per unit of action, shape (joints,).
-        starts: recorded motion in which episodes may start; None if all episodes start from a stand.
-        held_foot: rule that ends hops on both feet; None if it is off.
     """
 
     # Construction ---------------------------------------------------------------------------------------------------
@@ -126,6 +145,7 @@ class HumanoidEnv:
             motions_seed=GENERATED_MOTIONS_SEED,
             generator=self.generator,
             paired=config.noise_paired,
+            period=self.dt,
         )
         self.intervention = Intervention(self._intervenable, config.flip_probability, targets, self.generator)
         self.arm_gains = ArmGains(self.simulation, self.robot)
@@ -135,14 +155,11 @@ class HumanoidEnv:
         self._body_facts = torch.stack((self.mass, tensor(seconds, place)), dim=1)
         self.adopt(config)
         self.body = Body.of(self.robot, self.dt, place)
-        self.statistics = Statistics(self.count, self.robot.waist, place)
+        self.statistics = Statistics(self.agile, self.robot.waist)
         self.further = further_terms(config.observations, self.robot)
         self._further_noise = obs.noise_amplitude(self.further, self.robot).to(place)
         joints = len(self.robot.joint_names)
         self.sensors = SensorErrors(self.count, joints, config.randomization.sensing, self.generator)
-        grace = config.held_foot_grace
-        self.held_foot = FeetRule(self.count, grace, self.dt, place) if grace > 0.0 else None
-        self.starts = None if config.starts is None else RecordedStarts.load(config.starts, self.robot, place)
         zeros = functools.partial(torch.zeros, device=place)
         self.command = zeros(self.count, len(COMMAND_NAMES))
         self.gait, self.age = zeros(2, self.count, dtype=torch.long)
@@ -154,8 +171,6 @@ class HumanoidEnv:
         nobody = zeros(self.count, dtype=torch.bool)
         check_terms(config.terms, self._transition(self.readings, nobody), self.body)
         self.age = randint(self.generator, config.episode_steps, self.count)
-        if self.held_foot is not None:
-            self.held_foot.due += self.age * self.dt
 
     @property
     def device(self) -> torch.device:
@@ -189,7 +204,7 @@ class HumanoidEnv:
         self.age += 1
         self.phase = gaits.advance_phase(self.phase, self.command[:, _F], self.dt)
         self.readings = read(self.simulation, self.ground)
-        fallen = self._fallen() | diverged
+        fallen = has_fallen(self.readings, self.robot) | diverged
         self._filter_errors()
         transition = self._transition(previous, fallen)
         rewards = evaluate_terms(self._terms, transition, self.body, self.curriculum.penalty_scale)
@@ -198,10 +213,7 @@ class HumanoidEnv:
         truncated = ~fallen & (self.age >= self.config.episode_steps)
         done = fallen | truncated
         tracking = relative_tracking(rewards, self._terms, self.dt)
-        self.statistics.add(rewards, tracking, transition, self.gait, self.age[done], diverged)
-        self.statistics.note_gates(tracking, transition, self.agile)
-        down = terminations.held_foot_down(self.readings, self.gait)
-        self.statistics.add_share("held_foot_down", down, gaits.hopping(self.gait))
+        self.statistics.add(rewards, tracking, transition, self.age[done], diverged)
         self.history = torch.cat((self.history[:, 1:], self._frame()[:, None]), dim=1)
         ended = done.nonzero().squeeze(1)
         # Bootstrapping needs the state in which a time-out happened: observe it before the reset replaces it.
@@ -223,35 +235,17 @@ class HumanoidEnv:
 
     def _apply(self, action: torch.Tensor) -> None:
         """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
-        self.waist, self.posture = self._followed()
-        target = self.body.nominal + self.action_scale * action + self._feed_forward(_ALL, self.waist, self.posture)
-        self.intervention.alpha = self.curriculum.alpha
+        self.waist, posture = self._commanded.follow(self.waist, self.posture, self.command)
+        self.posture = posture.float()
+        offsets = self._commanded.offsets(self.waist, self.posture, self.phase, self.gait, self.command)
+        target = self.body.nominal + self.action_scale * action + offsets.float()
+        alpha = self.curriculum.alpha
         # The paper excludes hopping: it is too unstable for arms under external control.
         self.intervention.eligible = self._intervenable & ~gaits.hopping(self.gait)
         self.intervention.step()
-        target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms])
-        self.arm_gains.update(self.intervention.active * self.curriculum.alpha)
+        target[:, self.body.arms] = self.intervention.blend(target[:, self.body.arms], alpha)
+        self.arm_gains.update(self.intervention.active * alpha)
         self.simulation.ctrl[:] = target
-
-    def _followed(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return waist, and height and pitch, of the feed-forward after the next control period."""
-        waist, posture = self._commanded.follow(self.waist, self.posture, self.command)
-        return waist, posture.float()
-
-    def next_feed_forward(self) -> torch.Tensor:
-        """Return what the next step adds to pose and action: waist, squat and swing [rad], shape (n, joints)."""
-        return self._feed_forward(_ALL, *self._followed())
-
-    def _feed_forward(self, robots: torch.Tensor | slice, waist: torch.Tensor, posture: torch.Tensor) -> torch.Tensor:
-        told = (value[robots] for value in (self.phase, self.gait, self.command))
-        return self._commanded.offsets(waist, posture, *told).float()
-
-    def _fallen(self) -> torch.Tensor:
-        """Return which episodes end early, shape (n,), bool."""
-        fallen = terminations.fallen(self.readings, self.robot)
-        if self.held_foot is not None:
-            fallen |= self.held_foot.broken(terminations.held_foot_down(self.readings, self.gait), self.age)
-        return fallen
 
     def _filter_errors(self) -> None:
         """Add the velocity errors of this step to their running means."""
@@ -261,15 +255,17 @@ class HumanoidEnv:
 
     def _transition(self, previous: Readings, fallen: torch.Tensor) -> Transition:
         feet = gaits.foot_phases(self.phase, self.gait)  # of both feet
-        return Transition.between(
-            previous,
-            self.readings,
+        return Transition(
+            **vars(self.readings),
             command=self.command,
             gait=self.gait,
             bias=self.bias,
             action=self.actions[0],
             previous_action=self.actions[1],
             older_action=self.actions[2],
+            previous_dq=previous.dq,
+            touch_down=feet_on_ground(self.readings.foot_force) & ~feet_on_ground(previous.foot_force),
+            descent=-previous.foot_velocity[..., 2],
             target_clearance=gaits.swing_height(feet, self.command[:, [_L]]),
             contact=gaits.expected_contact(feet),
             bounce=torch.stack(gaits.bounce(self.phase, self.gait, self.command[:, _F]), dim=1),
@@ -307,11 +303,11 @@ class HumanoidEnv:
     # Episodes -------------------------------------------------------------------------------------------------------
 
     def begin_episodes(self, robots: torch.Tensor) -> None:
-        """Restart robots (indices): nominal pose with noise or recorded motion, random heading, new command."""
+        """Restart robots (indices): nominal pose with noise, random heading, new command."""
         count = robots.numel()
         if not count:
             return
-        self._place(robots, *draw_starts(self.nominal_qpos, robots, self.ground, self.generator))
+        self._place(robots)
         # A gait keeps its share of the time, however early its episodes end: drawn anew at each start, hops that are
         # not yet mastered had 2 % of the time instead of 20.
         between = self.config.command.resample_steps
@@ -328,20 +324,25 @@ class HumanoidEnv:
         self.posture[robots] = 0.0
         self.intervention.reset(robots)
         self.sensors.reset(robots)
-        moving = self._start_in_motion(robots)
         self.readings = read(self.simulation, self.ground)
-        # A stand has no past, so its first frame fills the history; recorded motion brings its own.
-        past = self.history[moving]
-        self.history[robots] = self._frame()[robots, None]
-        self.history[moving] = past
+        self.history[robots] = self._frame()[robots, None]  # a stand has no past
 
-    def _place(
-        self, robots: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, target: torch.Tensor | None = None
-    ) -> None:
-        """Write the state of robots (indices), and the joint target that has acted for ever: where the joints are."""
-        target = qpos[:, 7:] if target is None else target
-        for state, value in zip(("qpos", "qvel", "ctrl"), (qpos, qvel, target), strict=True):
-            getattr(self.simulation, state)[robots] = self.simulation.tensor(value)
+    def _place(self, robots: torch.Tensor) -> None:
+        """Let robots (indices) stand: nominal joints with noise, a random heading, a pelvis that moves.
+
+        The joint target that has acted for ever is where the joints are.
+        """
+        count, generator = robots.numel(), self.generator
+        yaw = uniform(generator, count, -math.pi, math.pi)
+        qpos = self.nominal_qpos.repeat(count, 1)
+        qpos[:, 3], qpos[:, 6] = torch.cos(yaw.double() / 2.0), torch.sin(yaw.double() / 2.0)
+        target = qpos[:, 7:]
+        target += START_JOINT_NOISE * symmetric(generator, *target.shape)
+        if self.ground is not None:
+            qpos[:, :3] += self.ground.starts(robots, yaw, rand(generator, count, 2))
+        simulation = self.simulation
+        simulation.qpos[robots], simulation.ctrl[robots], simulation.qvel[robots] = qpos, target, 0.0
+        simulation.qvel[robots, :6] = simulation.tensor(START_VELOCITY * symmetric(generator, count, 6))
         if self.latency is not None:
             self.latency.reset(robots, target)
 
@@ -355,45 +356,6 @@ class HumanoidEnv:
             told = self.config.command, self.curriculum, self.generator
             self.command[robots] = draw_commands(gait, self.agile[robots], *told)
             self.bias[robots] = 0.0
-            if self.held_foot is not None:
-                self.held_foot.restart(robots, self.age[robots])
-
-    def _start_in_motion(self, robots: torch.Tensor) -> torch.Tensor:
-        """Replace the stand of some robots (indices), just set up, by recorded motion of their gait.
-
-        They keep their place and take command and history from the record.
-
-        Returns:
-            Indices of the robots that start in motion; empty without a record.
-        """
-        if self.starts is None:
-            return robots[:0]
-        having, state = self.starts.draw(self.gait[robots], self.config.starts_share, self.generator)
-        moving = robots[having]
-        if not moving.numel():
-            return moving
-        for name in _START_TENSORS:
-            getattr(self, name)[moving] = state[name]
-        self.actions[:, moving] = state["actions"].transpose(0, 1)
-        qpos, here = self.simulation.tensor(state["qpos"]).clone(), self.simulation.qpos[moving]
-        qpos[:, :2] = here[:, :2]
-        if self.ground is not None:  # the record is of a plane: lift it by the height of the ground here
-            qpos[:, 2] += here[:, 2] - self.nominal_qpos[2]
-        self.posture[moving] = self.command[moving][:, [_H, _P]]
-        target = self.body.nominal + self.action_scale * self.actions[0, moving]
-        target += self._feed_forward(moving, self.waist[moving], self.posture[moving])
-        self._place(moving, qpos, state["qvel"], target)
-        self.simulation.forward(moving)
-        if self.held_foot is not None:
-            self.held_foot.restart(moving, self.age[moving], in_motion=True)
-        return moving
-
-    def recorded(self, robots: torch.Tensor) -> dict[str, torch.Tensor]:
-        """Return the present state of robots (indices) in the columns of `hugwbc.learned.env.starts.COLUMNS`."""
-        columns = {name: getattr(self, name)[robots] for name in _START_TENSORS}
-        columns["actions"] = self.actions[:, robots].transpose(0, 1)
-        columns |= {name: getattr(self.simulation, name)[robots] for name in ("qpos", "qvel")}
-        return {name: columns[name] for name in COLUMNS}
 
     # Observations ---------------------------------------------------------------------------------------------------
 
@@ -410,7 +372,7 @@ class HumanoidEnv:
         sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1], self._pose, self.robot))
         command, further = observe(COMMAND, sensed), observe(self.further, sensed)
         if any(term.noise for term in self.further):
-            further += (2.0 * rand(self.generator, *further.shape) - 1.0) * self._further_noise
+            further += symmetric(self.generator, *further.shape) * self._further_noise
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]
         mass, latency = self._body_facts[robots].unbind(1)
         privileged = obs.side_by_side(
@@ -426,7 +388,10 @@ class HumanoidEnv:
             mass[:, None] - 1.0,
             latency[:, None],
         )
-        terrain = terrain_samples(self.ground, r.position[robots], r.heading[robots], height, self.robot.nominal_height)
+        if self.ground is None:  # all samples of a plane are equal, and there is one column
+            terrain = (height * LENGTH_SCALE)[:, None]
+        else:
+            terrain = self.ground.depths(r.position[robots], r.heading[robots], self.robot.nominal_height)
         critic = torch.cat((history[:, -self.history.shape[2] :], command, privileged, further, terrain), dim=1)
         estimate = obs.side_by_side(ESTIMATE, velocity, clearance, height[:, None])
         return Observation(history, torch.cat((command, further), 1), critic, estimate)
@@ -438,13 +403,8 @@ class HumanoidEnv:
 
     # Checkpointing --------------------------------------------------------------------------------------------------
 
-    def state_dict(self) -> dict[str, torch.Tensor]:
-        """Return everything that a bit-exact continuation needs; some of the tensors are the environment's own."""
-        return environment_state.state_of(self)
-
-    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what `state_dict` returned (`environment_state.restore`)."""
-        environment_state.restore(self, state)
+    state_dict = environment_state.state_of
+    load_state_dict = environment_state.restore
 
 
 def _engine(device: str, threads: int) -> tuple[Callable[..., RobotBatch], torch.device]:

@@ -100,12 +100,16 @@ class Loads:
             pulled = torch.cat((which != 1, which != 0), dim=1)
             force = c.hand_force * rand(self._generator, count, _HANDS) * pulled
             self.hand_force[begun] = force[..., None] * direction
+        else:
+            self.hand_time[:] = -1.0
         if c.trunk_force > 0.0:
             begun = self._advance(self.trunk_time, c.trunk_interval, c.trunk_time, hopping)
             angle = uniform(self._generator, begun.numel(), -math.pi, math.pi)
             force = uniform(self._generator, begun.numel(), 0.0, c.trunk_force)
             level = torch.stack((angle.cos(), angle.sin(), torch.zeros_like(angle)), dim=1)
             self.trunk_force[begun] = force[:, None] * level
+        else:
+            self.trunk_time[:] = -1.0
         self.hand_force.masked_fill_((self.hand_time < 0.0)[:, None, None], 0.0)
         self.trunk_force.masked_fill_((self.trunk_time < 0.0)[:, None], 0.0)
         self._apply()

@@ -20,9 +20,9 @@ _UNCHANGED = (1.0, 1.0)
 # Random numbers, on the device of their generator ------------------------------------------------------------------
 
 
-def rand(generator: torch.Generator, *shape: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+def rand(generator: torch.Generator, *shape: int) -> torch.Tensor:
     """Draw uniform numbers in [0, 1)."""
-    return torch.rand(shape, generator=generator, device=generator.device, dtype=dtype)
+    return torch.rand(shape, generator=generator, device=generator.device)
 
 
 def randn(generator: torch.Generator, *shape: int) -> torch.Tensor:
@@ -40,6 +40,11 @@ def uniform(
 ) -> torch.Tensor:
     """Draw uniform numbers between `low` and `high`, shape (count,)."""
     return low + rand(generator, count) * (high - low)
+
+
+def symmetric(generator: torch.Generator, *shape: int) -> torch.Tensor:
+    """Draw uniform numbers in [-1, 1)."""
+    return 2.0 * rand(generator, *shape) - 1.0
 
 
 def restore(generator: torch.Generator, state: torch.Tensor) -> None:
@@ -145,7 +150,7 @@ def push(simulation: RobotBatch, config: RandomizationConfig, generator: torch.G
     pushed = rand(generator, simulation.count) < 1.0 / config.push_interval
     ids = pushed.nonzero().squeeze(1)
     if ids.numel():
-        simulation.qvel[ids, :2] += (2.0 * rand(generator, ids.numel(), 2) - 1.0) * config.push_velocity
+        simulation.qvel[ids, :2] += symmetric(generator, ids.numel(), 2) * config.push_velocity
     return pushed & (config.push_velocity > 0.0)
 
 

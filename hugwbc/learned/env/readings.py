@@ -8,10 +8,12 @@ import dataclasses
 import numpy as np
 import torch
 
+from hugwbc.gait import held
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.robot import Robot
 from hugwbc.sim.batch import RobotBatch
+from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 
 TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # the commands whose execution shows in a single state
 BIAS_TIME = 0.5  # [s], time constant of the filter of velocity errors
@@ -67,25 +69,17 @@ class Readings:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Transition:
-    """A control step of n robots, as the rewards read it.
+class Transition(Readings):
+    """A control step of n robots, as the rewards read it: their state after it, and what led there.
 
     Attributes:
         command: in the order of `COMMAND_NAMES`, shape (n, 8).
         gait: values of `Gait`, shape (n,).
         bias: errors of v_x, v_y and omega, filtered over `BIAS_TIME`, shape (n, 3).
-        velocity: of the pelvis in the heading frame, shape (n, 3).
-        angular_velocity: of the pelvis in its own frame, shape (n, 3).
-        yaw_rate: about gravity, shape (n,).
-        height, pitch, roll: pelvis height minus the nominal one, pelvis pitch and roll, shape (n,).
-        q, dq, previous_dq: joint positions and velocities, shape (n, joints).
-        torque: joint torques, shape (n, joints).
+        previous_dq: joint velocities one step before, shape (n, joints).
         action, previous_action, older_action: last three policy outputs, newest first, shape (n, joints).
-        clearance: of both soles above the ground, shape (n, 2).
-        foot_velocity, foot_force: of both soles in the world, shape (n, 2, 3).
         touch_down: whether each foot came to the ground in this step, shape (n, 2), bool.
         descent: downward speed of each sole one step before, shape (n, 2).
-        foot_offset: left minus right sole in the heading frame, shape (n, 3).
         target_clearance: swing profile of both feet, shape (n, 2).
         contact: expected contact C of both feet, shape (n, 2).
         bounce: height and speed of the flight of jumps and hops by the clock (`hugwbc.gait.bounce`), shape (n, 2).
@@ -97,43 +91,18 @@ class Transition:
     command: torch.Tensor
     gait: torch.Tensor
     bias: torch.Tensor
-    velocity: torch.Tensor
-    angular_velocity: torch.Tensor
-    yaw_rate: torch.Tensor
-    height: torch.Tensor
-    pitch: torch.Tensor
-    roll: torch.Tensor
-    q: torch.Tensor
-    dq: torch.Tensor
     previous_dq: torch.Tensor
-    torque: torch.Tensor
     action: torch.Tensor
     previous_action: torch.Tensor
     older_action: torch.Tensor
-    clearance: torch.Tensor
-    foot_velocity: torch.Tensor
-    foot_force: torch.Tensor
     touch_down: torch.Tensor
     descent: torch.Tensor
-    foot_offset: torch.Tensor
     target_clearance: torch.Tensor
     contact: torch.Tensor
     bounce: torch.Tensor
     in_phase: torch.Tensor
     intervention: torch.Tensor
     fallen: torch.Tensor
-
-    @classmethod
-    def between(cls, before: Readings, after: Readings, **others: torch.Tensor) -> "Transition":
-        """Put a control step together."""
-        shared = (set(_names(cls)) & set(_names(Readings))) - set(others)
-        return cls(
-            **{name: getattr(after, name) for name in shared},
-            **others,
-            previous_dq=before.dq,
-            touch_down=feet_on_ground(after.foot_force) & ~feet_on_ground(before.foot_force),
-            descent=-before.foot_velocity[..., 2],
-        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -159,10 +128,6 @@ class StepResult:
     def done(self) -> torch.Tensor:
         """Whether the episode ended, shape (n,), bool."""
         return self.terminated | self.truncated
-
-
-def _names(kind: type) -> list[str]:
-    return [field.name for field in dataclasses.fields(kind)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -240,6 +205,21 @@ def read(simulation: RobotBatch, ground: RoughGround | None = None) -> Readings:
     )
 
 
+def has_fallen(readings: Readings, robot: Robot) -> torch.Tensor:
+    """Return whether a robot is inclined too far or its pelvis too low, which ends its episode, shape (n,), bool.
+
+    The paper also ends episodes at contacts of the trunk. Before one of the limits here is passed, only the robot's
+    own arms touch the trunk, moved by the intervention. That is not a fall, and the policy cannot avoid it.
+    """
+    tilted = (readings.pitch.abs() > FALL_PITCH) | (readings.roll.abs() > FALL_ROLL)
+    return tilted | (readings.height + robot.nominal_height < FALL_HEIGHT * robot.nominal_height)
+
+
+def held_foot_down(readings: Readings, gait: torch.Tensor) -> torch.Tensor:
+    """Return whether the held foot of a hopping robot is on the ground, shape (n,), bool."""
+    return (held(gait) & feet_on_ground(readings.foot_force)).any(1)
+
+
 def to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
     """Return vectors of the world, shape (..., 3), in frames that are turned by a heading [rad], shape (...)."""
     cos, sin = heading.cos(), heading.sin()
@@ -247,9 +227,8 @@ def to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
     return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=-1)
 
 
-def tracked(state: Readings | Transition, waist: int) -> torch.Tensor:
+def tracked(s: Readings, waist: int) -> torch.Tensor:
     """Return what the robots execute of the commands `TRACKED`, shape (n, 6)."""
-    s = state
     return torch.stack((s.velocity[:, 0], s.velocity[:, 1], s.yaw_rate, s.height, s.pitch, s.q[:, waist]), dim=1)
 
 

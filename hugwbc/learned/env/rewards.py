@@ -14,8 +14,7 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait, flies
 from hugwbc.learned.config import EnvConfig, ExtraWeights, RewardTerm, RewardWeights
-from hugwbc.learned.env.readings import Body, Transition, feet_on_ground
-from hugwbc.learned.env.terminations import held_foot_down
+from hugwbc.learned.env.readings import Body, Transition, feet_on_ground, held_foot_down
 
 TRACKING_SIGMA = 0.2
 CONTACT_FORCE_SIGMA = 50.0  # [N^2]

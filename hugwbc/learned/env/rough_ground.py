@@ -63,6 +63,11 @@ class RoughGround:
         """Return the heights at the critic's sample points around robots [m], shape (k, 221)."""
         return self.height_at(_around(xy, heading, self._points))
 
+    def depths(self, position: torch.Tensor, heading: torch.Tensor, nominal_height: float) -> torch.Tensor:
+        """Return how far the sample points lie below pelvises, (k, 3), minus the nominal height, scaled, (k, 221)."""
+        below = position[:, 2:] - nominal_height - self.samples(position[:, :2], heading)
+        return below.clamp(-1.0, 1.0) * LENGTH_SCALE
+
     def starts(self, robots: torch.Tensor, heading: torch.Tensor, sample: torch.Tensor) -> torch.Tensor:
         """Return positions on the robots' levels to start at, above the highest ground under a stand, shape (k, 3)."""
         xy = self._centres[self.level[robots]] + (sample - 0.5) * self._period
@@ -131,30 +136,6 @@ class RoughGround:
         """Restore what `state_dict` returned; an empty state leaves the levels as they are."""
         if "level" in state:
             self.level = state["level"].clamp(max=self._config.levels - 1)
-
-
-def terrain_samples(
-    ground: RoughGround | None,
-    position: torch.Tensor,
-    heading: torch.Tensor,
-    height: torch.Tensor,
-    nominal_height: float,
-) -> torch.Tensor:
-    """Return how far the ground lies below the pelvis at the sample points, minus the nominal height, scaled.
-
-    On a plane all samples are equal, and there is one column.
-
-    Args:
-        ground: the ground; None for a plane.
-        position: of the pelvises in the world [m], shape (k, 3).
-        heading: yaw of the pelvises [rad], shape (k,).
-        height: of the pelvises above the ground minus the nominal height [m], shape (k,).
-        nominal_height: [m].
-    """
-    if ground is None:
-        return (height * LENGTH_SCALE)[:, None]
-    below = position[:, 2:] - nominal_height - ground.samples(position[:, :2], heading)
-    return below.clamp(-1.0, 1.0) * LENGTH_SCALE
 
 
 def _around(xy: torch.Tensor, heading: torch.Tensor, points: torch.Tensor) -> torch.Tensor:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import torch
 
 from hugwbc.commands import COMMAND_NAMES
-from hugwbc.gait import Gait
+from hugwbc.gait import Gait, hopping
 from hugwbc.learned import distributed
-from hugwbc.learned.env.readings import TRACKED, Transition, tracked
+from hugwbc.learned.env.readings import TRACKED, Transition, held_foot_down, tracked
 
 TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the tracking rewards
 _COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
@@ -29,20 +29,16 @@ class Statistics:
         tracking: exponential averages of the linear and angular tracking reward relative to their maxima, shape (n, 2).
     """
 
-    def __init__(self, count: int, waist: int, device: torch.device | None = None) -> None:
+    def __init__(self, agile: torch.Tensor, waist: int) -> None:
         """Start empty.
 
         Args:
-            count: number of robots.
+            agile: which robots are of the agile group, shape (n,), bool. The sums stay on its device until `pop`.
             waist: index of the waist joint.
-            device: device of the robots. The sums stay there until `pop`.
         """
-        self.tracking = torch.zeros(count, 2, device=device)
-        self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2, device=device) for name in GATES}
-        self._waist = waist
-        self._clear()
-
-    def _clear(self) -> None:
+        self._agile, self._waist = agile, waist
+        self.tracking = torch.zeros(len(agile), 2, device=agile.device)
+        self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2, device=agile.device) for name in GATES}
         self._sums: dict[tuple[str, ...], torch.Tensor] = {}  # totals, numbers of samples: shape (2, number of names)
 
     def add(
@@ -50,7 +46,6 @@ class Statistics:
         rewards: dict[str, torch.Tensor],
         tracking: torch.Tensor,
         t: Transition,
-        gait: torch.Tensor,
         finished_age: torch.Tensor,
         diverged: torch.Tensor,
     ) -> None:
@@ -60,7 +55,6 @@ class Statistics:
             rewards: weighted terms, shape (n,) each.
             tracking: linear and angular tracking reward relative to their maxima, shape (n, 2).
             t: the transition.
-            gait: values of `Gait`, shape (n,).
             finished_age: lengths of the episodes that ended [control steps], shape (number of episodes,).
             diverged: whether the physics of each robot failed, shape (n,), bool.
         """
@@ -70,11 +64,16 @@ class Statistics:
         errors = (tracked(t, self._waist) - t.command[:, _COLUMNS]).abs()
         known = errors.isfinite().all(1)
         for label, (first, last) in _GAITS.items():
-            robots = known & (gait >= first) & (gait <= last)
+            robots = known & (t.gait >= first) & (t.gait <= last)
             totals = torch.where(robots[:, None], errors, 0.0).double().sum(0)
             self._average([f"{label}_error/{name}" for name in TRACKED], totals, robots.sum().expand(len(TRACKED)))
         happened = (finished_age.new_tensor(finished_age.numel()), t.fallen.sum(), diverged.sum(), finished_age.sum())
         self._average([*_EVENTS, _LENGTH], torch.stack(happened).double(), torch.ones_like(happened[1]).expand(4))
+        self._average(["held_foot_down"], held_foot_down(t, t.gait).sum()[None].double(), hopping(t.gait).sum()[None])
+        # Standing robots track their zero velocity whatever the others do, and would hold a gate open.
+        walking = (t.command[:, :3].abs().amax(1) > _MOVING) & (t.gait == Gait.WALKING)
+        self.note_gate("alpha", tracking, walking & t.intervention)
+        self.note_gate("speed", tracking, walking & self._agile)
 
     def note_gate(self, name: str, tracking: torch.Tensor, robots: torch.Tensor) -> None:
         """Add a control step of the robots on which a gate depends to their running mean.
@@ -87,20 +86,6 @@ class Statistics:
         if bool(robots.any()):
             present = torch.nan_to_num(tracking[robots]).mean(0)
             self._gates[name] = TRACKING_MEMORY * self._gates[name] + (1.0 - TRACKING_MEMORY) * present
-
-    def note_gates(self, tracking: torch.Tensor, t: Transition, agile: torch.Tensor) -> None:
-        """Note the tracking rewards of the robots on which the gates depend: those that walk somewhere.
-
-        Standing robots track their zero velocity whatever the others do, and would hold a gate open.
-
-        Args:
-            tracking: as in `note_gate`.
-            t: the transition.
-            agile: which robots are of the agile group, shape (n,), bool.
-        """
-        walking = (t.command[:, :3].abs().amax(1) > _MOVING) & (t.gait == Gait.WALKING)
-        self.note_gate("alpha", tracking, walking & t.intervention)
-        self.note_gate("speed", tracking, walking & agile)
 
     def gate(self, name: str) -> tuple[float, float]:
         """Return the running means of the linear and angular tracking reward of a gate, over all processes."""
@@ -122,10 +107,6 @@ class Statistics:
         self.tracking = state["tracking"].clone()
         self._gates = {name: state[f"gate_{name}"].clone() for name in GATES}
 
-    def add_share(self, name: str, flag: torch.Tensor, robots: torch.Tensor) -> None:
-        """Add the share of the chosen robots whose flag is set; both arguments have shape (n,), bool."""
-        self._average([name], (flag & robots).sum()[None].double(), robots.sum()[None])
-
     def _average(self, names: Sequence[str], totals: torch.Tensor, counts: torch.Tensor) -> None:
         """Add totals over some samples, shape (number of names,) each; on the device, which is not waited for."""
         # A total that is not finite comes from a robot whose physics failed: leave it out.
@@ -139,8 +120,8 @@ class Statistics:
         sums: dict[str, tuple[float, float]] = {}
         for names, values in self._sums.items():
             sums |= dict(zip(names, values.T.tolist(), strict=True))
+        self._sums = {}
         events = {name: sums.pop(name, (0.0, 0.0))[0] for name in (*_EVENTS, _LENGTH)}
         steps, episodes = events.pop(_LENGTH), events["episodes"]
-        self._clear()
         result = {name: total / count if count else math.nan for name, (total, count) in sums.items()}
         return result | events | {_LENGTH: steps / episodes if episodes else math.nan}

@@ -12,7 +12,7 @@ from safetensors.torch import load, save
 
 from hugwbc.errors import PolicyFileError
 from hugwbc.files import read_file, write_whole
-from hugwbc.learned.policy.network_files import LARGEST_FILE, header_of
+from hugwbc.learned.policy.network_files import LARGEST_FILE, from_json, header_of
 
 FORMAT = "hugwbc-2"
 
@@ -56,10 +56,7 @@ def load_file(path: pathlib.Path, kind: str) -> tuple[dict[str, torch.Tensor], d
     text = header.get("metadata", "")
     if header.get("sha256") != tensor_digest(tensors, text):
         raise PolicyFileError(f"{path} is corrupted: its checksum does not match. Copy it again")
-    try:
-        metadata = json.loads(text)
-    except (ValueError, RecursionError) as error:  # brackets nested by the thousand
-        raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
+    metadata = from_json(text, path)
     if not isinstance(metadata, dict):
         raise PolicyFileError(f"{path} is corrupted: its metadata is not a JSON object. Copy it again")
     return tensors, metadata

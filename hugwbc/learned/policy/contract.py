@@ -183,7 +183,7 @@ class Contract:
         squat_gain: factor of the commanded height and pitch that the legs' joint targets follow
             (`hugwbc.learned.policy.leg_feed_forward`).
         swing_gain: share of the clock's swing of the feet, up to the commanded height, that they follow.
-        feed_forward: what to ask the network for, by gait and command (`FeedForward`).
+        feed_forward: what to ask the network for, by gait and command: pairs of a command and its value in `asked`.
         policy: TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given
             otherwise.
     """
@@ -267,37 +267,23 @@ class Contract:
         """Whether the policy reads our gait's clock."""
         return any(term.term in ("gait", "foot_sin", "foot_cos") for term in (*self.observation, *self.command))
 
-
-class FeedForward:
-    """What to request from a policy, so that it executes the command: curves by gait and command.
-
-    A trained policy is often precise but biased: it walks at 1.09 of the commanded speed, or squats two centimetres too
-    little. Curves that were measured once, linear between knots, take the mean error out. They change only what the
-    network reads; they use no measurement at run time, so that they cannot make anything unstable, and they cannot take
-    out what changes from robot to robot. Commands without a curve are unchanged.
-    """
-
-    def __init__(self, curves: Curves) -> None:
-        """Take curves that `check_curves` admits."""
-        self._curves = [
-            (int(Gait.parse(label)), COMMAND_NAMES.index(name), *np.array(pairs, dtype=float).T)
-            for label, of_gait in curves.items()
-            for name, pairs in of_gait.items()
-        ]
-
     def asked(self, command: np.ndarray, gait: np.ndarray) -> np.ndarray:
-        """Return what to ask the network for, shape (n, 8).
+        """Return what to ask the network for, so that it executes commands, shape (n, 8).
+
+        A trained policy is often precise but biased: it walks at 1.09 of the commanded speed, or squats two centimetres
+        too little. Curves that were measured once, linear between knots, take the mean error out. They change only what
+        the network reads; they use no measurement at run time, so that they cannot make anything unstable, and they
+        cannot take out what changes from robot to robot. Commands without a curve are unchanged.
 
         Args:
             command: commands, shape (n, 8).
             gait: values of `Gait`, shape (n,).
         """
-        if not self._curves:
-            return command
         result = command.copy()
-        for value, column, knots, asked in self._curves:
-            rows = gait == value
-            if rows.any():
+        for label, of_gait in self.feed_forward.items():
+            rows = gait == int(Gait.parse(label))
+            for name, pairs in of_gait.items() if rows.any() else ():
+                column, (knots, asked) = COMMAND_NAMES.index(name), np.array(pairs, dtype=float).T
                 result[rows, column] += np.interp(command[rows, column], knots, asked - knots)
         return result
 

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 
 from hugwbc.learned.policy.symmetry import SignedPermutation
@@ -70,9 +71,10 @@ def terrain_points() -> torch.Tensor:
 @functools.cache
 def mirror(parts: tuple[Part, ...], robot: Robot) -> SignedPermutation:
     """Return the mirror map of parts side by side: hops change legs, clocks change feet, v_y changes its sign."""
-    images = (part.image(robot) for part in parts)
-    maps = [SignedPermutation(torch.as_tensor(i), torch.as_tensor(s, dtype=torch.float32)) for i, s in images]
-    return SignedPermutation.joined(maps)
+    partners, signs = zip(*(part.image(robot) for part in parts), strict=True)
+    starts = np.cumsum([0, *map(len, partners)])
+    index = np.concatenate([start + partner for start, partner in zip(starts, partners, strict=False)])
+    return SignedPermutation(torch.from_numpy(index), torch.from_numpy(np.concatenate(signs)).float())
 
 
 @functools.cache

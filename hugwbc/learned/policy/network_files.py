@@ -20,7 +20,7 @@ from hugwbc.files import note, read_file
 from hugwbc.robot_tables import models_dir
 
 DEFAULT_POLICY = "h1"
-POLICY_FILE, CONTRACT_FILE = "policy.safetensors", "contract.yaml"
+POLICY_FILE, SNAPSHOT_FILE, CONTRACT_FILE = "policy.safetensors", "snapshot.safetensors", "contract.yaml"
 LARGEST_FILE = 2_000_000_000  # [byte]
 TORCHSCRIPT_SUFFIXES = (".pt", ".pth", ".ts", ".jit")
 ONNX_SUFFIX = ".onnx"
@@ -66,6 +66,14 @@ def read_header(path: pathlib.Path) -> dict[str, str]:
         return header_of(read_file(path, LARGEST_FILE))
     except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
         raise PolicyFileError(f"{path} is not a readable safetensors file ({error}); copy it again") from error
+
+
+def from_json(text: str, path: pathlib.Path) -> Any:  # noqa: ANN401  what a file holds
+    """Return what the metadata of a file say."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:  # brackets nested by the thousand
+        raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
 
 
 def header_of(data: bytes) -> dict[str, str]:

@@ -11,7 +11,7 @@ from hugwbc import gait as gaits, rotations
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import PolicyFileError
-from hugwbc.learned.policy.contract import Contract, FeedForward, Term, contract_of, load_contract
+from hugwbc.learned.policy.contract import Contract, Term, contract_of, load_contract
 from hugwbc.learned.policy.leg_feed_forward import CommandFeedForward
 from hugwbc.learned.policy.network_files import Network, OnnxNetwork, TorchScriptNetwork, load_network
 from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
@@ -139,7 +139,6 @@ class NetworkPolicy:
         self._kp, self._kd = self.robot.kp.copy(), self.robot.kd.copy()
         self._kp[self._joints], self._kd[self._joints] = contract.kp, contract.kd
         self._scale = np.array(contract.action_scale)
-        self._feed_forward = FeedForward(contract.feed_forward)
         self._commanded = CommandFeedForward(contract)
         self._readers = [_Reader(contract, terms) for terms in _inputs(contract)]
         self._history = _History(contract)
@@ -194,7 +193,7 @@ class NetworkPolicy:
         """Return gait, shape (1,), what to ask the network for, shape (1, 8), and frequency of the clock [Hz]."""
         gait, given, clock_period = np.array([int(command.gait)]), command.array()[None], self.contract.clock_period
         frequency = given[:, _F] if clock_period is None else 1.0 / clock_period
-        return gait, self._feed_forward.asked(given, gait), frequency
+        return gait, self.contract.asked(given, gait), frequency
 
     def _sensed(self, state: RobotState, command: np.ndarray, gait: np.ndarray, indicator: bool) -> Sensed:
         velocity = state.velocity

@@ -21,14 +21,6 @@ TOLERANCE = 1e-5  # between torch and the exported file, relative to the larger 
 _SAMPLES = 64
 
 
-def _onnx() -> tuple[Any, Any]:
-    """Import onnx and onnxruntime, an extra that a robot with torch does not need."""
-    with needing("export", "ONNX export"):
-        import onnx
-        import onnxruntime
-    return onnx, onnxruntime
-
-
 def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
     """Write the network of a policy with its contract to an ONNX file, and compare the two.
 
@@ -38,7 +30,9 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
     Returns:
         Largest difference between the file run by onnxruntime and torch on random inputs; relative above 1.
     """
-    onnx, runtime = _onnx()
+    with needing("export", "ONNX export"):  # an extra that a robot with torch does not need
+        import onnx
+        import onnxruntime as runtime
     model = _model(onnx, controller.actor)
     for key, content in (("contract", dataclasses.asdict(controller.contract)), ("training", controller.training)):
         entry = model.metadata_props.add()

@@ -1,6 +1,7 @@
 """A trained policy as a controller, loaded from a file with a self-test, without the training code."""
 
 import dataclasses
+import math
 import pathlib
 from collections.abc import Sequence
 from typing import Any
@@ -58,7 +59,11 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
 def _verify(controller: "LearnedController", stored: dict[str, torch.Tensor], path: pathlib.Path) -> None:
     """Refuse a policy that does not give the same joint targets here as where it was saved."""
     try:
-        difference = deviation(controller, stored)
+        inputs = {name: stored[_PREFIX + name] for name in _TEST_INPUTS}
+        expected, found = stored[_PREFIX + "target"], _test_targets(controller, inputs)
+        if expected.shape != found.shape:
+            raise ValueError(f"targets of shape {tuple(expected.shape)}")
+        difference = float((found - expected).abs().nan_to_num(nan=math.inf, posinf=math.inf).max())
     except (LookupError, ValueError, TypeError, RuntimeError) as error:
         raise PolicyFileError(f"{path} lacks a readable self-test ({error}); use a file as hugwbc wrote it") from error
     if difference > _TOLERANCE:
@@ -80,7 +85,9 @@ def save_policy(path: pathlib.Path, actor: Actor, contract: Contract, training: 
         contract: contract of the training, from `EnvConfig.contract`.
         training: record of the training, anything JSON can hold.
     """
-    tensors = actor.state_dict() | self_test(LearnedController(actor, contract, training))
+    test = _made_up(contract.described)
+    test["target"] = _test_targets(LearnedController(actor, contract, training), test)
+    tensors = actor.state_dict() | {_PREFIX + name: tensor for name, tensor in test.items()}
     checkpoint.save_file(path, tensors, "policy", {"contract": dataclasses.asdict(contract), "training": training})
 
 
@@ -137,7 +144,11 @@ def _pass(layers: list[tuple[torch.Tensor, torch.Tensor]], rows: torch.Tensor) -
 
 
 def _made_up(robot: Robot) -> dict[str, torch.Tensor]:
-    """Make up an episode with every gait, commands over their ranges, and arms at times under external control."""
+    """Make up an episode with every gait, commands over their ranges, and arms at times under external control.
+
+    Of k steps: orientation (k, 4), angular_velocity (k, 3), q and dq (k, joints), command (k, 8), gait (k,), arms
+    (k, arm joints) and intervention (k,).
+    """
     rng = np.random.default_rng(_SEED)
     steps, joints = _STEPS_EACH * len(Gait), len(robot.joint_names)
     tilt = 0.2 * rng.standard_normal((steps, 3))
@@ -161,7 +172,7 @@ def _made_up(robot: Robot) -> dict[str, torch.Tensor]:
 
 
 def _test_targets(controller: NetworkPolicy, inputs: dict[str, torch.Tensor]) -> torch.Tensor:
-    """Return the joint targets of the controller at every step, shape (k, joints)."""
+    """Return the joint targets of the controller after a reset, at every step [rad], shape (k, joints)."""
     rows = {name: inputs[name].numpy() for name in _TEST_INPUTS}
     targets = []
     for i in range(len(rows["q"])):
@@ -172,27 +183,3 @@ def _test_targets(controller: NetworkPolicy, inputs: dict[str, torch.Tensor]) ->
         upper_body = UpperBody.targets(rows["arms"][i]) if rows["intervention"][i] else UpperBody.none()
         targets.append(torch.from_numpy(controller.act(state, command, upper_body).q))
     return torch.stack(targets)
-
-
-def self_test(controller: NetworkPolicy) -> dict[str, torch.Tensor]:
-    """Record what to store with a policy, in k successive calls after a reset; names begin with `_PREFIX`.
-
-    Inputs are orientation (k, 4), angular_velocity (k, 3), q and dq (k, joints), command (k, 8), gait (k,), arms
-    (k, arm joints) and intervention (k,); they give target (k, joints), the joint targets [rad].
-    """
-    inputs = _made_up(controller.robot)
-    return {_PREFIX + name: tensor for name, tensor in (inputs | {"target": _test_targets(controller, inputs)}).items()}
-
-
-def deviation(controller: NetworkPolicy, stored: dict[str, torch.Tensor]) -> float:
-    """Return the largest difference between joint targets and stored ones [rad]; inf if any is not finite.
-
-    Raises:
-        LookupError, TypeError, ValueError: if the stored tensors are not those of a self-test.
-    """
-    inputs = {name: stored[_PREFIX + name] for name in _TEST_INPUTS}
-    expected, found = stored[_PREFIX + "target"], _test_targets(controller, inputs)
-    if expected.shape != found.shape:
-        raise ValueError(f"targets of shape {tuple(expected.shape)}")
-    difference = float((found - expected).abs().max())
-    return difference if np.isfinite(difference) else float("inf")

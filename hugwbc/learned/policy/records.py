@@ -13,10 +13,10 @@ import pathlib
 import platform
 from typing import Any
 
-from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.errors import ConfigError
 from hugwbc.files import write_whole
 from hugwbc.learned.policy.contract import contract_of, load_contract
-from hugwbc.learned.policy.network_files import ONNX_SUFFIX, OnnxNetwork, policy_file, read_header
+from hugwbc.learned.policy.network_files import ONNX_SUFFIX, OnnxNetwork, from_json, policy_file, read_header
 from hugwbc.robot import load_robot
 
 LOG_NAME = "metrics.csv"
@@ -59,12 +59,8 @@ def _named(value: object) -> str:
 
 def _metadata(path: pathlib.Path) -> Any:  # noqa: ANN401  what a file holds
     """Return what a policy's file says besides the network."""
-    if path.suffix == ONNX_SUFFIX:
-        return OnnxNetwork(path, {}).metadata
-    try:
-        return json.loads(read_header(path).get("metadata", "{}"))
-    except (ValueError, RecursionError) as error:  # brackets nested by the thousand
-        raise PolicyFileError(f"{path} is corrupted: its metadata is not JSON ({error}). Copy it again") from error
+    is_onnx = path.suffix == ONNX_SUFFIX
+    return OnnxNetwork(path, {}).metadata if is_onnx else from_json(read_header(path).get("metadata", "{}"), path)
 
 
 def check_robot(what: str, own: str, robot: str) -> None:

@@ -35,15 +35,6 @@ class SignedPermutation:
             raise ValueError("a mirror map must be its own inverse")
         self.index, self.sign = index, sign
 
-    @classmethod
-    def joined(cls, parts: "list[SignedPermutation]") -> "SignedPermutation":
-        """Return the map of vectors that are put together end to end."""
-        indices, start = [], 0
-        for part in parts:
-            indices.append(part.index + start)
-            start += len(part.index)
-        return cls(torch.cat(indices), torch.cat([part.sign for part in parts]))
-
     def __call__(self, rows: torch.Tensor) -> torch.Tensor:
         """Return the mirror images of rows, shape (m, n)."""
         index, sign = self.index.to(rows.device), self.sign.to(rows.device)

@@ -14,10 +14,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from hugwbc.errors import HugwbcError, PolicyFileError
 from hugwbc.learned.policy import checkpoint, load_policy, policy_file
+from hugwbc.learned.policy.network_files import POLICY_FILE, SNAPSHOT_FILE
 from hugwbc.settings import settings
 
 KEY = "made"
-KINDS = {"policy.safetensors": "policy", "snapshot.safetensors": "checkpoint", "starts.safetensors": "starts"}
+KINDS = {POLICY_FILE: "policy", SNAPSHOT_FILE: "checkpoint"}  # of the files that a stage writes
 
 
 @settings(kw_only=True)

@@ -14,7 +14,7 @@ from hugwbc.commands import command_ranges
 from hugwbc.files import finite_json, write_whole
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
-from hugwbc.learned.policy import load_policy, save_policy
+from hugwbc.learned.policy import POLICY_FILE, load_policy, save_policy
 from hugwbc.learned.policy.contract import LARGEST_CHANGE, Curves
 from hugwbc.robot import Robot
 
@@ -99,7 +99,7 @@ def calibrate(
         write_whole(place, json.dumps(rounds, indent=1) + "\n")
         on_round(number, _mean([error for of_gait in errors.values() for found in of_gait.values() for error in found]))
     kept, figures = _best_curves(rounds)
-    write("policy.safetensors", kept)
+    write(POLICY_FILE, kept)
     (folder / _TRIAL).unlink(missing_ok=True)
     return figures
 

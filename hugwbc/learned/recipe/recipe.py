@@ -1,88 +1,75 @@
-"""Recipe files: stages in order, each of which records starts, trains, or calibrates a policy."""
+"""Recipe files: stages in order, each of which trains or calibrates a policy."""
 
 import dataclasses
 import pathlib
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import read_file
-from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
+from hugwbc.learned.config import CalibrationConfig, TrainConfig
+from hugwbc.learned.policy.network_files import POLICY_FILE, SNAPSHOT_FILE
 from hugwbc.robot_tables import models_dir
 from hugwbc.settings import TRAINING_SEED, settings
 from hugwbc.settings_file import LARGEST_FILE, named_path, parse
 
-POLICY, SNAPSHOT, STARTS = "policy.safetensors", "snapshot.safetensors", "starts.safetensors"
-KINDS = ("record", "train", "calibrate")
-TAKEN = {"env.starts": STARTS, "start_from": SNAPSHOT, "policy": POLICY}  # of another stage, by the setting's name
-_WRITTEN = {"record": (STARTS,), "train": (SNAPSHOT, POLICY), "calibrate": (POLICY,)}  # by the kind of the stage
+TAKEN = {"start_from": SNAPSHOT_FILE, "policy": POLICY_FILE}  # of another stage, by the setting's name
 _SMOKE_STEPS = 1536
-Config = RecordConfig | TrainConfig | CalibrationConfig
 
 
 @settings(kw_only=True)
 class Stage:
-    """A step of a recipe: one of `KINDS`, with its settings.
+    """A step of a recipe: it trains a policy, or calibrates one.
 
-    Settings that are paths may name an earlier stage instead: its snapshot, policy or starts are taken.
+    Settings that are paths may name an earlier stage instead: its snapshot or policy is taken.
     """
 
     about: str = ""
-    record: RecordConfig | None = None
     train: TrainConfig | None = None
     calibrate: CalibrationConfig | None = None
 
     def __post_init__(self) -> None:
-        """Require one kind."""
-        if sum(getattr(self, kind) is not None for kind in KINDS) != 1:
-            raise ConfigError(f"a stage does one thing; give one of {', '.join(KINDS)}")
+        """Require one of the two."""
+        if (self.train is None) == (self.calibrate is None):
+            raise ConfigError("a stage does one thing; give one of train, calibrate")
 
     @property
-    def kind(self) -> str:
-        """What the stage does, one of `KINDS`."""
-        return next(kind for kind in KINDS if getattr(self, kind) is not None)
+    def kind(self) -> Literal["train", "calibrate"]:
+        """What the stage does."""
+        return "calibrate" if self.train is None else "train"
 
     @property
-    def config(self) -> Config:
+    def config(self) -> TrainConfig | CalibrationConfig:
         """The settings."""
         return getattr(self, self.kind)
 
     def inputs(self) -> dict[str, pathlib.Path]:
         """Return the files that the stage reads, or the stages that write them, by the name of the setting."""
-        config = self.config
-        if isinstance(config, CalibrationConfig):
-            return {"policy": config.policy}
-        found = {"env.starts": config.env.starts}
-        if isinstance(config, TrainConfig):
-            found["start_from"] = config.start_from
-        return {name: path for name, path in found.items() if path is not None}
+        given = {setting: getattr(self.config, setting, None) for setting in TAKEN}
+        return {setting: path for setting, path in given.items() if path is not None}
 
     def smoke(self) -> "Stage":
         """Return the same stage with every size divided, so that it takes a few seconds."""
-        small: Config
-        if self.record is not None:
-            env = dataclasses.replace(self.record.env, count=8)
-            small = dataclasses.replace(self.record, states=64, env=env)
-        elif self.train is not None:
-            t, factor = self.train, _SMOKE_STEPS / self.train.steps
-            small = dataclasses.replace(
-                t,
-                steps=_SMOKE_STEPS,
-                evaluation_steps=_SMOKE_STEPS / 2,
-                evaluation_robots=16,
-                evaluation_seconds=1.2,
-                critic_warm_up=min(t.critic_warm_up, 1),
-                env=dataclasses.replace(t.env, count=16),
-                ppo=dataclasses.replace(t.ppo, horizon=8, epochs=1, minibatches=2),
-                schedules={name: one.stretched(factor) for name, one in t.schedules.items()},
+        config = self.config
+        if isinstance(config, CalibrationConfig):
+            few = {"gaits": ("standing", "walking"), "commands": ("v_x", "h")}
+            return dataclasses.replace(
+                self, calibrate=dataclasses.replace(config, knots=2, rounds=1, duration=1.5, **few)
             )
-        else:
-            assert self.calibrate is not None
-            small = dataclasses.replace(
-                self.calibrate, knots=2, rounds=1, duration=1.5, gaits=("standing", "walking"), commands=("v_x", "h")
-            )
-        return dataclasses.replace(self, **{self.kind: small})
+        factor = _SMOKE_STEPS / config.steps
+        small = dataclasses.replace(
+            config,
+            steps=_SMOKE_STEPS,
+            evaluation_steps=_SMOKE_STEPS / 2,
+            evaluation_robots=16,
+            evaluation_seconds=1.2,
+            critic_warm_up=min(config.critic_warm_up, 1),
+            env=dataclasses.replace(config.env, count=16),
+            ppo=dataclasses.replace(config.ppo, horizon=8, epochs=1, minibatches=2),
+            schedules={name: one.stretched(factor) for name, one in config.schedules.items()},
+        )
+        return dataclasses.replace(self, train=small)
 
 
 @settings(kw_only=True)
@@ -105,18 +92,19 @@ class Recipe:
 
     def __post_init__(self) -> None:
         """Check that what a stage takes is there: an earlier stage, or a file."""
-        earlier: dict[str, Stage] = {}
+        earlier: list[str] = []
         for name, stage in self.stages.items():
             if not name.replace("-", "_").isidentifier():
                 raise ConfigError(f"a stage is called '{name}'; use letters, digits, _ and -", at=("stages", name))
             for setting, path in stage.inputs().items():
-                writing = [label for label, one in earlier.items() if TAKEN[setting] in _WRITTEN[one.kind]]
+                # All stages write a policy; only a training writes a snapshot besides.
+                writing = [label for label in earlier if setting == "policy" or self.stages[label].kind == "train"]
                 if str(path) not in writing and (str(path) in earlier or not path.exists()):
                     valid = [*writing, "the path of a file"]
-                    at = ("stages", name, stage.kind, *setting.split("."))
+                    at = ("stages", name, stage.kind, setting)
                     what = f"earlier stage that writes {TAKEN[setting]}, in {setting}"
                     raise UnknownNameError(what, path, valid, at=at)
-            earlier[name] = stage
+            earlier.append(name)
 
 
 def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Recipe:

@@ -11,19 +11,17 @@ import json
 import pathlib
 import resource
 import shutil
-import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from pydantic import TypeAdapter
 
 from hugwbc.errors import RecipeError
 from hugwbc.files import digest, sole_writer, write_whole
 from hugwbc.learned import distributed
-from hugwbc.learned.config import CalibrationConfig, RecordConfig, TrainConfig
+from hugwbc.learned.config import CalibrationConfig, TrainConfig
 from hugwbc.learned.config.schedules import replaced
 from hugwbc.learned.distributed import Stop, StoppedError, stopped_by_signals
-from hugwbc.learned.env.start_recorder import Teacher, record_starts
 from hugwbc.learned.policy.records import versions
 from hugwbc.learned.recipe.ancestry import (
     KINDS,
@@ -35,39 +33,23 @@ from hugwbc.learned.recipe.ancestry import (
     read_record,
     seal,
 )
-from hugwbc.learned.recipe.calibration import ROUNDS, calibrate
-from hugwbc.learned.recipe.recipe import POLICY, SNAPSHOT, STARTS, TAKEN, Recipe, Stage
+from hugwbc.learned.recipe.calibration import ROUNDS, Executed, calibrate
+from hugwbc.learned.recipe.recipe import TAKEN, Recipe, Stage
 from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, RECIPE_NAME, Trainer
-from hugwbc.robot import Robot, load_robot
 from hugwbc.source import source_commit
 
 RECORD, SPENT = "record.json", "spent.json"
 _NO_LIMIT = 1e6  # [h]
-_WRITE_INTERVAL = 5.0  # [s]; what a killed process has spent since is not in the record
 
-Report = Callable[[str, Mapping[str, float]], None]
-
-
-class Services(Protocol):
-    """What stages need from packages above `learned`: a controller that drives, and episodes in the arena."""
-
-    def teacher(self, robot: Robot) -> Callable[[float], Teacher]:
-        """Return what makes a controller for a control period [s]."""
-        ...
-
-    def executed(
-        self, policy: pathlib.Path, commands: list[dict[str, Any]], config: CalibrationConfig
-    ) -> list[dict[str, float]]:
-        """Return what a policy executes under some commands: see `calibration.Executed`."""
-        ...
+Report = Callable[[str, Mapping[str, float], Mapping[str, str]], None]
 
 
 def run_recipe(
     recipe: Recipe,
     out: pathlib.Path,
-    services: Services,
+    executed: Executed,
     *,
-    report: Report = lambda stage, figures: None,
+    report: Report = lambda stage, figures, gates: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> bool:
     """Run a recipe from the state of its folder, until it is finished or stopped.
@@ -77,8 +59,8 @@ def run_recipe(
     Args:
         recipe: the recipe.
         out: folder of the run.
-        services: the controller that drives, and the arena.
-        report: called with the name of the stage and the figures of each iteration of a training.
+        executed: runs a policy in the arena, for a calibration.
+        report: called with the name of the stage, and figures and gates of each iteration of a training.
         say: prints a line.
 
     Returns:
@@ -90,7 +72,7 @@ def run_recipe(
         with sole_writer(out) if leads else contextlib.nullcontext():
             if leads and (out / CHECKPOINT_NAME).exists():
                 raise RecipeError(f"{out} holds a run without a recipe; give another --out")
-            works = [_Work(recipe, name, out, services, stop, report, tell) for name in recipe.stages]
+            works = [_Work(recipe, name, out, executed, stop, report, tell) for name in recipe.stages]
             for work in works:
                 work.check()
             if leads:
@@ -109,7 +91,7 @@ def run_recipe(
 
 def _finish(recipe: Recipe, out: pathlib.Path) -> None:
     """Put the last policy, and the last snapshot, into the folder of the run."""
-    for name in (POLICY, SNAPSHOT):
+    for name in KINDS:
         files = [out / stage / name for stage in recipe.stages if (out / stage / name).exists()]
         if files:
             write_whole(out / name, files[-1].read_bytes())
@@ -122,7 +104,7 @@ class _Work:
     recipe: Recipe
     name: str
     out: pathlib.Path
-    services: Services
+    executed: Executed
     stop: Stop
     report: Report
     say: Callable[[str], None]
@@ -154,8 +136,6 @@ class _Work:
         config = replaced(self.stage.config, {**self.inputs, **self.seed})
         if isinstance(config, TrainConfig):
             steps, discarded, figures = self._train(config, spent)
-        elif isinstance(config, RecordConfig):
-            steps, discarded, figures = self._record(config)
         else:
             steps, discarded, figures = self._calibrate(config, spent)
         if spent is None:
@@ -187,44 +167,33 @@ class _Work:
         if trainer.remark:
             self.say(trainer.remark)
 
-        def report(row: dict[str, float], _gates: dict[str, str]) -> None:
+        def report(row: dict[str, float], gates: dict[str, str]) -> None:
             if spent is not None:
-                spent.add()
-            self.report(self.name, row | {"progress": min(1.0, trainer.run_steps / config.steps)})
+                spent.write()
+            self.report(self.name, row | {"progress": min(1.0, trainer.run_steps / config.steps)}, gates)
 
         trainer.run(report)
         if trainer.run_steps < config.steps:
             raise StoppedError
         steps = trainer.best.get("steps", trainer.steps) - trainer.begin["steps"]
         if trainer.best:
-            for name in (POLICY, SNAPSHOT):
+            for name in KINDS:
                 write_whole(self.folder / name, (self.folder / BEST_FOLDER / name).read_bytes())
         return steps, trainer.run_steps - steps, dict(trainer.best)
-
-    def _record(self, config: RecordConfig) -> tuple[float, float, dict[str, float | None]]:
-        def report(fraction: float) -> None:
-            self.stop.check()
-            self.report(self.name, {"progress": fraction})
-
-        robot = load_robot(config.env.robot)
-        teacher = self.services.teacher(robot if config.env.drives == "real" else robot.with_ideal_drives)
-        recorder = record_starts(config, teacher, report)
-        recorder.save(self.folder / STARTS)
-        return 0.0, 0.0, {"states": float(recorder.count)}
 
     def _calibrate(self, config: CalibrationConfig, spent: "_Spent | None") -> tuple[float, float, dict[str, Any]]:
         def executed(
             policy: pathlib.Path, commands: list[dict[str, Any]], config: CalibrationConfig
         ) -> list[dict[str, float]]:
-            found = self.services.executed(policy, commands, config)
+            found = self.executed(policy, commands, config)
             if spent is not None:
-                spent.add()
+                spent.write()
             self.stop.check()
             return found
 
         def on_round(number: int, error: float) -> None:
             self.say(f"{self.name}: round {number} of {config.rounds}, mean error {error:.4f}")
-            self.report(self.name, {"progress": (number + 1.0) / (config.rounds + 1.0)})
+            self.report(self.name, {"progress": (number + 1.0) / (config.rounds + 1.0)}, {})
 
         return 0.0, 0.0, calibrate(config, self.folder, executed, on_round)
 
@@ -290,7 +259,7 @@ class _Spent:
         self._path, self._settings, self._processes = folder / SPENT, settings, processes
         before = json.loads(self._path.read_text()) if self._path.exists() else {"commits": [], "core_seconds": 0.0}
         self.commits = list(dict.fromkeys([*before["commits"], source_commit(policies=False)]))
-        self._before, self._began, self._written = before["core_seconds"], _cpu_seconds(), 0.0
+        self._before, self._began = before["core_seconds"], _cpu_seconds()
         self.write()
 
     @staticmethod
@@ -304,16 +273,10 @@ class _Spent:
         """Processor time of all sessions [s]; each process that trains is taken to spend as much as this one."""
         return self._before + self._processes * (_cpu_seconds() - self._began)
 
-    def add(self) -> None:
-        """Write what was spent if the last time is a few seconds ago."""
-        if time.monotonic() - self._written >= _WRITE_INTERVAL:
-            self.write()
-
     def write(self) -> None:
-        """Write what was spent."""
+        """Write what was spent; what a killed process spends afterwards is not in the record."""
         content = {"settings": self._settings, "commits": self.commits, "core_seconds": self.core_seconds}
         write_whole(self._path, json.dumps(content) + "\n")
-        self._written = time.monotonic()
 
 
 def _cpu_seconds() -> float:

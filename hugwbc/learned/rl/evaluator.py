@@ -10,8 +10,7 @@ from hugwbc.commands import COMMAND_NAMES
 from hugwbc.gait import Gait, held, hopping
 from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, tracked
-from hugwbc.learned.env.terminations import held_foot_down
+from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, held_foot_down, tracked
 from hugwbc.settings import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
@@ -86,8 +85,8 @@ class Evaluator:
 
     Commands, gaits and model parameters are drawn once, as training draws them, over the initial ranges. There are no
     pushes, loads or intervention; sensors err as in training; rough ground has all levels; a command lasts the whole
-    episode. A held foot on the ground does not end it: its share of the time is a figure. All random numbers are the
-    evaluator's own, so that the training continues as if there had been no evaluation.
+    episode. All random numbers are the evaluator's own, so that the training continues as if there had been no
+    evaluation.
     """
 
     def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int, timestep: float = 0.0) -> None:
@@ -111,7 +110,6 @@ class Evaluator:
             substeps=substeps,
             episode_steps=_NEVER,
             flip_probability=0.0,
-            held_foot_grace=0.0,
             randomization=calm,
             loads=LoadConfig(),
             terrain=every_level,

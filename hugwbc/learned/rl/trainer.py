@@ -5,7 +5,7 @@ import copy
 import math
 import pathlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -18,19 +18,18 @@ from hugwbc.learned.config.environment import same_robots
 from hugwbc.learned.distributed import Stop, stopped_by_signals
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.randomization import restore as restore_generator
-from hugwbc.learned.policy import POLICY_FILE, checkpoint, save_policy
+from hugwbc.learned.policy import checkpoint, save_policy
+from hugwbc.learned.policy.network_files import POLICY_FILE, SNAPSHOT_FILE
 from hugwbc.learned.policy.networks import Actor, ActorCritic, load_into
 from hugwbc.learned.policy.records import append_row, append_session, begin_log, check_robot, settings_record, versions
+from hugwbc.learned.rl.continuation import by_group, check_unchanged, differences, readable, with_robots_of_rank
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
-SNAPSHOT_NAME = "snapshot.safetensors"
 BEST_FOLDER = "best"
 RECIPE_NAME = "recipe.yaml"  # in the folder of a recipe's run, which has a folder for each stage
 _SEED_STEP = 1_000_003  # between the seeds of two processes
-_OF_A_SESSION = ("resume", "start_from", "steps", "hours", "threads", "device", "save_interval")  # settings
-_MOST_NAMED = 5  # settings in an error
 _ANEW = "{}: other processes lack the file of their robots at this iteration; these begin new episodes, with new draws"
 
 Report = Callable[[dict[str, float], dict[str, str]], None]
@@ -69,9 +68,11 @@ class Trainer:
         if path is not None:
             self._read_counters(metadata, path)
             if config.resume:
-                _check_unchanged(metadata, config, path)
-                _check_processes(metadata, path)
-            with _readable(path):
+                check_unchanged(metadata, config, path)
+                if (before := metadata.get("processes", 1)) != distributed.size():
+                    here = f"{path} is of {before} processes (here {distributed.size()})"
+                    raise ConfigError(f"{here}; give --processes {before}")
+            with readable(path):
                 before = metadata["config"]["env"].get("robot", config.env.robot)
             check_robot(str(path), before, config.env.robot)
         now = config.at(self.run_steps)
@@ -195,10 +196,6 @@ class Trainer:
         for mean, learnt in zip(self.product.parameters(), self.ppo.network.parameters(), strict=True):
             mean.lerp_(learnt, share)
 
-    def _actor(self) -> Actor:
-        """Return the policy in the form in which it runs, on the CPU."""
-        return copy.deepcopy(self.product.actor).cpu().plain()
-
     def _make_evaluator(self) -> Evaluator | None:
         c = self.config
         if not c.evaluation_steps or not self.leads:
@@ -222,12 +219,12 @@ class Trainer:
             return dict.fromkeys(self.evaluator.names, math.nan)
         begin, self._evaluated = time.monotonic(), steps
         self.evaluator.adopt(self.env.config)
-        figures = self.evaluator.run(self._actor())
+        figures = self.evaluator.run(_runnable(self.product))
         finite = {name: value for name, value in figures.items() if math.isfinite(value)}
         self.evaluation = finite | {"iteration": self.iteration, "steps": self.steps}
         if figures[SCORE] < self.best.get(SCORE, math.inf):
             self.best = self.evaluation
-            self._save_product(self.config.out / BEST_FOLDER)
+            save_product(self.config.out / BEST_FOLDER, self.product, self.env.config, self._metadata())
         self.seconds += time.monotonic() - begin
         return figures
 
@@ -242,12 +239,7 @@ class Trainer:
                 return
             tensors = self._learner_tensors() | self._robot_tensors()
             checkpoint.save_file(path, tensors, "checkpoint", self._metadata())
-        self._save_product(self.config.out)
-
-    def _save_product(self, folder: pathlib.Path) -> None:
-        """Write policy and snapshot: what to ship, and what to continue from."""
-        with writing(folder):
-            save_product(folder, self.product, self.env.config, self._metadata())
+        save_product(self.config.out, self.product, self.env.config, self._metadata())
 
     def _learner_tensors(self) -> dict[str, torch.Tensor]:
         """Return the part of a checkpoint that all processes have in common: networks and optimiser."""
@@ -283,7 +275,7 @@ class Trainer:
     # Restoring ------------------------------------------------------------------------------------------------------
 
     def _read_counters(self, metadata: dict[str, Any], path: pathlib.Path) -> None:
-        with _readable(path):
+        with readable(path):
             self.iteration, self.steps = int(metadata["iteration"]), int(metadata["steps"])
             self.seconds = float(metadata["seconds"])
             here = {"iteration": self.iteration, "steps": self.steps}
@@ -292,9 +284,9 @@ class Trainer:
     def _restore(self, tensors: dict[str, torch.Tensor], metadata: dict[str, Any], path: pathlib.Path) -> None:
         """Continue from a checkpoint, or from a snapshot with new episodes and empty moments of the optimiser."""
         if not self.leads:
-            tensors = _with_robots_of_rank(tensors, path, metadata.get("iteration"))
+            tensors = with_robots_of_rank(tensors, path, metadata.get("iteration"))
         anew = self.config.resume and distributed.anywhere("generator" not in tensors)
-        groups = _by_group(tensors, path)
+        groups = by_group(tensors, path)
         try:
             load_into(self.ppo.network, groups["network"])
             load_into(self.product, groups["product"] or groups["network"])
@@ -304,12 +296,12 @@ class Trainer:
             self._restore_robots(groups["env"], tensors, path)
         if groups["optimiser"]:
             self._restore_optimiser(groups["optimiser"])
-        with _readable(path):
+        with readable(path):
             if not groups["env"]:
                 self.env.restore_levels(metadata["curriculum"])
             self.ppo.set_learning_rate(float(metadata["learning_rate"]))
             self.ppo.skipped = int(metadata["skipped"])
-            self.remark = _ANEW.format(path) if anew else _differences(metadata, self._env_config, path)
+            self.remark = _ANEW.format(path) if anew else differences(metadata, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
                 self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
         if not self.config.resume:
@@ -348,96 +340,18 @@ class Trainer:
         optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
 
 
-@contextlib.contextmanager
-def _readable(path: pathlib.Path) -> Iterator[None]:
-    """Refuse metadata that lacks something or holds something else."""
-    try:
-        yield
-    except (KeyError, TypeError, ValueError) as error:
-        raise PolicyFileError(
-            f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
-        ) from error
-
-
-def _by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, dict[str, torch.Tensor]]:
-    """Sort the tensors of a checkpoint into networks, environment and optimiser, by the names used there."""
-    groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "product": {}, "env": {}, "optimiser": {}}
-    for key, value in tensors.items():
-        group, _, name = key.partition(".")
-        if not name:
-            continue  # the generator
-        if group not in groups:
-            raise PolicyFileError(
-                f"{path} holds {group!r}, this version reads {', '.join(groups)}; it was written by another version. "
-                "Use a checkpoint or a snapshot of this one"
-            )
-        groups[group][name] = value
-    return groups
-
-
-def _check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib.Path) -> None:
-    """Refuse to go on with other settings than a checkpoint's, but for those of a session."""
-    with _readable(path):
-        before, now = (_flat(settings) for settings in (metadata["config"], settings_record(config)))
-    # A setting that one of the two lacks is of another version, unless it is a point of a schedule.
-    names = [name for name in before | now if name in before.keys() & now.keys() or name.startswith("schedules.")]
-    changed = [
-        f"{name} {before.get(name, 'nothing')} (here {now.get(name, 'nothing')})"
-        for name in names
-        if name not in _OF_A_SESSION and before.get(name) != now.get(name)
-    ]
-    if changed:
-        more = f", and {len(changed) - _MOST_NAMED} others" if len(changed) > _MOST_NAMED else ""
-        raise ConfigError(
-            f"{path} was trained with {', '.join(changed[:_MOST_NAMED])}{more}. Give the same options again, or begin "
-            f"another run with its policy: --start-from {path.with_name(SNAPSHOT_NAME)} and another --out"
-        )
-
-
-def _check_processes(metadata: dict[str, Any], path: pathlib.Path) -> None:
-    """Refuse to go on with another number of processes, and so of robots, than a checkpoint's."""
-    if (before := metadata.get("processes", 1)) != distributed.size():
-        raise ConfigError(f"{path} is of {before} processes (here {distributed.size()}); give --processes {before}")
-
-
-def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested settings by dotted name, such as env.count."""
-    found: dict[str, Any] = {}
-    for name, value in settings.items():
-        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-    return found
-
-
-def _differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> str:
-    """Return what a user should know: another feed-forward of the legs."""
-    before = dict(metadata.get("config", {}).get("env", {}))
-    words = [
-        f"--env.{name.replace('_', '-')} {before[name]:g}"
-        for name in ("squat_gain", "swing_gain")
-        if name in before and float(before[name]) != getattr(env, name)
-    ]
-    return f"{path} was trained with {' '.join(words)}; without that it moves differently" if words else ""
-
-
-def _with_robots_of_rank(
-    tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
-) -> dict[str, torch.Tensor]:
-    """Replace the first process's robots in a checkpoint by this process's; drop them if there are none."""
-    common = {name: value for name, value in tensors.items() if name.startswith(("network.", "product.", "optimiser."))}
-    place = distributed.rank_path(path)
-    if not place.exists():
-        return common
-    robots, metadata = checkpoint.load_file(place, "robots")
-    # A file of another iteration comes from an earlier time or run in the same folder: start new episodes instead.
-    return common | robots if metadata.get("iteration") == iteration else common
+def _runnable(network: ActorCritic) -> Actor:
+    """Return the policy in the form in which it runs, on the CPU."""
+    return copy.deepcopy(network.actor).cpu().plain()
 
 
 def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, metadata: dict[str, Any]) -> None:
     """Write a policy, and the snapshot from which a training can continue."""
     # The snapshot leaves out optimiser moments and simulation states: small enough to ship with a policy.
     slim = {f"network.{name}": value for name, value in network.state_dict().items()}
-    checkpoint.save_file(folder / SNAPSHOT_NAME, slim, "checkpoint", metadata)
-    save_policy(folder / POLICY_FILE, copy.deepcopy(network.actor).cpu().plain(), env.contract(), metadata)
+    with writing(folder):
+        checkpoint.save_file(folder / SNAPSHOT_FILE, slim, "checkpoint", metadata)
+        save_policy(folder / POLICY_FILE, _runnable(network), env.contract(), metadata)
 
 
 def train(config: TrainConfig, report: Report, notice: Callable[[str], object] = print) -> Trainer:

@@ -57,9 +57,8 @@ def test_only_eligible_robots_are_intervened() -> None:
 def test_blend_follows_alpha_under_intervention_only() -> None:
     intervention = make(2)
     intervention.active = torch.tensor([True, False])
-    intervention.alpha = 0.25
     policy = torch.ones(2, 8)
-    blended = intervention.blend(policy)
+    blended = intervention.blend(policy, 0.25)
     torch.testing.assert_close(blended[0], 0.25 * intervention.source.targets()[0] + 0.75)
     torch.testing.assert_close(blended[1], policy[1])
 
@@ -92,6 +91,12 @@ def test_paired_noise_is_mirror_symmetric() -> None:
     assert 150 < symmetric.sum() < 250
     low, high = arm_noise_range(ROBOT)
     assert (targets >= low - 1e-6).all() and (targets <= high + 1e-6).all()
+
+
+def test_a_motion_takes_as_long_at_any_control_period() -> None:
+    for period in (0.02, 0.025, 0.01):
+        source = MotionTargets(ROBOT, 1, ramps(), generator(), period)
+        assert ((source._length - 1) * period).tolist() == pytest.approx([39 / 25.0] * 2, abs=period)
 
 
 def ramps() -> list[ArmMotion]:

@@ -71,6 +71,9 @@ def test_forces_begin_and_end_and_push_where_they_say() -> None:
     for _ in range(4):
         loads.step(hopping)
     torch.testing.assert_close(loads.hand_force[:2], before)
+    loads.config = LoadConfig()  # as a schedule may ask for in the middle of an episode
+    loads.step(hopping)
+    assert not simulation.forces.any()
     loads.config = LoadConfig()
     loads.reset(torch.arange(COUNT), NOBODY)
     loads.step(hopping)

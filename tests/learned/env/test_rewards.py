@@ -21,6 +21,7 @@ def make_transition(**changes: torch.Tensor) -> Transition:
         "gait": torch.tensor([int(Gait.WALKING)]),
         **dict.fromkeys(("yaw_rate", "height", "pitch", "roll"), torch.zeros(1)),
         **dict.fromkeys(("bias", "velocity", "angular_velocity"), torch.zeros(1, 3)),
+        **dict.fromkeys(("gravity", "position", "heading", "link_force"), torch.zeros(1)),  # no reward reads them
         "q": torch.tensor(ROBOT.nominal, dtype=torch.float32)[None],
         **dict.fromkeys(("dq", "previous_dq", "torque"), torch.zeros(1, 19)),
         **dict.fromkeys(("action", "previous_action", "older_action"), torch.zeros(1, 19)),

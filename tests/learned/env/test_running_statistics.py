@@ -13,17 +13,17 @@ WALKING_PAIR = torch.tensor([Gait.WALKING] * 2 + [Gait.STANDING] * 6)
 
 
 def add(statistics: Statistics, env: HumanoidEnv, error: float, gait: torch.Tensor, reward: float = 1.0) -> None:
-    """Add a step in which the first robot turns too fast by an error and the others turn as commanded."""
+    """Add a step on both feet in which the first robot turns too fast by an error and the others as commanded."""
     transition = env._transition(env.readings, NOBODY)
     yaw_rate = transition.command[:, 2].clone()
     yaw_rate[0] += error
-    transition = dataclasses.replace(transition, yaw_rate=yaw_rate)
+    transition = dataclasses.replace(transition, yaw_rate=yaw_rate, gait=gait, foot_force=torch.full((8, 2, 3), 100.0))
     terms = {"alive": torch.full((8,), reward)}
-    statistics.add(terms, torch.ones(8, 2), transition, gait, torch.tensor([30]), NOBODY)
+    statistics.add(terms, torch.ones(8, 2), transition, torch.tensor([30]), NOBODY)
 
 
 def test_errors_are_means_over_the_robots_of_a_gait_not_over_steps(small_env: HumanoidEnv) -> None:
-    statistics = Statistics(8, small_env.robot.waist)
+    statistics = Statistics(NOBODY, small_env.robot.waist)
     add(statistics, small_env, 0.4, WALKING_PAIR)
     add(statistics, small_env, 0.4, torch.full((8,), int(Gait.STANDING)))  # nobody walks: says nothing
     figures = statistics.pop()
@@ -31,18 +31,17 @@ def test_errors_are_means_over_the_robots_of_a_gait_not_over_steps(small_env: Hu
 
 
 def test_what_nobody_did_is_unknown_not_zero(small_env: HumanoidEnv) -> None:
-    statistics = Statistics(8, small_env.robot.waist)
+    statistics = Statistics(NOBODY, small_env.robot.waist)
     add(statistics, small_env, 0.4, WALKING_PAIR)
-    statistics.add_share("held_foot_down", ~NOBODY, NOBODY)
     figures = statistics.pop()
     assert math.isnan(figures["hopping_error/omega"]) and math.isnan(figures["held_foot_down"])
-    statistics.add_share("held_foot_down", ~NOBODY, ~NOBODY)
-    figures = statistics.pop()
-    assert figures["held_foot_down"] == 1.0 and math.isnan(figures["episode_length"])
+    assert math.isnan(statistics.pop()["episode_length"])
+    add(statistics, small_env, 0.4, torch.full((8,), int(Gait.HOPPING_LEFT)))
+    assert statistics.pop()["held_foot_down"] == 1.0
 
 
 def test_a_robot_whose_physics_failed_spoils_no_average(small_env: HumanoidEnv) -> None:
-    statistics = Statistics(8, small_env.robot.waist)
+    statistics = Statistics(NOBODY, small_env.robot.waist)
     add(statistics, small_env, math.nan, WALKING_PAIR, reward=math.nan)
     add(statistics, small_env, 0.4, WALKING_PAIR, reward=3.0)
     figures = statistics.pop()
@@ -52,7 +51,7 @@ def test_a_robot_whose_physics_failed_spoils_no_average(small_env: HumanoidEnv) 
 
 
 def test_events_are_counted_and_tracking_is_remembered(small_env: HumanoidEnv) -> None:
-    statistics = Statistics(8, small_env.robot.waist)
+    statistics = Statistics(NOBODY, small_env.robot.waist)
     for _ in range(2):
         add(statistics, small_env, 0.0, WALKING_PAIR)
     torch.testing.assert_close(statistics.tracking, torch.full((8, 2), 1.0 - TRACKING_MEMORY**2))
@@ -71,13 +70,13 @@ def test_gates_of_another_run_go_on_with_its_levels(small_env: HumanoidEnv) -> N
 
 
 def test_a_gate_hears_of_its_robots_alone() -> None:
-    statistics = Statistics(4, waist=10)
+    statistics = Statistics(NOBODY[:4], waist=10)
     tracking = torch.tensor([[1.0, 0.5], [0.2, 0.2], [0.0, 0.0], [math.nan, 0.0]])
     statistics.note_gate("alpha", tracking, torch.tensor([True, True, False, False]))
     statistics.note_gate("alpha", tracking, torch.zeros(4, dtype=torch.bool))  # nobody: says nothing
     share = 1.0 - TRACKING_MEMORY
     assert statistics.gate("alpha") == pytest.approx((0.6 * share, 0.35 * share))
     assert statistics.gate("speed") == (0.0, 0.0)
-    other = Statistics(4, waist=10)
+    other = Statistics(NOBODY[:4], waist=10)
     other.load_state_dict(statistics.state_dict())
     assert other.gate("alpha") == statistics.gate("alpha")

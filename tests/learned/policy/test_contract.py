@@ -17,7 +17,7 @@ from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownName
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.policy import load_policy, save_policy, shipped_contracts
-from hugwbc.learned.policy.contract import Contract, FeedForward, History, Term, contract_of, load_contract
+from hugwbc.learned.policy.contract import Contract, History, Term, contract_of, load_contract
 from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.records import settings_record
 from hugwbc.robot import load_robot
@@ -177,7 +177,8 @@ def test_the_record_of_the_settings_holds_no_folder_of_a_machine():
 def asked(v_x: float, gait: Gait = Gait.WALKING, curves: Any = CURVES) -> float:
     command = np.zeros((1, 8))
     command[0, V_X] = v_x
-    return float(FeedForward(curves).asked(command, np.array([int(gait)]))[0, V_X])
+    contract = dataclasses.replace(EnvConfig().contract(), feed_forward=curves)
+    return float(contract.asked(command, np.array([int(gait)]))[0, V_X])
 
 
 def test_a_curve_is_linear_between_its_knots_and_constant_beyond() -> None:
@@ -187,7 +188,8 @@ def test_a_curve_is_linear_between_its_knots_and_constant_beyond() -> None:
 
 def test_other_gaits_and_commands_and_those_of_the_caller_stay_as_they_are():
     command = np.ones((2, 8))
-    result = FeedForward(CURVES).asked(command, np.array([int(Gait.WALKING), int(Gait.STANDING)]))
+    contract = dataclasses.replace(EnvConfig().contract(), feed_forward=CURVES)
+    result = contract.asked(command, np.array([int(Gait.WALKING), int(Gait.STANDING)]))
     assert (command == 1.0).all() and result[0, V_X] == 0.9 and result[1, V_X] == 1.0
     assert asked(1.0, curves={}) == 1.0
 

@@ -19,14 +19,11 @@ from hugwbc.learned.recipe.calibration import calibrate
 from hugwbc.learned.recipe.recipe import load_recipe
 from hugwbc.learned.recipe.run import RECORD, run_recipe
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
-from hugwbc.mbc import WholeBodyController
 
 RECIPE = """
 about: A walk.
 seed: 2001
 stages:
-  starts:
-    record: {states: 16, env: {count: 2, command: {standing_fraction: 1, walking_fraction: 0}}}
   walk:
     train:
       steps: 256
@@ -35,7 +32,7 @@ stages:
       evaluation_seconds: 0.1
       save_interval: 1
       threads: 1
-      env: {count: 8, starts: starts, starts_share: 0.5}
+      env: {count: 8}
       ppo: {horizon: 8, minibatches: 1, epochs: 1}
       schedules: {ppo.std_limit: {shape: geometric, points: {0: 0.5, 256: 0.2}}}
   more:
@@ -51,16 +48,11 @@ stages:
 """
 
 
-class Services:
-    """The QP, and an arena in which a policy walks at 0.9 of what it is asked for."""
-
-    def teacher(self, robot):
-        return lambda period: WholeBodyController(period=period, robot=robot)
-
-    def executed(self, policy, commands, config):
-        asked = load_policy(policy).contract.feed_forward.get("walking", {}).get("v_x")
-        asked = dict(map(tuple, asked or []))
-        return [{"v_x": 0.9 * asked.get(one["v_x"], one["v_x"])} for one in commands]
+def in_arena(policy, commands, config):
+    """Walk at 0.9 of what is asked for."""
+    asked = load_policy(policy).contract.feed_forward.get("walking", {}).get("v_x")
+    asked = dict(map(tuple, asked or []))
+    return [{"v_x": 0.9 * asked.get(one["v_x"], one["v_x"])} for one in commands]
 
 
 @pytest.fixture
@@ -75,7 +67,7 @@ def finished(tmp_path_factory) -> pathlib.Path:
     """The folder of a run of the recipe."""
     folder = tmp_path_factory.mktemp("finished")
     (folder / "walk.yaml").write_text(RECIPE)
-    assert run_recipe(load_recipe(folder / "walk.yaml"), folder / "a", Services())
+    assert run_recipe(load_recipe(folder / "walk.yaml"), folder / "a", in_arena)
     return folder / "a"
 
 
@@ -101,18 +93,18 @@ def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, made,
 
     monkeypatch.setattr(Trainer, "iterate", killed)
     with pytest.raises(KeyboardInterrupt):
-        run_recipe(load_recipe(recipe), tmp_path / "b", Services())
+        run_recipe(load_recipe(recipe), tmp_path / "b", in_arena)
     assert (tmp_path / "b" / "walk" / CHECKPOINT_NAME).exists() and not (tmp_path / "b" / "walk" / RECORD).exists()
     (tmp_path / "b").rename(tmp_path / "elsewhere")  # on another machine
-    assert run_recipe(load_recipe(recipe), tmp_path / "elsewhere", Services())
+    assert run_recipe(load_recipe(recipe), tmp_path / "elsewhere", in_arena)
     for stage, name, kind in (("more", "snapshot", "checkpoint"), ("calibrated", "policy", "policy")):
         one, other = (tensors(tmp_path / run / stage / f"{name}.safetensors", kind) for run in ("a", "elsewhere"))
         assert all(bool((one[key] == other[key]).all()) for key in one)
     assert not list((tmp_path / "a").glob("*/checkpoint*")), "what only an unfinished stage needs is removed"
     records, problems = verify(tmp_path / "a")
-    assert problems == [] and [one.stage for one in records] == ["starts", "walk", "more", "calibrated"]
-    assert [one.steps + one.discarded_steps for one in records] == [0.0, 256.0, 64.0, 0.0]
-    assert records[1].parents["env.starts"].digest == records[0].outputs["starts.safetensors"]
+    assert problems == [] and [one.stage for one in records] == ["walk", "more", "calibrated"]
+    assert [one.steps + one.discarded_steps for one in records] == [256.0, 64.0, 0.0]
+    assert records[1].parents["start_from"].digest == records[0].outputs["snapshot.safetensors"]
     assert all(one.core_seconds > 0.0 and one.commits for one in records)
     assert load_policy(tmp_path / "a").training[KEY]["recipe"] == RECIPE
     assert load_policy(tmp_path / "a").contract.feed_forward
@@ -122,9 +114,9 @@ def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, made,
         "walk", str(tmp_path / "a/snapshot.safetensors")
     )
     recipe.write_text("about: Further.\nseed: 2002\nstages:\n" + own.replace("more", "further"))
-    assert run_recipe(load_recipe(recipe), tmp_path / "further", Services())
+    assert run_recipe(load_recipe(recipe), tmp_path / "further", in_arena)
     records, problems = verify(tmp_path / "further")
-    assert problems == [] and [one.stage for one in records] == ["starts", "walk", "more", "further"]
+    assert problems == [] and [one.stage for one in records] == ["walk", "more", "further"]
 
 
 def test_the_calibration_keeps_the_best_value_at_each_knot(made, tmp_path) -> None:
@@ -153,7 +145,7 @@ def test_a_policy_that_was_changed_does_not_pass(made, capsys) -> None:
     (made / "snapshot.safetensors").write_bytes((made / "walk/snapshot.safetensors").read_bytes())
     assert verify(path)[1] == [], "the snapshot of an ancestor belongs to it"
     values, metadata = checkpoint.load_file(path, "policy")
-    metadata["training"][KEY]["stages"][2]["parents"]["start_from"]["digest"] = "0" * 32
+    metadata["training"][KEY]["stages"][1]["parents"]["start_from"]["digest"] = "0" * 32
     checkpoint.save_file(path, values, "policy", metadata)
     assert verify(path)[1] == ["more: stage walk did not write its start_from"]
     assert main(["check", "--policy", str(path)]) == 1 and "PROBLEM" in capsys.readouterr().out
@@ -163,24 +155,28 @@ def test_a_policy_that_was_changed_does_not_pass(made, capsys) -> None:
 
 
 def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypatch) -> None:
+    run = Trainer.run
+
     def stopped(trainer: Trainer, report: Any) -> None:
-        raise StoppedError
+        if trainer.config.out.name == "more":
+            raise StoppedError
+        run(trainer, report)
 
     monkeypatch.setattr(Trainer, "run", stopped)
-    assert not run_recipe(load_recipe(recipe), tmp_path / "a", Services())
-    for before, after, stage in (("horizon: 8", "horizon: 4", "walk"), ("seed: 2001", "seed: 2002", "starts")):
+    assert not run_recipe(load_recipe(recipe), tmp_path / "a", in_arena)
+    for before, after, stage in (("steps: 64", "steps: 96", "more"), ("seed: 2001", "seed: 2002", "walk")):
         recipe.write_text(RECIPE.replace(before, after))
         with pytest.raises(RecipeError, match=f"recipe has changed since stage {stage} began"):
-            run_recipe(load_recipe(recipe), tmp_path / "a", Services())
+            run_recipe(load_recipe(recipe), tmp_path / "a", in_arena)
     assert (tmp_path / "a/recipe.yaml").read_text() == RECIPE
-    assert json.loads((tmp_path / "a" / "starts" / RECORD).read_text())["stage"] == "starts"
+    assert json.loads((tmp_path / "a" / "walk" / RECORD).read_text())["stage"] == "walk"
 
 
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
         ("start_from: walk", "start_from: wlak", r":\d+:7: unknown earlier stage .* in start_from 'wlak'.*'walk'"),
-        ("start_from: walk", "start_from: starts", "stage that writes snapshot.safetensors, in start_from 'starts'"),
+        ("policy: more", "policy: snapshot", "stage that writes policy.safetensors, in policy 'snapshot'"),
         ("{policy: more,", "{policy: calibrated,", "unknown earlier stage .* in policy 'calibrated'"),
         ("steps: 256", "steps: 0", "greater than 0"),
         ("horizon: 8", "horizom: 8", r":\d+:\d+: .*PPOConfig field 'horizom'. Did you mean 'horizon'"),
@@ -196,19 +192,17 @@ def test_a_mistake_is_refused_with_its_line(recipe, before: str, after: str, sai
         load_recipe(recipe)
 
 
-def test_the_shipped_recipe_is_what_it_was(capsys) -> None:
-    stages = load_recipe("chain").stages
-    gaits = stages["gaits"].train
-    names = "starts gaits precision exact sharp posture squat loads low heavy still calibrated"
-    assert gaits is not None and list(stages) == names.split()
-    early, late = gaits.at(5e6), gaits.at(36e6)
-    assert (early.ppo.horizon, late.ppo.horizon) == (20, 24) and late.env.terrain.roughness == 0.02
-    share = late.env.command
-    assert (share.standing_fraction, share.walking_fraction, share.hopping_fraction) == pytest.approx((0.15, 0.3, 0.2))
-    smoke = load_recipe("chain", smoke=True).stages["gaits"].train
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+def test_the_shipped_recipes_are_one_training_and_a_calibration(robot: str) -> None:
+    stages = load_recipe(robot).stages
+    one = stages["one"].train
+    assert one is not None and list(stages) == ["one", "calibrated"]
+    early, late = one.at(1e6), one.at(one.steps)
+    assert early.env.command.hopping_fraction == 0.0 < late.env.command.hopping_fraction
+    assert early.ppo.horizon < late.ppo.horizon and late.ppo.std_limit < early.ppo.std_limit
+    smoke = load_recipe(robot, smoke=True).stages["one"].train
     assert smoke is not None and smoke.at(smoke.steps).env.rewards == late.env.rewards
-    assert main(["check", "--policy", "h1"]) == 0
-    assert "ca15dd32" in capsys.readouterr().out
+    assert main(["check", "--policy", robot]) == 0
 
 
 def test_options_change_a_recipe_of_one_training(tmp_path, monkeypatch, capsys) -> None:
@@ -226,9 +220,9 @@ def test_options_change_a_recipe_of_one_training(tmp_path, monkeypatch, capsys) 
     assert main(["train", "--recipe", "g1", "--env.count", "16"]) == 0
     stages = load_recipe("g1").stages
     assert runs[2].stages["one"].train.env.count == 16 and runs[2].stages["calibrated"] == stages["calibrated"]
-    assert main(["train", "--recipe", "chain", "--env.count", "16"]) == 2
-    said = capsys.readouterr().err
-    assert "--env.count changes recipes with one stage that trains; chain has gaits, precision" in said
+    (tmp_path / "two.yaml").write_text(text.replace("8}}}}", "8}}}, run: {train: {start_from: walk}}}"))
+    assert main(["train", "--recipe", str(tmp_path / "two.yaml"), "--env.count", "16"]) == 2
+    assert "--env.count changes recipes with one stage that trains; two has walk, run" in capsys.readouterr().err
     scheduled = text.replace("steps: 64,", "steps: 64, schedules: {ppo.std_limit: {points: {0: 0.5, 64: 0.2}}},")
     (tmp_path / "scheduled.yaml").write_text(scheduled)
     assert main(["train", "--recipe", str(tmp_path / "scheduled.yaml"), "--ppo.std-limit", "0.3"]) == 2

@@ -24,9 +24,10 @@ from hugwbc.learned.config import (
 )
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import checkpoint, load_policy
+from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
 from hugwbc.learned.policy.records import LOG_NAME
 from hugwbc.learned.rl.evaluator import Evaluator
-from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, SNAPSHOT_NAME, Trainer, train
+from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer, train
 
 # The curricula move from the first iteration, so that their state matters for a resumed run.
 CURRICULUM = CurriculumConfig(
@@ -45,7 +46,7 @@ LATE = RandomizationConfig(latency=(0.0, 0.02))
 SETTINGS = [
     {"curriculum": dataclasses.replace(ENV.curriculum, speed_interval=2, steps=96), "intervention": "motion"},
     {"loads": LoadConfig(4.0, 40.0, 60.0, hand_interval=0.05, trunk_interval=0.05), "episode_steps": 4},
-    {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE, "held_foot_grace": 0.5},
+    {"terrain": TerrainConfig(roughness=0.02, start_level=3), "randomization": LATE},
 ]
 EVALUATE = {"evaluation_steps": 128, "evaluation_robots": 8, "evaluation_seconds": 0.1}
 
@@ -81,7 +82,7 @@ def test_the_policy_that_is_given_out_is_an_average_over_steps(tmp_path: pathlib
     product = torch.cat([p.detach().flatten() for p in trainer.product.parameters()])
     assert torch.allclose(product, expected, atol=1e-6) and not torch.allclose(product, before, atol=1e-4)
     trainer.save()
-    continued = Trainer(config(tmp_path / "next", 3, start_from=tmp_path / SNAPSHOT_NAME))
+    continued = Trainer(config(tmp_path / "next", 3, start_from=tmp_path / SNAPSHOT_FILE))
     weights = zip(continued.ppo.network.actor.parameters(), trainer.product.actor.parameters(), strict=True)
     assert all(torch.equal(a, b) for a, b in weights)
 
@@ -107,7 +108,7 @@ def test_files_of_a_run(tmp_path: pathlib.Path) -> None:
 
 def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
     trainer = run(config(tmp_path, 2))
-    slim = tmp_path / SNAPSHOT_NAME
+    slim = tmp_path / SNAPSHOT_FILE
     assert slim.stat().st_size < 3e6
     resumed = Trainer(config(tmp_path / "other", 3, start_from=slim))
     assert resumed.iteration == 2
@@ -121,10 +122,16 @@ def test_another_feed_forward_than_that_of_the_start_is_told(tmp_path: pathlib.P
     env = dataclasses.replace(config(tmp_path, 1).env, swing_gain=1.0)
     run(dataclasses.replace(config(tmp_path, 1), env=env))
     told: list[str] = []
-    start = {"start_from": tmp_path / SNAPSHOT_NAME}
+    start = {"start_from": tmp_path / SNAPSHOT_FILE}
     train(config(tmp_path / "other", 2, **start), lambda row, gates: None, told.append)
     assert len(told) == 1 and "was trained with --env.swing-gain 1;" in told[0]
     assert Trainer(dataclasses.replace(config(tmp_path / "same", 2, **start), env=env)).remark == ""
+    # Of a schedule, the value at the end counts.
+    rising = {"schedules": {"env.swing_gain": Schedule({0: 0.0, 64: 0.5})}}
+    run(config(tmp_path / "rising", 1, **rising))
+    assert Trainer(config(tmp_path / "rising", 2, resume=True, **rising)).remark == ""
+    start = {"start_from": tmp_path / "rising" / SNAPSHOT_FILE}
+    assert "with --env.swing-gain 0.5;" in Trainer(config(tmp_path / "other", 2, **start)).remark
 
 
 def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,7 +145,7 @@ def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: 
     best = load_policy(tmp_path / "best").training
     assert best["iteration"] == 4 and best["evaluation"]["evaluation/score"] == 1.0
     assert load_policy(tmp_path).training["iteration"] == 7
-    other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_NAME))
+    other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_FILE))
     assert other.iteration == 4 and other.best == {}
 
 
@@ -290,7 +297,7 @@ def test_a_file_of_another_state_is_refused(tmp_path: pathlib.Path, finished, te
     """A checkpoint, or the snapshot where the message is of one."""
     snapshot = "curriculum" in message or "odd" in message
     path = tmp_path / ("odd" if snapshot else CHECKPOINT_NAME)
-    old, metadata = checkpoint.load_file(finished / (SNAPSHOT_NAME if snapshot else CHECKPOINT_NAME), "checkpoint")
+    old, metadata = checkpoint.load_file(finished / (SNAPSHOT_FILE if snapshot else CHECKPOINT_NAME), "checkpoint")
     kept = {name: value for name, value in (metadata | entries).items() if value is not None}
     checkpoint.save_file(path, old | tensors, "checkpoint", kept)
     with pytest.raises(PolicyFileError, match=message):
@@ -300,7 +307,7 @@ def test_a_file_of_another_state_is_refused(tmp_path: pathlib.Path, finished, te
 def test_schedules_begin_with_the_run_and_survive_a_resumption(tmp_path: pathlib.Path) -> None:
     """Ground that becomes rough in the middle needs new robots, which go on where the others were."""
     run(config(tmp_path / "start", 3))
-    start = tmp_path / "start" / SNAPSHOT_NAME
+    start = tmp_path / "start" / SNAPSHOT_FILE
     schedules = {
         "env.terrain.roughness": Schedule({0: 0.0, 128: 0.02}, "steps"),
         "env.command.hopping_fraction": Schedule({0: 0.0, 64: 0.2}, "steps"),

@@ -1,0 +1,97 @@
+"""What a run finds in the checkpoint that it goes on from: whether it may, and what it then begins with."""
+
+import contextlib
+import pathlib
+from collections.abc import Iterator
+from typing import Any
+
+import torch
+
+from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.learned import distributed
+from hugwbc.learned.config import EnvConfig, Schedule, TrainConfig
+from hugwbc.learned.policy import checkpoint
+from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
+from hugwbc.learned.policy.records import settings_record
+
+_OF_A_SESSION = ("resume", "start_from", "steps", "hours", "threads", "device", "save_interval")  # settings
+_MOST_NAMED = 5  # settings in an error
+
+
+@contextlib.contextmanager
+def readable(path: pathlib.Path) -> Iterator[None]:
+    """Refuse metadata that lacks something or holds something else."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError) as error:
+        raise PolicyFileError(
+            f"{path} lacks a readable {error} in its metadata; use a checkpoint as hugwbc wrote it"
+        ) from error
+
+
+def by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, dict[str, torch.Tensor]]:
+    """Sort the tensors of a checkpoint into networks, environment and optimiser, by the names used there."""
+    groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "product": {}, "env": {}, "optimiser": {}}
+    for key, value in tensors.items():
+        group, _, name = key.partition(".")
+        if not name:
+            continue  # the generator
+        if group not in groups:
+            raise PolicyFileError(
+                f"{path} holds {group!r}, this version reads {', '.join(groups)}; it was written by another version. "
+                "Use a checkpoint or a snapshot of this one"
+            )
+        groups[group][name] = value
+    return groups
+
+
+def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib.Path) -> None:
+    """Refuse to go on with other settings than a checkpoint's, but for those of a session."""
+    with readable(path):
+        before, now = (_flat(settings) for settings in (metadata["config"], settings_record(config)))
+    # A setting that one of the two lacks is of another version, unless it is a point of a schedule.
+    names = [name for name in before | now if name in before.keys() & now.keys() or name.startswith("schedules.")]
+    changed = [
+        f"{name} {before.get(name, 'nothing')} (here {now.get(name, 'nothing')})"
+        for name in names
+        if name not in _OF_A_SESSION and before.get(name) != now.get(name)
+    ]
+    if changed:
+        more = f", and {len(changed) - _MOST_NAMED} others" if len(changed) > _MOST_NAMED else ""
+        raise ConfigError(
+            f"{path} was trained with {', '.join(changed[:_MOST_NAMED])}{more}. Give the same options again, or begin "
+            f"another run with its policy: --start-from {path.with_name(SNAPSHOT_FILE)} and another --out"
+        )
+
+
+def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested settings by dotted name, such as env.count."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> str:
+    """Return what a user should know: another feed-forward of the legs."""
+    settings = metadata["config"]
+    before: dict[str, float] = {}
+    for name in {"squat_gain", "swing_gain"} & settings["env"].keys():
+        schedule = settings.get("schedules", {}).get(f"env.{name}")
+        ran = metadata["steps"] - metadata.get("begin", {}).get("steps", 0)
+        before[name] = settings["env"][name] if schedule is None else Schedule(**schedule).at(ran)
+    words = [f"--env.{n.replace('_', '-')} {g:g}" for n, g in sorted(before.items()) if g != getattr(env, n)]
+    return f"{path} was trained with {' '.join(words)}; without that it moves differently" if words else ""
+
+
+def with_robots_of_rank(
+    tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
+) -> dict[str, torch.Tensor]:
+    """Replace the first process's robots in a checkpoint by this process's; drop them if there are none."""
+    common = {name: value for name, value in tensors.items() if name.startswith(("network.", "product.", "optimiser."))}
+    place = distributed.rank_path(path)
+    if not place.exists():
+        return common
+    robots, metadata = checkpoint.load_file(place, "robots")
+    # A file of another iteration comes from an earlier time or run in the same folder: start new episodes instead.
+    return common | robots if metadata.get("iteration") == iteration else common
