@@ -132,6 +132,8 @@ def _play(words: Sequence[str]) -> int:
         for trace in traces:
             for message in trace.safety.messages:
                 say(f"safety filter of {trace.name}: {message}", options.json)
+            for problem in trace.problems:
+                say(f"scene of {trace.name}: {problem}", options.json)
         output.write_json(options.json, summary)
         written = write_comparison(options.out, summary, figures, traces, script=script)
         say("\nwrote " + ", ".join(str(path) for path in written), options.json)
