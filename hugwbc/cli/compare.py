@@ -18,8 +18,8 @@ from hugwbc.evaluation.experiment import Experiment
 from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of
 from hugwbc.evaluation.tables import format_table
 from hugwbc.gait import Gait
-from hugwbc.report.comparison_page import link_video, write_comparison
-from hugwbc.report.paper_table import PAIRED_NOTE, write_paper
+from hugwbc.report.comparison_page import COMPARISON_FILES, REPORT, link_video, write_comparison
+from hugwbc.report.paper_table import PAIRED_NOTE, PAPER_FILES, write_paper
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script, while_walking
@@ -30,8 +30,7 @@ from hugwbc.viz.framing import Chapter, check_count
 from hugwbc.viz.video import write_video
 
 _VIDEO = "compare.mp4"
-# all that a comparison may write, with one run of each controller or with many
-_FILES = ("summary.json", "report.html", "replay.html", _VIDEO, "table.tex", "figures.csv", "figure.svg")
+_FILES = (*COMPARISON_FILES, _VIDEO, *PAPER_FILES)  # with one run of each controller, or with many
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,6 +132,8 @@ def _play(words: Sequence[str]) -> int:
         for trace in traces:
             for message in trace.safety.messages:
                 say(f"safety filter of {trace.name}: {message}", options.json)
+            for problem in trace.problems:
+                say(f"scene of {trace.name}: {problem}", options.json)
         output.write_json(options.json, summary)
         written = write_comparison(options.out, summary, figures, traces, script=script)
         say("\nwrote " + ", ".join(str(path) for path in written), options.json)
@@ -185,6 +186,6 @@ def _write_video(options: CompareOptions, traces: Sequence[Trace], script: Scrip
     with progress("video, the pages are ready") as advance:
         obstacle = write_video(path, traces, hide=options.hide, chapters=chapters, on_progress=advance)
     if obstacle is None:
-        link_video(options.out / "report.html", path)
+        link_video(options.out / REPORT, path)
     say(obstacle or f"wrote {path}", options.json)
     return [path] if obstacle is None else []

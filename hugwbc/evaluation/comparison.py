@@ -43,6 +43,7 @@ def summarise(trace: Trace) -> dict[str, Any]:
     - `hand_error_m`, `hand_travel`: those of `metrics.hand_errors` and `metrics.hand_travel`.
     - `tick_ms`, `ik_ms`: p50 and p99 of the time of a call of the controller and of the hand IK [ms]; None without one.
     - `footsteps`: number of touch-downs of both feet.
+    - `problems`: what went wrong with the objects, such as one that left the world.
     """
     return {
         "fell": trace.fell,
@@ -55,6 +56,7 @@ def summarise(trace: Trace) -> dict[str, Any]:
         "steps": trace.steps,
         "footsteps": sum(times.size for times in trace.touch_downs),
         "safety": dataclasses.asdict(trace.safety),
+        "problems": trace.problems,
     }
 
 

@@ -90,40 +90,36 @@ def bootstrap_rms(samples: Iterable[float | None]) -> Estimate:
     return Estimate(value, low, high, squares.samples)
 
 
-def bootstrap_ratio(samples: Iterable[float | None], reference: Iterable[float | None]) -> Estimate:
-    """Return the ratio of two means with the interval of `bootstrap_mean`; both means are resampled.
-
-    The two are drawn independently, and None is left out. The ratio is None if a mean is missing or the divisor is 0,
-    and has no bounds if one of the two has a single sample.
-    """
-    own, other = (np.array([v for v in values if v is not None], dtype=float) for values in (samples, reference))
-    if not own.size or not other.size or other.mean() == 0.0:
-        return Estimate(None, None, None, own.size)
-    without_bounds = Estimate(float(own.mean() / other.mean()), None, None, own.size)
-    if own.size == 1 or other.size == 1:
-        return without_bounds
-    rng = np.random.default_rng(_SEED)
-    means = [v[rng.integers(v.size, size=(RESAMPLES, v.size))].mean(axis=1) for v in (own, other)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = _bounds(means[0] / means[1], min(own.size, other.size))
-    if not (math.isfinite(low) and math.isfinite(high)):  # resamples of the divisor that are 0
-        return without_bounds
-    return dataclasses.replace(without_bounds, low=low, high=high)
-
-
 def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int = 1) -> Estimate:
     """Return the difference of two means over the same episodes, with the interval of `bootstrap_mean`.
 
     Episodes are resampled for both at once: what makes one harder than another does not count. A power of 2 takes root
     mean squares instead of means.
     """
-    both = np.array([mine, theirs], dtype=float) ** power
-    difference = _difference(both.mean(axis=1), power)
-    if both.shape[1] < 2:
-        return Estimate(float(difference), None, None, both.shape[1])
-    picked = np.random.default_rng(_SEED).integers(both.shape[1], size=(RESAMPLES, both.shape[1]))
-    drawn = _difference(both[:, picked].mean(axis=2), power)
-    return Estimate(float(difference), *_bounds(drawn, both.shape[1]), both.shape[1])
+    return _paired(np.array([mine, theirs], dtype=float) ** power, functools.partial(_difference, power=power))
+
+
+def paired_ratio(mine: Sequence[float], theirs: Sequence[float]) -> Estimate:
+    """Return the ratio of two means over the same episodes, resampled as by `paired_difference`.
+
+    The ratio is None without episodes or if the divisor is 0, and has no bounds if the divisor is 0 in resamples.
+    """
+    both = np.array([mine, theirs], dtype=float)
+    if not both.size or both[1].mean() == 0.0:
+        return Estimate(None, None, None, len(mine))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = _paired(both, lambda means: means[0] / means[1])
+    bounded = all(bound is None or math.isfinite(bound) for bound in (ratio.low, ratio.high))
+    return ratio if bounded else dataclasses.replace(ratio, low=None, high=None)
+
+
+def _paired(both: np.ndarray, statistic: Callable[[np.ndarray], Any]) -> Estimate:
+    """Return a statistic of two means over the same episodes, shape (2, episodes), which are resampled for both."""
+    value, count = float(statistic(both.mean(axis=1))), both.shape[1]
+    if count < 2:
+        return Estimate(value, None, None, count)
+    picked = np.random.default_rng(_SEED).integers(count, size=(RESAMPLES, count))
+    return Estimate(value, *_bounds(statistic(both[:, picked].mean(axis=2)), count), count)
 
 
 def _bounds(resampled: np.ndarray, count: int) -> tuple[float, float]:

@@ -159,13 +159,13 @@ def _power(estimate: Estimate, alone: Mapping[str, float]) -> int:
 
 
 def remarks(results: Sequence[Result]) -> list[str]:
-    """Say which results lack episodes that fell, and which figures rest on too few for what is shown of them."""
+    """Say which results lack values of falls, and which figures rest on too few episodes for what is shown of them."""
     found: list[str] = []
     for result in results:
         if lost := _lost(result.rows):
             found.append(
-                f"{result.experiment}, {result.controller}: {lost} of {len(result.rows)} episodes fell and are "
-                "missing from means."
+                f"{result.experiment}, {result.controller}: {lost} of {len(result.rows)} episodes fell and lack values "
+                "that others have; means are without these."
             )
     figures = [figure for result in results for figure in result.figures]
     few = {

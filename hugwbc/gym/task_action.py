@@ -56,11 +56,11 @@ _BODY = (
 
 
 def _within(entry: Entry, low: float, high: float) -> Entry:
-    """Return the entry with values from low to high only; one that is symmetric about 0 stays so."""
-    low, high = max(entry.low, low), min(entry.high, high)
-    if entry.low == -entry.high:
+    """Return the entry within low and high; what is symmetric about 0 stays so where both signs are allowed."""
+    if entry.low == -entry.high and low < 0.0 < high:
         high = min(-low, high)
         low = -high
+    low, high = np.clip((entry.low, entry.high), low, high).tolist()
     return dataclasses.replace(entry, low=low, high=high)
 
 

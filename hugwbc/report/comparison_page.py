@@ -18,7 +18,8 @@ from hugwbc.viz.framing import LABEL_COLOURS, Chapter, check_traces, title_of
 from hugwbc.viz.plots import Panel, hand_panels, path_panel, torque_panels, tracking_panels
 from hugwbc.viz.replay import write_replay
 
-BESIDE = {"Replay in three dimensions": "replay.html", "Figures as JSON": "summary.json"}
+COMPARISON_FILES = SUMMARY, REPORT, REPLAY = "summary.json", "report.html", "replay.html"
+BESIDE = {"Replay in three dimensions": REPLAY, "Figures as JSON": SUMMARY}
 
 
 def report_html(
@@ -61,16 +62,16 @@ def write_comparison(
     *,
     script: Script | None = None,
 ) -> list[pathlib.Path]:
-    """Write summary.json, report.html and replay.html of a comparison and return their paths.
+    """Write the `COMPARISON_FILES` and return their paths.
 
     Summary and figures are those of `evaluation.comparison`, for a script or a task. With a script, the report has
     figures of its segments.
     """
     title = f"hugwbc compare: {summary.get('task') or summary['script']}"
-    write_whole(folder / "summary.json", json.dumps(finite_json(dict(summary)), indent=2) + "\n")
+    write_whole(folder / SUMMARY, json.dumps(finite_json(dict(summary)), indent=2) + "\n")
     spans = [] if script is None else segment_spans(script)
     chapters = [Chapter(begin, label) for label, begin, _ in spans]
-    write_replay(folder / "replay.html", traces, title=title, chapters=chapters)
+    write_replay(folder / REPLAY, traces, title=title, chapters=chapters)
     tables = [*([] if script is None else [segment_table(script, traces)]), figures]
     counters = {trace.name: dataclasses.asdict(trace.safety) for trace in traces}
     text = report_html(
@@ -81,8 +82,8 @@ def write_comparison(
         subtitle=_conditions(summary, traces[0].scene is not None),
         chapters=chapters,
     )
-    write_whole(folder / "report.html", text)
-    return [folder / "summary.json", folder / "report.html", folder / "replay.html"]
+    write_whole(folder / REPORT, text)
+    return [folder / name for name in COMPARISON_FILES]
 
 
 def _conditions(summary: Mapping[str, Any], among_objects: bool) -> str:

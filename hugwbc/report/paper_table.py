@@ -22,6 +22,7 @@ PAIRED_NOTE = (
     "interval, of percentages with the p of McNemar's exact test. * marks those that leave out 0, or p < 0.05. Figures "
     "that are no means over episodes have none."
 )
+PAPER_FILES = "table.tex", "figures.csv", "figure.svg"
 _PAGE = 40  # rows
 # Of the picture: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
 _LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
@@ -80,19 +81,15 @@ def tex_text(text: str) -> str:
 def write_paper(
     folder: pathlib.Path, results: Sequence[Result], tables: Sequence[Table], notes: Sequence[str]
 ) -> list[pathlib.Path]:
-    """Write table.tex, figures.csv and figure.svg of results of one experiment, and return their paths.
+    """Write the `PAPER_FILES` of results of one experiment, and return their paths.
 
     The tables are those of the results, and the notes sentences for the caption.
     """
     figures = [figure for result in results for figure in result.figures if figure.estimate is not None]
-    contents = {
-        "table.tex": tex_table(tables, notes),
-        "figures.csv": figures_csv(figures),
-        "figure.svg": _picture(results),
-    }
-    for name, content in contents.items():
-        write_whole(folder / name, content)
-    return [folder / name for name in contents]
+    paths = [folder / name for name in PAPER_FILES]
+    for path, content in zip(paths, (tex_table(tables, notes), figures_csv(figures), _picture(results)), strict=True):
+        write_whole(path, content)
+    return paths
 
 
 def _picture(results: Sequence[Result]) -> str:

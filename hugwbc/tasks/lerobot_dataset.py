@@ -345,11 +345,16 @@ def read_frames(folder: pathlib.Path, row: Mapping[str, Any], key: str) -> np.nd
     """Return a column of the frames of an episode by its row, shape (T, numbers)."""
     path = folder / _DATA.format(**{name: row[f"data/{name}"] for name in _place(0)})
     try:
-        frames = np.array(pq.read_table(path, columns=[key])[key].to_pylist(), dtype=float)
+        table = pq.read_table(path, columns=[key, "episode_index", "frame_index"])
+        frames = np.array(table[key].to_pylist(), dtype=float)
+        places = list(zip(*(table[name].to_pylist() for name in ("episode_index", "frame_index")), strict=True))
     except (OSError, pa.ArrowInvalid, LookupError, TypeError, ValueError) as error:
         raise ConfigError(f"cannot read {path}: {error}; copy the data set again") from error
     if len(frames) != row["length"]:
         raise ConfigError(f"{path} has {len(frames)} frames, its episode {row['length']}; copy the data set again")
+    episode = row["episode_index"]
+    if places != [(episode, number) for number in range(len(frames))]:
+        raise ConfigError(f"{path} has not the frames of episode {episode} in their order; copy the data set again")
     return frames
 
 

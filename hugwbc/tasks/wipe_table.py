@@ -43,7 +43,7 @@ def covered(record: TaskRecord) -> float:
     done = np.zeros(len(points), dtype=bool)
     for hand in range(2):
         force = record.hand_force[:, hand, 2]
-        touching = force > TOUCH
+        touching = (force > TOUCH) & record.hand_touches[:, hand]  # not on the robot's own arms, above the table
         at = (record.hands[touching, hand, :2] - pose[:2]) @ turn + edge
         near = np.linalg.norm(at[:, None] - points, axis=2) <= WIDTH
         mean = force[touching] @ near / np.maximum(near.sum(axis=0), 1)

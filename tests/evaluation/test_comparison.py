@@ -31,9 +31,11 @@ def test_an_outcome_holds_the_figures_of_its_trace(synthetic_trace):
     error = np.full((n, 2), np.nan)
     error[-100:] = (0.01, 0.03)
     target = np.where(np.isfinite(error)[..., None], np.zeros(3), np.nan)
-    hands = {"hand_error": error, "hand_target_world": target, "reachable": np.isfinite(error)}
+    left = ("object 'parcel' left the world at 0.30 s",)
+    hands = {"problems": left, "hand_error": error, "hand_target_world": target, "reachable": np.isfinite(error)}
     outcome = summarise(dataclasses.replace(trace, tick_ms=np.arange(101.0), ik_ms=np.full(5, 0.25), **hands))
     assert not outcome["fell"] and outcome["survived_s"] == 4.0 and outcome["steps"] == n
+    assert outcome["problems"] == left
     assert outcome["errors"] == pytest.approx({"v_x": 0.1, "v_y": 0.0, "omega": 0.0, "h": 0.0, "p": 0.0, "w": 0.2})
     assert outcome["hand_error_m"]["mean"] == pytest.approx(0.02)
     assert outcome["tick_ms"] == {"p50": 50.0, "p99": 99.0}

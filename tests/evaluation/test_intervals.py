@@ -4,9 +4,9 @@ import pytest
 from hugwbc.evaluation.intervals import (
     bootstrap_mean,
     bootstrap_median,
-    bootstrap_ratio,
     exact_test,
     paired_difference,
+    paired_ratio,
     student_quantile,
     wilson_percentage,
 )
@@ -79,21 +79,22 @@ def test_the_interval_of_a_median_is_that_of_order_statistics():
     assert bootstrap_median([]).value is None and bootstrap_median([2.0]).low is None
 
 
-def test_a_ratio_is_that_of_the_means_and_both_of_them_are_uncertain():
+def test_a_ratio_of_the_same_episodes_leaves_out_what_makes_one_harder_than_another():
     rng = np.random.default_rng(3)
-    own, other = rng.normal(3.0, 0.3, 200), rng.normal(2.0, 0.4, 100)
-    ratio = bootstrap_ratio(own.tolist(), [*other.tolist(), None])
-    assert ratio.value == pytest.approx(own.mean() / other.mean()) and ratio.samples == 200
-    error = ratio.value * np.hypot(0.1 / np.sqrt(200), 0.2 / np.sqrt(100))  # by propagation of errors
+    hard = rng.exponential(5.0, 200)
+    own = hard * rng.normal(1.5, 0.15, 200)
+    ratio = paired_ratio(own.tolist(), hard.tolist())
+    error = (own - ratio.value * hard).std() / np.sqrt(200) / hard.mean()  # of a ratio estimator (Cochran 1977)
+    assert ratio.value == pytest.approx(own.mean() / hard.mean()) and ratio.samples == 200
     assert ratio.low == pytest.approx(ratio.value - 1.96 * error, abs=0.3 * error)
     assert ratio.high == pytest.approx(ratio.value + 1.96 * error, abs=0.3 * error)
 
 
-def test_a_ratio_needs_both_means():
-    assert bootstrap_ratio([], [1.0]).value is None and bootstrap_ratio([1.0], [0.0, 0.0]).value is None
-    one = bootstrap_ratio([1.0, 3.0], [4.0])
-    assert (one.value, one.low, one.high) == (0.5, None, None)
-    sometimes_zero = bootstrap_ratio([1.0, 2.0], [0.0, 1.0])
+def test_a_ratio_needs_a_divisor():
+    assert paired_ratio([], []).value is None and paired_ratio([1.0, 1.0], [0.0, 0.0]).value is None
+    one = paired_ratio([2.0], [4.0])
+    assert (one.value, one.low, one.high, one.samples) == (0.5, None, None, 1)
+    sometimes_zero = paired_ratio([1.0, 2.0], [0.0, 1.0])
     assert (sometimes_zero.value, sometimes_zero.high) == (3.0, None)
 
 

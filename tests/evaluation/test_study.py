@@ -81,7 +81,7 @@ def test_differences_are_over_the_episodes_that_both_have(longer):
 def test_too_few_episodes_are_said(longer):
     results, found = study(longer, 4)
     lost, few, tested = remarks(results)
-    assert lost == "mine, longer: 2 of 4 episodes fell and are missing from means."
+    assert lost == "mine, longer: 2 of 4 episodes fell and lack values that others have; means are without these."
     assert "time, error, RMS, time of the upright rest on 2 or more each; below 8" in few
     assert "4 pairs cannot be told apart" in tested and not found["error, RMS"].is_clear
 

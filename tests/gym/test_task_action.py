@@ -70,6 +70,19 @@ def test_a_g1_crouches_as_low_as_it_can_and_walks_with_its_own_swing_height():
     assert (command.v_x, command.h, command.l) == pytest.approx((0.0, -0.24, 0.12))
 
 
+@pytest.mark.parametrize(
+    ("given", "reached"), [((0.0, 1.0), (0.0, 0.6)), ((-0.4, 0.0), (-0.4, 0.0)), ((0.7, 1.0), (0.7, 0.7))]
+)
+def test_a_robot_that_walks_one_way_only_can_be_told_to(given, reached):
+    layout = ActionLayout(None, dataclasses.replace(load_robot(), commands={"v_x": {"finishing": given}}))
+    action = layout.rest.copy()
+    action[layout.names.index("walk")], found = 1.0, []
+    for end in (-1.0, 1.0):
+        action[layout.names.index("v_x")] = end
+        found.append(layout.decode(action).command.v_x)
+    assert found == pytest.approx(reached) and layout.decode(layout.rest).command == Command()
+
+
 def test_hands_go_to_their_targets_no_faster_than_they_may():
     behaviour = FollowWish(lambda side: None)
     source = BehaviourSource(behaviour.course)

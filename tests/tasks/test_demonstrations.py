@@ -25,7 +25,7 @@ from hugwbc.sim.scenes import Box, Scene, Table
 from hugwbc.targets import HandTargets
 from hugwbc.tasks import Milestone, Task, Verdict, load_task, run_task
 from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, demonstrate, state_names
-from hugwbc.tasks.lerobot_dataset import DatasetWriter, features_of
+from hugwbc.tasks.lerobot_dataset import DatasetWriter, features_of, read_frames
 
 ROBOT = load_robot("h1")
 EXACT = Arena(sensing="exact")
@@ -350,6 +350,17 @@ def test_nothing_is_left_of_a_recording_without_a_complete_episode(tmp_path, mon
         monkeypatch.setattr(pq, "write_table", stop)  # in the middle of the second episode
         writer.add(made_up("press_button", 5))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_out_of_order_and_those_of_another_episode_are_refused(tmp_path):
+    folder = written(tmp_path / "demos", made_up("press_button", 5), made_up("press_button", 5))
+    row = pq.read_table(folder / "meta/episodes").to_pylist()[0]
+    path, other = sorted((folder / "data").glob("*/*.parquet"))
+    assert read_frames(folder, row, "action").shape == (5, len(ACTION_NAMES))
+    for table in (pq.read_table(path).take([0, 2, 1, 3, 4]), pq.read_table(other)):
+        pq.write_table(table, path)
+        with pytest.raises(ConfigError, match="has not the frames of episode 0 in their order; copy the data set"):
+            read_frames(folder, row, "action")
 
 
 def test_a_folder_is_never_overwritten(tmp_path):

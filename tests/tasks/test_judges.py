@@ -197,8 +197,10 @@ def test_a_table_that_is_wiped(made_up):
     hands, force = still.hands.copy(), np.zeros((1000, 2, 3))
     hands[:, 1, :2] = pose[:2] + (points - [0.3, 0.0]) @ turn.T
     force[:, 1, 2] = 15.0
-    wiped = dataclasses.replace(still, hands=hands, hand_force=force)
+    wiped = dataclasses.replace(still, hands=hands, hand_force=force, hand_touches=np.ones((1000, 2), dtype=bool))
     assert verdict_of("wipe_table", wiped).success
+    above = dataclasses.replace(wiped, hand_touches=np.zeros((1000, 2), dtype=bool))  # a hand that presses on the other
+    assert not verdict_of("wipe_table", above).success
     for newton in (2.0, 40.0):
         force = np.zeros((1000, 2, 3))
         force[:, 1, 2] = newton

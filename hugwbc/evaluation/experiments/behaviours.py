@@ -77,14 +77,16 @@ def play(
 ) -> tuple[Row, Engine, Trace]:
     """Play a behaviour; return how it ended, the simulation after it, and the record.
 
-    - `success`: whether the behaviour ended with success; `seconds`: when, None if not [s]; `ending`: what it said.
+    - `success`: whether the behaviour ended with success, and no object left the world; `seconds`: when, None if not
+      [s]; `ending`: what it said, or what went wrong with robot or objects.
     """
     source, simulation = BehaviourSource(behaviour), simulation_of(settings, plan, scene=scene)
     where = {"source": source, "simulation": simulation, "upper_body": settings.conditions.upper_body()}
     trace = simulate(controller, settings, plan, **where, until=lambda: source.done)
-    success = source.status is Status.SUCCESS and not trace.fell
+    problem = next(iter(trace.problems), "").partition(" at ")[0]  # without its time
+    success = source.status is Status.SUCCESS and not trace.fell and not problem
     seconds = simulation.time if success else None
-    how = "a fall" if trace.fell else source.ending
+    how = problem or ("a fall" if trace.fell else source.ending)
     return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation, trace
 
 

@@ -16,7 +16,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import FALLS, Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_ratio, known
+from hugwbc.evaluation.intervals import bootstrap_mean, known, paired_ratio
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
@@ -103,7 +103,7 @@ def figures(settings: EnginesSettings, rows: pl.DataFrame) -> list[Figure]:
             for engine, values in errors.items():
                 found.append(Figure(table, f"E_{name}, {engine}", unit, bootstrap_mean(values)))
             pairs = [pair for pair in zip(*errors.values(), strict=False) if None not in pair]
-            ratio = bootstrap_ratio([physx for _, physx in pairs], [mujoco for mujoco, _ in pairs])
+            ratio = paired_ratio([physx for _, physx in pairs], [mujoco for mujoco, _ in pairs])
             found.append(Figure(table, f"E_{name}, ratio", "", ratio))
         for engine, part in parts.items():
             found.append(falls_figure(table, part["fell"], quantity=f"{FALLS}, {engine}"))

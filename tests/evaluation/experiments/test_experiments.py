@@ -6,13 +6,18 @@ import pickle
 import numpy as np
 import pytest
 
+from hugwbc.behaviours import wait
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.evaluation.conditions import Conditions
+from hugwbc.evaluation.episode import simulation_of
 from hugwbc.evaluation.experiment import Section, frame_of, run_experiment
-from hugwbc.evaluation.experiments import EXPERIMENTS, experiment_of, hands
-from hugwbc.runtime.controllers import ControllerSpec
-from hugwbc.sim import Simulation
+from hugwbc.evaluation.experiments import EXPERIMENTS, behaviours, experiment_of, hands
+from hugwbc.evaluation.plans import Plan
+from hugwbc.robot import load_robot
+from hugwbc.runtime.controllers import ControllerSpec, HoldController
+from hugwbc.sim import Scene, Simulation
+from hugwbc.sim.scenes import Box
 
 HOLD = ControllerSpec("hold")
 QUICK = {"duration": 0.3, "settle": 0.1, "conditions": Conditions(timestep=0.005)}
@@ -195,3 +200,17 @@ def test_hands_walk_with_the_swing_height_of_their_robot():
     settings = hands.HandsSettings(gait="walking", duration=2.5, settle=2.0, conditions=conditions)
     command = hands.hands_script(settings, np.random.default_rng(0)).command_at(2.4)
     assert (command.v_x, command.l) == pytest.approx((0.5, 0.12))
+
+
+def test_a_behaviour_is_not_done_if_an_object_left_the_world(monkeypatch):
+    def falling_upwards(settings, plan, *, scene):
+        simulation = simulation_of(settings, plan, scene=scene)
+        simulation.model.opt.gravity[2] = 200.0
+        return simulation
+
+    monkeypatch.setattr(behaviours, "simulation_of", falling_upwards)
+    scene = Scene((Box(name="parcel", position=(2.0, 0.0, 9.0), size=(0.2, 0.2, 0.2)),))
+    settings = behaviours.BehavioursSettings(duration=1.0, conditions=Conditions(timestep=0.005))
+    controller = HoldController(load_robot())
+    row, *_ = behaviours.play(controller, settings, Plan(0), lambda view: wait(view, 0.4), scene)
+    assert not row["success"] and row["seconds"] is None and row["ending"] == "object 'parcel' left the world"
