@@ -290,10 +290,9 @@ class Simulation(Engine):
 
     @property
     def links_on_ground(self) -> tuple[str, ...]:
-        """Names of the links that touch the ground now."""
-        found = [pair for pair in self.data.contact.geom.tolist() if self._floor in pair]
-        bodies = {int(self.model.geom_bodyid[a if b == self._floor else b]) for a, b in found}
-        return tuple(self.model.body(body).name for body in sorted(bodies))
+        """Names of the links that touch the ground now, the feet on a height field included."""
+        pairs = self.model.geom_bodyid[self.data.contact.geom]  # the floor, and the soles' plane, are the world's
+        return tuple(self.model.body(int(body)).name for body in np.unique(pairs[(pairs == 0).any(axis=1)]) if body)
 
     @property
     def trunk_velocity(self) -> np.ndarray:
