@@ -13,6 +13,7 @@ from hugwbc.state import GRAVITY
 STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
 HEAVIEST = 20.0  # [kg], the largest payload of a hand, likewise
 STIFFNESS = (50.0, 5000.0)  # [N/m], range of a hand's stiffness: from a light spring to more than the servo can give
+BREAKING_FORCE = 150.0  # [N], at which the grip of an idealised gripper breaks, if nothing else is asked
 FORCE_RATE = 100.0  # [N/s], at which a force comes and goes
 PAYLOAD_RATE = 10.0  # [kg/s], likewise for a payload
 _cut = reprlib.repr  # of a wrong value in a message: not all of it, and quick
