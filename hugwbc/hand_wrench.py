@@ -13,8 +13,10 @@ from hugwbc.state import GRAVITY
 STRONGEST = 200.0  # [N], the largest force to ask of a hand: the arms of an H1 give less in most postures
 HEAVIEST = 20.0  # [kg], the largest payload of a hand, likewise
 STIFFNESS = (50.0, 5000.0)  # [N/m], range of a hand's stiffness: from a light spring to more than the servo can give
+BREAKING_FORCE = 150.0  # [N], at which the grip of an idealised gripper breaks, if nothing else is asked
 FORCE_RATE = 100.0  # [N/s], at which a force comes and goes
 PAYLOAD_RATE = 10.0  # [kg/s], likewise for a payload
+STIFFNESS_RATE = 3000.0  # [N/m/s], at which one stiffness becomes another
 _cut = reprlib.repr  # of a wrong value in a message: not all of it, and quick
 
 
@@ -85,7 +87,8 @@ class HandWrench:
         """Return the wrench `dt` [s] later on the way to a goal: within all ranges, and without jumps.
 
         A payload that is not known stays unknown. One that was known and no longer is falls to zero first, so that the
-        torque that carried it does not stop at once.
+        torque that carried it does not stop at once. From the servo's own stiffness to another and back, the drives are
+        blended instead (`hugwbc.runtime.arms.Handover`).
         """
         if self is goal is FREE:
             return FREE
@@ -97,6 +100,9 @@ class HandWrench:
         carried = carried + np.minimum(np.maximum(told - carried, -PAYLOAD_RATE * dt), PAYLOAD_RATE * dt)
         payload = None if goal.payload is None and not carried.any() else carried
         stiffness = None if goal.stiffness is None else min(max(goal.stiffness, STIFFNESS[0]), STIFFNESS[1])
+        if stiffness is not None and self.stiffness is not None:
+            step = STIFFNESS_RATE * dt
+            stiffness = min(max(stiffness, self.stiffness - step), self.stiffness + step)
         return FREE if payload is stiffness is None and not force.any() else HandWrench(force, payload, stiffness)
 
 

@@ -28,6 +28,7 @@ _ASKEW = 5.0  # [degrees], likewise of the frames of links
 _LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _MOST_TURNS = 2.0  # from 0 to an end of a range; more are degrees
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
+_STRONGEST = 3.0  # times the weight on a lever of a leg's length; an H1's and a G1's knees give 0.7 of it
 
 
 def problems(name: str) -> list[str]:
@@ -267,6 +268,13 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         yield (
             f"of the {mass:g} kg, {knee} bears {moment:.3g} N m in the nominal pose, and its effort is {effort:g} N m; "
             "correct the masses [kg], or the `effort`"
+        )
+    legs = [joint for joint in joints if joint["name"] in roles["leg"].values()]
+    strongest, lever = max(legs, key=lambda joint: joint["effort"]), GRAVITY * mass * sum(lengths)
+    if strongest["effort"] > _STRONGEST * lever > 0.0:
+        yield (
+            f"the effort of {strongest['name']} is {strongest['effort']:g} N m, and {lever:.3g} N m hold the {mass:g} "
+            f"kg on a lever of a leg's length, {sum(lengths):.2f} m; give the `effort` in N m, and the masses in kg"
         )
     ends = [placement(joints, roles["foot"], roles["base"], [x, 0.0, sole["z"]], q)[0][0] for x in (heel, toe)]
     if not ends[0] < centre < ends[1]:

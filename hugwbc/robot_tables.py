@@ -9,7 +9,6 @@ from typing import Any
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.settings_file import load
 from hugwbc.table_defaults import check_roles, complete, complete_drive, describe, other_side
-from hugwbc.table_form import Table
 
 DEFAULT_ROBOT = "h1"
 
@@ -79,6 +78,8 @@ def _robot_table(name: str) -> dict[str, Any]:
 @functools.cache
 def _read_table(path: pathlib.Path) -> dict[str, Any]:
     """Return what a file says, without the fields that it leaves out."""
+    from hugwbc.table_form import Table  # whose models take as long to build as a robot to load
+
     try:
         table = load(Table, path)
     except ConfigError as error:

@@ -45,6 +45,14 @@ def test_a_force_comes_and_goes_at_a_limited_rate():
     assert steps == pytest.approx(([2.0] * 15 + [0.0] * 5) * 2, abs=1e-9)
 
 
+def test_one_stiffness_becomes_another_at_a_limited_rate():
+    wrench = FREE.towards(HandWrench.of(stiffness=200.0), DT)
+    assert wrench.stiffness == 200.0, "from the servo's own, the drives are blended"
+    later = [wrench := wrench.towards(HandWrench.of(stiffness=290.0), DT) for _ in range(3)]
+    assert [one.stiffness for one in later] == pytest.approx([260.0, 290.0, 290.0])
+    assert wrench.towards(FREE, DT) is FREE
+
+
 def test_payload_is_unknown_until_it_is_told_and_after_it_has_gone():
     wrench = FREE.towards(FREE, DT)
     assert wrench.payload is None

@@ -62,8 +62,12 @@ BROKEN = {
         lambda table: [row.update({key: 1e3 * row[key] for key in MASSES}) for row in table["links"]],
         ["of the 33341.1 kg, left_knee_joint bears"],
     ),
+    "efforts are in kgf cm": (
+        lambda table: [row.update(effort=10.2 * row["effort"]) for row in table["joints"]],
+        ["the effort of left_hip_roll_joint is 1417.8 N m, and 210 N m hold the 33.3411 kg on a lever of a leg's"],
+    ),
     "a range is in degrees": (
-        lambda table: [_row(table, name).update(range=[-5.0, 165.0]) for name in (LEFT_KNEE, RIGHT_KNEE)],
+        lambda table: [_row(table, name).update(range=[-5.0, 165.0]) for name in KNEES],
         [f"the range of {name} is -5 to 165 rad, more than 2 turns; give it in radians" for name in KNEES],
     ),
     "the legs are straight": (
@@ -75,7 +79,7 @@ BROKEN = {
         ["mm below the ground", "mm below the ground", "legs are 99.7 % straight"],
     ),
     "a nominal position is outside": (
-        lambda table: [_row(table, name).update(nominal=-0.2) for name in (LEFT_KNEE, RIGHT_KNEE)],
+        lambda table: [_row(table, name).update(nominal=-0.2) for name in KNEES],
         [
             "the nominal position of left_knee_joint is -0.2 rad; give one from -0.087267 to 2.8798 rad",
             "right_knee_joint is -0.2 rad",
@@ -123,7 +127,7 @@ BROKEN = {
     ),
     "a posture is missing": (lambda table: table["leg_postures"].clear(), ["leg_postures lacks tucked; give each"]),
     "a drive has all its torque at its highest speed": (
-        lambda table: [_row(table, name).update(corner_speed=20.0, velocity=20.0) for name in (LEFT_KNEE, RIGHT_KNEE)],
+        lambda table: [_row(table, name).update(corner_speed=20.0, velocity=20.0) for name in KNEES],
         ["corner_speed of left_knee_joint is not below", "corner_speed of right_knee_joint is not below"],
     ),
     "the IMU is behind held joints": (

@@ -19,8 +19,9 @@ import numpy as np
 
 from hugwbc.deploy.messages import TICK
 from hugwbc.errors import CaptureError
+from hugwbc.hand_wrench import BREAKING_FORCE
 from hugwbc.robot import SIDES
-from hugwbc.scripts.view import BREAKING_FORCE, Grip
+from hugwbc.scripts.view import Grip
 from hugwbc.sim.scenes.objects import Picture
 from hugwbc.streams import read_object
 

@@ -7,7 +7,7 @@ import numpy as np
 from hugwbc.controller import UpperBody
 from hugwbc.state import RobotState
 
-_STRONGEST = 250.0  # [N] on one hand that the controller reckons with; more is a fault of the sensors
+_STRONGEST = 250.0  # [N] along each axis, of what is felt besides what is told; more is a fault of the sensors
 # What moves the robot is a pull if it is still there after a step or two; a touch has ended by then.
 _WAIT, _RISE = 0.4, 0.2  # [s] of stepping before a felt force begins to count, and until it counts in full
 _LASTING = 2.0  # [1/s], bandwidth of the mean that a felt force does not exceed
@@ -17,12 +17,12 @@ _NONE = np.zeros((2, 3))
 class HandLoad:
     """The force on each hand from outside, smooth enough for the balance.
 
-    What the targets tell counts at once; it comes without jumps (`HandWrench.towards`). Of what is felt besides,
-    nothing counts in a stand: a robot that leans against a force holds a pull, but it presses harder on a post that it
-    touches, which pushes back harder, until it falls. Left alone, it gives way to both, and the push of a post
-    vanishes. A force that has made the robot step and is still there thereafter is a pull; it counts until it ends, in
-    the stand that follows as well. What a hand meets in that stand besides, such as the table on which it sets down
-    what it has carried, does not.
+    What the targets tell counts at once and in full; it comes within its ranges and without jumps
+    (`HandWrench.towards`). What is felt besides is cut at 250 N along each axis, and nothing of it counts in a stand: a
+    robot that leans against a force holds a pull, but it presses harder on a post that it touches, which pushes back
+    harder, until it falls. Left alone, it gives way to both, and the push of a post vanishes. A force that has made the
+    robot step and is still there thereafter is a pull; it counts until it ends, in the stand that follows as well. What
+    a hand meets in that stand besides, such as the table on which it sets down what it has carried, does not.
 
     Forces as small as the friction of the arms' drives are not told apart from none; they fade out.
 
@@ -55,11 +55,12 @@ class HandLoad:
             dt: time since the last call [s].
             stepping: whether the robot walks, or steps to catch itself.
         """
-        told, seen = _bounded(upper_body.wrench.total), state.hand_force
+        told, seen = upper_body.wrench.total, state.hand_force
         self.force = _without_small(told, self._least)
         if seen is None:
             return
-        self._felt = self._felt + (1.0 - math.exp(-self._rate * dt)) * (_bounded(seen) - told - self._felt)
+        besides = np.minimum(np.maximum(seen - told, -_STRONGEST), _STRONGEST)
+        self._felt = self._felt + (1.0 - math.exp(-self._rate * dt)) * (besides - self._felt)
         self._mean = self._mean + (1.0 - math.exp(-_LASTING * dt)) * (self._felt - self._mean)
         felt = _length(self._felt)
         if not np.count_nonzero(felt > self._least):  # and what lasts of it is no more
@@ -76,10 +77,6 @@ class HandLoad:
             along = (pull * self._pull).sum(axis=1, keepdims=True) / np.maximum(_length(self._pull) ** 2, 1e-9)
             pull = np.minimum(np.maximum(along, 0.0), 1.0) * self._pull
         self.force = self.force + max(self._stepped - _WAIT, 0.0) / _RISE * pull
-
-
-def _bounded(force: np.ndarray) -> np.ndarray:
-    return np.minimum(np.maximum(force, -_STRONGEST), _STRONGEST)
 
 
 def _length(force: np.ndarray) -> np.ndarray:

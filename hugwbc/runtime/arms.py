@@ -129,10 +129,11 @@ class PayloadObserver:
 
 
 class Handover:
-    """A blend of the arm command where external control takes the arms, and where it gives them back.
+    """A blend of the arm command where external control takes the arms, gives them back, or makes them soft or stiff.
 
     The servo of the arms and the controller drive them with other gains, and one of them carries the arms' weight by
-    feed-forward torque, the other perhaps by an offset of its position targets. The step in each of the five vectors
+    feed-forward torque, the other perhaps by an offset of its position targets. Hands whose stiffness is wanted have
+    other gains than the servo's own, and no learned payload (`PayloadObserver`). The step in each of the five vectors
     of the joint command is therefore added to the new command at first, which leaves the torque as it was, and fades
     over `HANDOVER_TIME`. The gains go from those before to the present ones, so that none leaves their range.
 
@@ -148,15 +149,16 @@ class Handover:
 
     def reset(self) -> None:
         """Forget any difference."""
-        self._taken: bool | None = None
+        self._driven: tuple[bool, bool] | None = None  # from outside; with a wanted stiffness
         self._last: JointCommand | None = None
         self._before = self._offset = np.zeros((len(_VECTORS), self._size))
         self._elapsed = HANDOVER_TIME
 
     def __call__(self, command: JointCommand, upper_body: UpperBody, dt: float) -> JointCommand:
-        """Return the command without a jump of the arms where `upper_body` takes or releases them."""
-        changes = self._last is not None and self._taken is not upper_body.indicator
-        self._taken = upper_body.indicator
+        """Return the command without a jump of the arms where `upper_body` changes what drives them."""
+        driven = upper_body.indicator, upper_body.wrench.stiffness is not None
+        changes = self._last is not None and self._driven != driven
+        self._driven = driven
         if changes or self._elapsed < HANDOVER_TIME:
             now = self._of_arms(command)
             if self._last is not None and changes:

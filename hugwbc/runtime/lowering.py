@@ -2,7 +2,8 @@
 
 The robot does not balance. Its joints are soft and strongly damped, so that the legs carry it down slowly: it puts the
 swinging foot down, folds its legs onto the knees, and leans back to where knees and toes carry it. Then the stiffness
-fades. The postures were found by an evolution strategy in simulation (docs/log/faults.md).
+fades. The postures were found by an evolution strategy for an H1 in simulation (docs/log/faults.md). They are angles,
+and stiffness and damping are relative to the robot's own: a G1, whose legs have the same proportions, kneels likewise.
 """
 
 import numpy as np

@@ -9,11 +9,10 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.errors import UnknownNameError
+from hugwbc.hand_wrench import BREAKING_FORCE
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
-
-BREAKING_FORCE = 150.0  # [N]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

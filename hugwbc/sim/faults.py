@@ -93,7 +93,7 @@ class FaultInjector:
         """Set up; faults that overlap add up in their order, and what is random of them follows from the seed."""
         self._faults = faults
         self._columns = {f: robot.index(f.joint) for f in faults if f.joint is not None}
-        self._seed = seed
+        self._robot, self._seed = robot, seed
         self.reset()
 
     def reset(self) -> None:
@@ -135,7 +135,7 @@ class FaultInjector:
             self._held[fault] = reading
             return reading
         if fault.kind == IMU_BIAS:
-            return _tilted(reading)
+            return _tilted(reading, self._robot.imu_turn(reading.q, reading.dq)[0])
         if fault.kind == IMU_GONE:
             nothing = np.full(3, np.nan)
             return dataclasses.replace(
@@ -163,15 +163,18 @@ class FaultInjector:
         return dataclasses.replace(reading, q=q, dq=dq)
 
 
-def _tilted(reading: RobotState) -> RobotState:
-    """Return a reading of an IMU that is biased by `TILT` and `TURN`."""
-    turn = np.array([0.0, TURN, 0.0])
+def _tilted(reading: RobotState, waist: float) -> RobotState:
+    """Return a reading of an IMU that is biased by `TILT` and `TURN`, and that the waist has turned by an angle [rad].
+
+    Orientation and angular velocity are the pelvis's, so their errors are about the IMU's y axis in the pelvis.
+    """
+    axis, turn = np.array([-math.sin(waist), math.cos(waist), 0.0]), np.array([0.0, TURN, 0.0])
     mounted = rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), TILT)
     gyro, accelerometer = reading.imu_gyro, reading.imu_accelerometer
     return dataclasses.replace(
         reading,
-        orientation=rotations.multiply(reading.orientation, mounted),
-        angular_velocity=reading.angular_velocity + turn,
+        orientation=rotations.multiply(reading.orientation, rotations.from_axis_angle(axis, TILT)),
+        angular_velocity=reading.angular_velocity + TURN * axis,
         imu_gyro=None if gyro is None else gyro + turn,
         imu_accelerometer=None if accelerometer is None else rotations.rotate_inverse(mounted, accelerometer),
     )

@@ -25,7 +25,7 @@ from hugwbc.state import GRAVITY, RobotState
 
 FRICTION = 0.8  # of the soles and links, as in h1.xml
 SOLE_RADIUS = 0.005  # [m], of the spheres at the corners of a sole, as in h1.xml
-_START_HEIGHT = 0.002  # [m], added to the nominal height as in the keyframe of h1.xml
+_GAP = 0.002  # [m], between soles and ground at the start, as in the keyframe of h1.xml
 _ANKLE_BOX_HEIGHT = 0.02  # [m], half of it; this box collides with the other leg only
 _INNER_STEP = 0.001  # [s], longest step of PhysX; the joint torques are recomputed in each
 _POSITION_ITERATIONS, _VELOCITY_ITERATIONS = 16, 1
@@ -110,6 +110,7 @@ class PhysxSimulation(Engine):
         self._range = np.stack([-self._torque_limit, self._torque_limit], axis=1)
         self._viscous = self.robot.damping + self.actuators.friction * self.robot.viscous
         self._table = robot_table(self.robot.name)
+        self._start_height = self.robot.nominal_height + _GAP
         self._build_world()
         self.link_names = ("world", *self._links)
         self.external_force = np.zeros((len(self.link_names), 6))
@@ -212,8 +213,7 @@ class PhysxSimulation(Engine):
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
         self._clear(joints)
         self._step_count = 0
-        height = self.robot.nominal_height + _START_HEIGHT
-        self._place(np.array([*xy, height]), rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0), joints)
+        self._place(np.array([*xy, self._start_height]), rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0), joints)
         self._start_sensors()
         return self.state()
 
@@ -269,8 +269,7 @@ class PhysxSimulation(Engine):
         """Stand the robot up again after the physics has failed, so that all numbers are finite."""
         self.diverged = True
         self._build_world()
-        height = self.robot.nominal_height + _START_HEIGHT
-        self._place(np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]), self.robot.nominal)
+        self._place(np.array([0.0, 0.0, self._start_height]), np.array([1.0, 0.0, 0.0, 0.0]), self.robot.nominal)
 
     def _read_state(self) -> None:
         """Read positions and velocities; PhysX gives the velocity of a link at its centre of mass."""

@@ -106,16 +106,13 @@ class Simulation(Engine):
             self._check_room(self.scene)
 
     def _check_room(self, scene: Scene) -> None:
-        """Refuse an object in which the robot stands at the start, or that is in level ground."""
+        """Refuse an object in which the robot stands at the start."""
         model, contact, names = self.model, self.data.contact, set(scene.body_names)
         for index in np.flatnonzero(contact.dist < -OVERLAP):
             bodies = [model.body(int(model.geom_bodyid[geom])).name for geom in contact.geom[index]]
             inside = [body for body in bodies if body in names]
             if len(inside) == 1 and _FLOOR_BODY not in bodies:
                 raise SceneError(_NO_ROOM.format(inside[0]))
-            if inside and mujoco.mjtGeom.mjGEOM_PLANE in model.geom_type[contact.geom[index]]:
-                depth = -1e3 * contact.dist[index]
-                raise SceneError(f"object '{inside[0]}' is {depth:.0f} mm deep in the ground at the start; raise it")
         # The pelvis touches nothing: its shapes are for pictures.
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         pelvis = np.flatnonzero(model.geom_bodyid == model.body(self.robot.base).id)
@@ -293,10 +290,9 @@ class Simulation(Engine):
 
     @property
     def links_on_ground(self) -> tuple[str, ...]:
-        """Names of the links that touch the ground now."""
-        found = [pair for pair in self.data.contact.geom.tolist() if self._floor in pair]
-        bodies = {int(self.model.geom_bodyid[a if b == self._floor else b]) for a, b in found}
-        return tuple(self.model.body(body).name for body in sorted(bodies))
+        """Names of the links that touch the ground now, the feet on a height field included."""
+        pairs = self.model.geom_bodyid[self.data.contact.geom]  # the floor, and the soles' plane, are the world's
+        return tuple(self.model.body(int(body)).name for body in np.unique(pairs[(pairs == 0).any(axis=1)]) if body)
 
     @property
     def trunk_velocity(self) -> np.ndarray:

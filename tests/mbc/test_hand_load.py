@@ -87,6 +87,14 @@ def test_without_an_estimate_what_is_told_counts(load, standing_state):
     assert told.wrench.force.tolist() == [[0.0, 0.0, 0.0], [-15.0, 0.0, 0.0]], "the targets are the caller's"
 
 
+def test_what_is_told_counts_in_full_and_what_is_felt_besides_up_to_a_bound(load, standing_state):
+    """The arms give the torques of the heaviest payload and the strongest force too, which was cut at 250 N here."""
+    told = dataclasses.replace(ARMS, wrench=HandWrench.of(left=(0.0, 0.0, -200.0), payload=(20.0, 0.0)))
+    for felt_z, counted in ((-396.2, -396.2), (-1e4, -646.2)):
+        force = after(load, felt(standing_state, [0.0, 0.0, felt_z]), 4.0, stepping=True, targets=told)
+        assert force[0] == pytest.approx(np.array([0.0, 0.0, counted]), abs=0.5)
+
+
 def test_what_is_told_and_felt_counts_once(load, standing_state):
     told = dataclasses.replace(ARMS, wrench=HandWrench.of(left=(40.0, 0.0, 0.0)))
     force = after(load, felt(standing_state, [40.0, 0.0, 0.0]), 4.0, stepping=True, targets=told)

@@ -80,6 +80,21 @@ def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
     assert np.abs(np.diff(torques)).max() < 1.5
 
 
+def test_softer_and_stiffer_hands_do_not_change_the_torque_at_once():
+    """A wanted stiffness changes the gains, and ends what was learned of a payload."""
+    drive, handover, measured, torques = ArmDrive(ROBOT, SafetyLog()), Handover(ROBOT.arms), ROBOT.nominal - 0.1, []
+    state, own = dataclasses.replace(pulled(-30.0), q=measured), JointCommand.position(ROBOT, ROBOT.nominal)
+    for stiffness in (None, 200.0, 2000.0, None):
+        targets = UpperBody.targets(ROBOT.nominal[ROBOT.arms])
+        targets = dataclasses.replace(targets, wrench=HandWrench(stiffness=stiffness))
+        for _ in range(50):
+            arms = drive(targets, state, DT)
+            command = handover(override_arms(own, arms, ROBOT), arms, DT)
+            torques.append((command.tau + command.kp * (command.q - measured))[ROBOT.arms])
+    assert np.abs(np.diff(torques, axis=0)).max() < 2.5
+    assert np.abs(torques[50] - torques[99]).max() > 8.0, "it would have jumped"
+
+
 # The learned payload: from the vertical force, slowly, beyond the friction; and where nothing is learned.
 BODY = UpperBody.targets(np.zeros(8))
 

@@ -31,13 +31,15 @@ def test_commands_are_continuous_within_the_ranges_and_end_in_damping():
     assert (np.diff(kd) >= -1e-9).all() and kd[-1] > 2.0 * H1.kd[0]
 
 
-def test_a_standing_robot_comes_to_rest_near_the_ground():
-    simulation, lowering = Simulation(sensing="exact"), Lowering(H1)
+@pytest.mark.parametrize("name", ["h1", "g1"])
+def test_a_standing_robot_comes_to_rest_near_the_ground(name):
+    robot = load_robot(name)
+    simulation, lowering = Simulation(sensing="exact", robot=robot), Lowering(robot)
     state = simulation.state()
     for _ in range(round(4.0 / PERIOD)):
         state = simulation.step(lowering.command(simulation.sense(), PERIOD), PERIOD)
     assert state.position is not None and state.velocity is not None
-    assert not simulation.diverged and state.position[2] < 0.6
+    assert not simulation.diverged and state.position[2] < 0.6 * robot.nominal_height
     assert np.linalg.norm(state.velocity) < 0.2 and np.abs(state.dq).max() < 1.0
 
 

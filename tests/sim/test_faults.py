@@ -8,7 +8,7 @@ import pytest
 
 from hugwbc import JointCommand, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.rotations import pitch_of
+from hugwbc.rotations import conjugate, multiply, pitch_of
 from hugwbc.sim import Simulation
 from hugwbc.sim.faults import NOISE, TILT, TURN, WILD, Fault
 from hugwbc.sim.sensors import ROBOT
@@ -89,6 +89,17 @@ def test_a_biased_imu_is_tilted_and_turns():
     np.testing.assert_allclose(
         biased[9].imu_accelerometer, np.linalg.norm(sound[9].imu_accelerometer) * turned, atol=1e-9
     )
+
+
+def test_a_biased_imu_tilts_about_its_own_axis_where_the_waist_has_turned_it():
+    q = H1.nominal.copy()
+    q[H1.waist] = 0.6
+    simulations = (Simulation(faults=faults, latency=0.0) for faults in ((), (Fault.parse("imu-bias@0"),)))
+    sound, biased = ((simulation.reset(q=q), simulation.sense())[1] for simulation in simulations)
+    axis = np.array([-np.sin(0.6), np.cos(0.6), 0.0])  # the IMU's y axis in the pelvis
+    np.testing.assert_allclose(biased.angular_velocity - sound.angular_velocity, TURN * axis, atol=2e-3)
+    tilt = multiply(conjugate(sound.orientation), biased.orientation)
+    np.testing.assert_allclose(tilt[1:], np.sin(0.5 * TILT) * axis, atol=1e-3)
 
 
 def test_encoders_can_be_noisier():

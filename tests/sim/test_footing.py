@@ -87,6 +87,7 @@ def test_on_a_slope_the_robot_starts_on_the_ground_and_stays_there() -> None:
     state = simulation.step(HOLD, 0.1)
     assert np.abs(state.velocity).max() < 0.3
     assert state.foot_force[:, 2].sum() == pytest.approx(ROBOT.mass * 9.81, rel=0.05)
+    assert set(simulation.links_on_ground) == set(ROBOT.foot_links)
 
 
 def test_one_robot_and_many_stand_on_the_same_ground() -> None:

@@ -1,7 +1,8 @@
 """Scenes: objects around the robot, declared in YAML or as frozen dataclasses."""
 
+from hugwbc.hand_wrench import BREAKING_FORCE
 from hugwbc.sim.scenes.furniture import Shelf, Step, Table, Wall
-from hugwbc.sim.scenes.gripper import BREAKING_FORCE, REACH, Gripper
+from hugwbc.sim.scenes.gripper import REACH, Gripper
 from hugwbc.sim.scenes.jointed import Button, Door, Drawer
 from hugwbc.sim.scenes.mjcf_file import Mjcf
 from hugwbc.sim.scenes.movable import Box, Cart, Cylinder, Tray

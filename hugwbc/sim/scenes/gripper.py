@@ -11,11 +11,11 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.hand_wrench import BREAKING_FORCE
 from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.scenes.objects import contact_force
 
 REACH = 0.03  # [m], from the hand's surface to that of the object
-BREAKING_FORCE = 150.0  # [N]
 HAND_RADIUS = 0.04  # [m], of a ball around the hand's origin up to the tip of the hand; distances begin at it
 _UNSEEN_GROUP = 4  # of MuJoCo's groups of geoms
 # Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn.

@@ -176,17 +176,20 @@ class Scene:
         below = next(other for other in self.objects if other.name == name)
         return (below if rng is None else below.draw(rng)).surface(part or None)
 
-    def model(self) -> mujoco.MjModel:
-        """Compile the objects alone, for checks and pictures; they must have been drawn."""
+    def model(self, *, ground: bool = False) -> mujoco.MjModel:
+        """Compile the objects, alone or on level ground, for checks and pictures; they must have been drawn."""
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
+        if ground:
+            spec.worldbody.add_geom(name=_FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05])
         self.add_to(spec)
         return compiled(spec)
 
     def _check_overlap(self) -> None:
-        model = self.model()
+        model = self.model(ground=True)
         data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
+        mujoco.mj_fwdPosition(model, data)
+        self._check_ground(model, data)
         geoms = [_geoms(model, thing) for thing in self.objects]
         for first, second in itertools.combinations(range(len(self.objects)), 2):
             one, other = self.objects[first], self.objects[second]
@@ -205,6 +208,16 @@ class Scene:
             if not any(mujoco.mj_geomDistance(model, data, *pair, 1.0, None) < _GAP for pair in pairs):
                 how = "does not touch it; give a position relative to the middle of its top"
                 raise SceneError(f"{thing.label} on '{thing.on}' {how}", at=("objects", index))
+
+    def _check_ground(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Refuse what can move and is in level ground; on a terrain, in what is level at the height of its place."""
+        floor = model.geom(_FLOOR).id
+        for (one, other), distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+            if floor in (one, other) and distance < -OVERLAP:
+                body = model.body(int(model.geom_bodyid[one if other == floor else other])).name
+                index = next(i for i, thing in enumerate(self.objects) if body in thing.body_names())
+                how = f"is {-1e3 * distance:.0f} mm deep in the ground at the start; raise it"
+                raise SceneError(f"object '{body}' {how}", at=("objects", index))
 
 
 def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
