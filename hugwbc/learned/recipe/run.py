@@ -176,7 +176,7 @@ class _Work:
         if trainer.run_steps < config.steps:
             raise StoppedError
         steps = trainer.best.get("steps", trainer.steps) - trainer.begin["steps"]
-        if trainer.best:
+        if spent is not None and trainer.best:  # the others know of it after a resumption
             for name in KINDS:
                 write_whole(self.folder / name, (self.folder / BEST_FOLDER / name).read_bytes())
         return steps, trainer.run_steps - steps, dict(trainer.best)

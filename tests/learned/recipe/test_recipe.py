@@ -4,6 +4,7 @@ import json
 import math
 import pathlib
 import shutil
+import types
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ import pytest
 from hugwbc.cli import main
 from hugwbc.errors import HugwbcError, RecipeError
 from hugwbc.learned.config import CalibrationConfig
-from hugwbc.learned.distributed import StoppedError
+from hugwbc.learned.distributed import Stop, StoppedError
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.recipe.ancestry import KEY, verify
 from hugwbc.learned.recipe.calibration import calibrate
 from hugwbc.learned.recipe.recipe import load_recipe
-from hugwbc.learned.recipe.run import RECORD, run_recipe
+from hugwbc.learned.recipe.run import RECORD, _Work, run_recipe
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
 
 RECIPE = """
@@ -170,6 +171,16 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypa
             run_recipe(load_recipe(recipe), tmp_path / "a", in_arena)
     assert (tmp_path / "a/recipe.yaml").read_text() == RECIPE
     assert json.loads((tmp_path / "a" / "walk" / RECORD).read_text())["stage"] == "walk"
+
+
+def test_only_the_first_process_gives_out_the_best_policy(recipe, tmp_path, monkeypatch) -> None:
+    """The others of a resumed run have its figures from the checkpoint, and would write over files with a record."""
+    trainer = types.SimpleNamespace(remark="", run=lambda report: None, best={"steps": 64.0}, begin={"steps": 0.0})
+    trainer.steps = trainer.run_steps = 256.0
+    monkeypatch.setattr("hugwbc.learned.recipe.run.Trainer", lambda config: trainer)
+    loaded = load_recipe(recipe)
+    work = _Work(loaded, "walk", tmp_path, in_arena, Stop(), lambda *_: None, lambda line: None)
+    assert work._train(loaded.stages["walk"].train, None) == (64.0, 192.0, {"steps": 64.0})
 
 
 @pytest.mark.parametrize(
