@@ -150,8 +150,6 @@ def _changed(recipe: "Recipe", words: list[str]) -> "Recipe":
     train = dataclasses.replace(train, seed=recipe.seed)
     config = parse(TrainConfig, words, "train", default=train)
     _check_options(config, train)
-    if config.resume or config.hours != train.hours:
-        raise ConfigError("--resume and --hours are not for recipes: the same command continues, and Ctrl-C stops it")
     return dataclasses.replace(
         recipe,
         source=f"# hugwbc train {shlex.join(words)}\n{recipe.source}",

@@ -15,6 +15,7 @@ from hugwbc.settings import TRAINING_SEED, settings
 from hugwbc.settings_file import LARGEST_FILE, named_path, parse
 
 TAKEN = {"start_from": SNAPSHOT_FILE, "policy": POLICY_FILE}  # of another stage, by the setting's name
+_OF_THE_RUN = ("out", "resume", "hours", "seed")  # settings of a training that a recipe has for all its stages
 _SMOKE_STEPS = 1536
 
 
@@ -91,11 +92,19 @@ class Recipe:
     stages: Annotated[dict[str, Stage], Field(min_length=1)]
 
     def __post_init__(self) -> None:
-        """Check that what a stage takes is there: an earlier stage, or a file."""
+        """Check that what a stage takes is there, an earlier stage or a file, and that it sets nothing of the run's."""
         earlier: list[str] = []
         for name, stage in self.stages.items():
             if not name.replace("-", "_").isidentifier():
                 raise ConfigError(f"a stage is called '{name}'; use letters, digits, _ and -", at=("stages", name))
+            for setting in _OF_THE_RUN if stage.train is not None else ():
+                value = getattr(stage.train, setting)
+                if value != getattr(TrainConfig, setting) and (setting != "seed" or value != self.seed):
+                    raise ConfigError(
+                        f"{setting} is not for a stage: the recipe has the seed, --out is the folder, the same command "
+                        "continues, and Ctrl-C stops; leave it out",
+                        at=("stages", name, "train", setting),
+                    )
             for setting, path in stage.inputs().items():
                 # All stages write a policy; only a training writes a snapshot besides.
                 writing = [label for label in earlier if setting == "policy" or self.stages[label].kind == "train"]

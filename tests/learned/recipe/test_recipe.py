@@ -193,6 +193,8 @@ def test_only_the_first_process_gives_out_the_best_policy(recipe, tmp_path, monk
         ("horizon: 8", "horizom: 8", r":\d+:\d+: .*PPOConfig field 'horizom'. Did you mean 'horizon'"),
         ("ppo.std_limit", "ppo.std_limits", "std_limit"),
         ("seed: 2001", "seed: 7", "2000"),
+        ("steps: 256", "steps: 256\n      seed: 2005", r":8:7: seed is not for a stage.* leave it out"),
+        ("steps: 64", "steps: 64\n      hours: 2", "hours is not for a stage.* the same command continues"),
         ("calibrate: {", "train: {", "CalibrationConfig|TrainConfig"),
         ("about: A walk.", "measure: 3", "unknown Recipe field 'measure'"),
     ],
