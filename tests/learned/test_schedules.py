@@ -46,6 +46,7 @@ def test_settings_that_depend_on_each_other_change_together() -> None:
         ("env.rewards.feet_slop", {0.0: 1.0}, "linear", "feet_slip"),
         ("ppo.entropy_weight", {0.0: 0.1, 5.0: -1.0}, "linear", "entropy_weight"),
         ("ppo.critic_learning_rate", {0.0: 1e-3, 5.0: 1e-4}, "linear", "cannot change during a training"),
+        ("env.curriculum.agile_fraction", {0.0: 0.5, 5.0: 0.2}, "linear", "cannot change during a training"),
         ("average_steps", {0.0: 0.0, 5.0: 1.0}, "linear", "give settings of env and ppo"),
     ],
 )

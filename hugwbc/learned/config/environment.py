@@ -264,7 +264,11 @@ class EnvConfig:
         for name in self.curriculum.rules:
             if name.partition(".")[0] not in ADOPTED:
                 raise UnknownNameError("setting for a curriculum", name, ADOPTED, at=("curriculum", "rules"))
-            value_of(self, name)
+            if name in READ_ONCE or not isinstance(value_of(self, name), int | float | None):
+                raise ConfigError(
+                    f"no rule can move '{name}'; give single numbers, other than {', '.join(READ_ONCE)}",
+                    at=("curriculum", "rules"),
+                )
         if self.motions is not None and self.intervention != "motion":
             raise ConfigError(
                 f"motions is {self.motions}; give the intervention motion as well, or leave it out", at=("motions",)
@@ -310,8 +314,9 @@ class EnvConfig:
         return scaled
 
 
-# What an environment can take over without rebuilding its robots.
+# What an environment can take over without rebuilding its robots; of that, what is read only at the start.
 ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain")
+READ_ONCE = ("curriculum.steps", "curriculum.agile_fraction", "curriculum.penalty_start")
 
 
 def same_robots(one: EnvConfig, other: EnvConfig) -> bool:

@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from hugwbc.errors import ConfigError
-from hugwbc.learned.config.environment import EnvConfig
+from hugwbc.learned.config.environment import READ_ONCE, EnvConfig
 from hugwbc.learned.config.robot_settings import Range
 from hugwbc.learned.config.schedules import Schedule, scheduled
 from hugwbc.settings import (
@@ -30,10 +30,10 @@ _BUILT_ONCE = (
     "env.timestep",
     "env.substeps",
     "env.observations",
-    "env.curriculum.steps",
+    *(f"env.{name}" for name in READ_ONCE),
     "ppo.learning_rate",
     "ppo.critic_learning_rate",
-)  # settings of networks, optimiser and clock
+)  # settings of networks, optimiser, clock and the beginning of curricula
 CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all commands whose execution is measured
 
 

@@ -98,8 +98,12 @@ class Curriculum:
 
     def apply_rules(self, config: EnvConfig) -> None:
         """Let the rules of the settings move the values of those that they are for, after an iteration."""
-        if not self._warming_up:
-            self.values = {name: float(rule(value_of(config, name), self)) for name, rule in self.config.rules.items()}
+        if self._warming_up:
+            return
+        for name, rule in self.config.rules.items():
+            present = value_of(config, name)
+            value = float(rule(present, self))
+            self.values[name] = round(value) if type(present) is int else value
 
     def applied(self, config: EnvConfig) -> EnvConfig:
         """Return the settings with the values that the rules have moved."""

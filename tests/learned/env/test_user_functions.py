@@ -70,6 +70,21 @@ def test_a_rule_for_a_setting_that_the_robots_cannot_take_over_is_refused(name):
         EnvConfig(curriculum=CurriculumConfig(rules={name: rise}))
 
 
+@pytest.mark.parametrize("name", ["loads", "loads.hand_time", "curriculum.steps", "curriculum.agile_fraction"])
+def test_a_rule_that_would_fail_later_or_do_nothing_is_refused(name):
+    with pytest.raises(ConfigError, match=f"no rule can move '{name}'"):
+        EnvConfig(curriculum=CurriculumConfig(rules={name: rise}))
+
+
+def test_a_rule_moves_a_whole_number_by_whole_numbers():
+    rules = {"command.resample_steps": lambda value, curriculum: 1.01 * value}
+    env = robots(curriculum=CurriculumConfig(warm_up_iterations=0, rules=rules))
+    env.update_curriculum()
+    assert env.config.command.resample_steps == 303
+    env.update_curriculum()
+    assert env.config.command.resample_steps == 306
+
+
 def test_a_randomisation_comes_after_ours():
     def drawn(**settings):
         simulation = BatchSimulation(2, robot=load_robot())
