@@ -115,6 +115,14 @@ class Recipe:
                     raise UnknownNameError(what, path, valid, at=at)
             earlier.append(name)
 
+    def line(self, name: str) -> list[str]:
+        """Return a stage and the stages that led to it, the latest first: each takes at most one thing."""
+        found: list[str] = []
+        while name in self.stages:
+            found.append(name)
+            name = next(map(str, self.stages[name].inputs().values()), "")
+        return found
+
 
 def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Recipe:
     """Read a recipe, given the name of a shipped one of any robot, or the path of a file.

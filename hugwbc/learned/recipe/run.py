@@ -90,11 +90,12 @@ def run_recipe(
 
 
 def _finish(recipe: Recipe, out: pathlib.Path) -> None:
-    """Put the last policy, and the last snapshot, into the folder of the run."""
+    """Put the last policy, and the snapshot that led to it, into the folder of the run."""
+    line = recipe.line(list(recipe.stages)[-1])
     for name in KINDS:
-        files = [out / stage / name for stage in recipe.stages if (out / stage / name).exists()]
+        files = [out / stage / name for stage in line if (out / stage / name).exists()]
         if files:
-            write_whole(out / name, files[-1].read_bytes())
+            write_whole(out / name, files[0].read_bytes())
 
 
 @dataclasses.dataclass
@@ -233,17 +234,14 @@ class _Work:
         write_whole(self.folder / RECORD, json.dumps(content, indent=1) + "\n")
 
     def _ancestors(self) -> Sequence[StageRecord]:
-        """Return the records of the stages that this one rests on: those of files from outside, then the recipe's."""
-        own, outside, waiting = set[str](), list[StageRecord](), [self.name]
-        while waiting:
-            for setting, source in self.recipe.stages[waiting.pop()].inputs().items():
-                if str(source) in self.recipe.stages:
-                    own.add(str(source))
-                    waiting.append(str(source))
-                else:
-                    _, led = origin(source, KINDS[TAKEN[setting]])
-                    outside += [record for record in led if record not in outside]
-        records = [read_record(self.out / name / RECORD) for name in self.recipe.stages if name in own]
+        """Return the records of the stages that this one rests on: those of a file from outside, then the recipe's."""
+        line = self.recipe.line(self.name)
+        outside = [
+            record
+            for setting, source in self.recipe.stages[line[-1]].inputs().items()
+            for record in origin(source, KINDS[TAKEN[setting]])[1]
+        ]
+        records = [read_record(self.out / name / RECORD) for name in reversed(line[1:])]
         return [*outside, *(record for record in records if record is not None)]
 
 

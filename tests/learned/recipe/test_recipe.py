@@ -15,10 +15,10 @@ from hugwbc.errors import HugwbcError, RecipeError
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.distributed import Stop, StoppedError
 from hugwbc.learned.policy import checkpoint, load_policy
-from hugwbc.learned.recipe.ancestry import KEY, verify
+from hugwbc.learned.recipe.ancestry import KEY, KINDS, verify
 from hugwbc.learned.recipe.calibration import calibrate
 from hugwbc.learned.recipe.recipe import load_recipe
-from hugwbc.learned.recipe.run import RECORD, _Work, run_recipe
+from hugwbc.learned.recipe.run import RECORD, _finish, _Work, run_recipe
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
 
 RECIPE = """
@@ -181,6 +181,16 @@ def test_only_the_first_process_gives_out_the_best_policy(recipe, tmp_path, monk
     loaded = load_recipe(recipe)
     work = _Work(loaded, "walk", tmp_path, in_arena, Stop(), lambda *_: None, lambda line: None)
     assert work._train(loaded.stages["walk"].train, None) == (64.0, 192.0, {"steps": 64.0})
+
+
+def test_the_folder_of_a_run_gets_the_snapshot_that_led_to_its_policy(recipe, tmp_path) -> None:
+    recipe.write_text(RECIPE.replace("policy: more", "policy: walk"))
+    for stage, names in {"walk": KINDS, "more": KINDS, "calibrated": ["policy.safetensors"]}.items():
+        (tmp_path / stage).mkdir()
+        for name in names:
+            (tmp_path / stage / name).write_text(stage)
+    _finish(load_recipe(recipe), tmp_path)
+    assert [(tmp_path / name).read_text() for name in KINDS] == ["calibrated", "walk"]
 
 
 @pytest.mark.parametrize(
