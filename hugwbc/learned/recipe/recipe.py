@@ -108,7 +108,7 @@ class Recipe:
             for setting, path in stage.inputs().items():
                 # All stages write a policy; only a training writes a snapshot besides.
                 writing = [label for label in earlier if setting == "policy" or self.stages[label].kind == "train"]
-                if str(path) not in writing and (str(path) in earlier or not path.exists()):
+                if str(path) not in writing and (str(path) in self.stages or not path.exists()):
                     valid = [*writing, "the path of a file"]
                     at = ("stages", name, stage.kind, setting)
                     what = f"earlier stage that writes {TAKEN[setting]}, in {setting}"

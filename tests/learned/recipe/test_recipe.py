@@ -215,6 +215,14 @@ def test_a_mistake_is_refused_with_its_line(recipe, before: str, after: str, sai
         load_recipe(recipe)
 
 
+def test_a_stage_that_takes_itself_is_refused_even_if_there_is_a_file_of_its_name(recipe, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "more").touch()
+    recipe.write_text(RECIPE.replace("start_from: walk", "start_from: more"))
+    with pytest.raises(HugwbcError, match="unknown earlier stage"):
+        load_recipe(recipe)
+
+
 @pytest.mark.parametrize("robot", ["h1", "g1"])
 def test_the_shipped_recipes_are_one_training_and_a_calibration(robot: str) -> None:
     stages = load_recipe(robot).stages
