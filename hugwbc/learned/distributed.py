@@ -111,37 +111,31 @@ def average_gradients(parameters: Iterable[torch.nn.Parameter]) -> None:
         gradient.copy_(part.view_as(gradient))
 
 
-def standardised(
-    values: torch.Tensor, groups: torch.Tensor | None = None, count: int = 1, clip: float = math.inf
-) -> torch.Tensor:
-    """Standardise values by the mean and the standard deviation over all processes.
+def standardised(values: torch.Tensor, groups: torch.Tensor, count: int, clip: float = math.inf) -> torch.Tensor:
+    """Standardise values by the mean and the standard deviation of their groups over all processes.
 
     Args:
         values: the values of this process, as many as in every other, shape (n,).
-        groups: group of each value, from 0 to `count` - 1, shape (n,); None for one group. Each group has its own mean
-            and standard deviation. The latter counts as at least `LEAST_SPREAD` of that of all values together: in a
-            group where nothing is left to learn, the rest is noise.
+        groups: group of each value, from 0 to `count` - 1, shape (n,). Its standard deviation counts as at least
+            `LEAST_SPREAD` of that of all values together: in a group where nothing is left to learn, the rest is noise.
         count: number of groups.
         clip: how many mean absolute deviations of its group a value may be away from the group's mean; what is farther
             is cut off first.
     """
-    where = torch.zeros_like(values, dtype=torch.long) if groups is None else groups
 
     def sums(numbers: torch.Tensor) -> torch.Tensor:
-        return total(numbers.new_zeros(count).index_add_(0, where, numbers))
+        return total(numbers.new_zeros(count).index_add_(0, groups, numbers))
 
     members = sums(torch.ones_like(values)).clamp(min=1.0)
-    centred = values - (sums(values) / members)[where]
+    centred = values - (sums(values) / members)[groups]
     if math.isfinite(clip):
-        bound = clip * (sums(centred.abs()) / members)[where]
+        bound = clip * (sums(centred.abs()) / members)[groups]
         values = torch.maximum(torch.minimum(centred, bound), -bound)
-        centred = values - (sums(values) / members)[where]
+        centred = values - (sums(values) / members)[groups]
     whole = values - mean(values.mean())
     spread = (total(whole.square().sum()) / (size() * values.numel() - 1)).sqrt()
-    if groups is None:
-        return whole / (spread + 1e-8)
     spreads = (sums(centred.square()) / members).sqrt()
-    return centred / (torch.maximum(spreads, LEAST_SPREAD * spread)[where] + 1e-8)
+    return centred / (torch.maximum(spreads, LEAST_SPREAD * spread)[groups] + 1e-8)
 
 
 class StoppedError(Exception):

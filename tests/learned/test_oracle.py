@@ -66,7 +66,9 @@ def test_advantages_and_returns(oracle: algorithms.PPO) -> None:
     )
     assert done.any() and not done.all()
     torch.testing.assert_close(advantage + value, storage.returns.squeeze(-1), atol=1e-6, rtol=0)
-    scaled = distributed.standardised(advantage.flatten())
+    count = advantage.numel()
+    scaled = distributed.standardised(advantage.flatten(), torch.zeros(count, dtype=torch.long), 1)
+    scaled *= ((count - 1) / count) ** 0.5  # rsl_rl divides by the deviation of a sample
     torch.testing.assert_close(scaled, storage.advantages.flatten(), atol=1e-6, rtol=0)
 
 
