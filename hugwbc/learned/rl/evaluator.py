@@ -89,7 +89,7 @@ class Evaluator:
     evaluation.
     """
 
-    def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int, timestep: float = 0.0) -> None:
+    def __init__(self, config: EnvConfig, *, count: int, seconds: float, threads: int, timestep: float) -> None:
         """Build the robots.
 
         Args:
@@ -97,10 +97,9 @@ class Evaluator:
             count: number of robots.
             seconds: length of the episodes [s].
             threads: threads of the simulation.
-            timestep: largest physics time step [s]: the control period is a multiple of the one taken; 0 for that of
-                the training.
+            timestep: largest physics time step [s]: the control period is a multiple of the one taken.
         """
-        substeps = math.ceil(config.period / (timestep or config.timestep) - _ROUNDING)
+        substeps = math.ceil(config.period / timestep - _ROUNDING)
         calm = dataclasses.replace(config.randomization, push_velocity=0.0)
         every_level = dataclasses.replace(config.terrain, start_level=config.terrain.levels - 1)
         settings = dataclasses.replace(
@@ -173,14 +172,14 @@ class Evaluator:
         sums: torch.Tensor,
         samples: torch.Tensor,
         falls: float,
-        steps: Mapping[Gait, Mapping[str, float]] | None = None,
+        steps: Mapping[Gait, Mapping[str, float]],
     ) -> dict[str, float]:
         """Return the figures of `run` from sums of errors, shape (n, 6), and what else the gaits have."""
         scales, figures, scores = ERROR_SCALES | GAIT_SCALES, {}, []
         for one in self._gaits:
             chosen = gait == one
             errors = dict(zip(ERROR_SCALES, (sums[chosen].sum(0) / samples[chosen].sum()).tolist(), strict=True))
-            errors = {**errors, **(steps or {}).get(one, {})}
+            errors = {**errors, **steps.get(one, {})}
             figures |= {f"evaluation/{one.label}/{name}": error for name, error in errors.items()}
             relative = [error / scales[name] for name, error in errors.items() if name in scales]
             if all(map(math.isfinite, relative)):

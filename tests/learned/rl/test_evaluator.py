@@ -23,7 +23,7 @@ def still_actor() -> Actor:
 
 @pytest.fixture(scope="module")
 def evaluator() -> Evaluator:
-    return Evaluator(EnvConfig(), count=12, seconds=2.0, threads=1)
+    return Evaluator(EnvConfig(), count=12, seconds=2.0, threads=1, timestep=0.005)
 
 
 def test_equal_policies_get_equal_figures(evaluator: Evaluator) -> None:
@@ -38,7 +38,7 @@ def test_equal_policies_get_equal_figures(evaluator: Evaluator) -> None:
 def test_the_shipped_policy_stays_up_after_nearly_all_random_starts() -> None:
     contract = load_policy().contract
     config = EnvConfig(squat_gain=contract.squat_gain, swing_gain=contract.swing_gain)
-    figures = Evaluator(config, count=96, seconds=2.0, threads=1).run(load_policy("h1").actor)
+    figures = Evaluator(config, count=96, seconds=2.0, threads=1, timestep=0.005).run(load_policy("h1").actor)
     assert figures["evaluation/falls"] <= 0.08
 
 
@@ -57,7 +57,7 @@ def test_score_by_hand(evaluator: Evaluator) -> None:
     sums = torch.zeros(4, 6)
     sums[0, 0], sums[1, 0] = 3.0, 1.0  # v_x of the standing robots: 4 / 20 = 0.2, twice its scale
     sums[2] = torch.tensor([0.1, 0.1, 0.1, 0.05, 0.05, 0.05]) * 10  # walking: every error is its scale
-    figures = evaluator._figures(gait, sums, torch.tensor([10.0, 10.0, 10.0, 0.0]), 0.25)
+    figures = evaluator._figures(gait, sums, torch.tensor([10.0, 10.0, 10.0, 0.0]), 0.25, {})
     assert figures["evaluation/standing/v_x"] == pytest.approx(0.2)
     assert math.isnan(figures["evaluation/jumping/h"])
     assert figures["evaluation/score"] == pytest.approx(FALL_COST * 0.25 + (2.0 / 6.0 + 1.0) / 2.0)
@@ -65,7 +65,9 @@ def test_score_by_hand(evaluator: Evaluator) -> None:
 
 def test_errors_are_those_of_a_robot_that_stands_as_told() -> None:
     standing = CommandConfig(standing_fraction=1.0, walking_fraction=0.0, default_fraction=1.0)
-    figures = Evaluator(EnvConfig(command=standing), count=4, seconds=2.0, threads=1).run(load_policy("h1").actor)
+    figures = Evaluator(EnvConfig(command=standing), count=4, seconds=2.0, threads=1, timestep=0.005).run(
+        load_policy("h1").actor
+    )
     assert figures["evaluation/falls"] == 0.0
     assert 0.0 < figures["evaluation/standing/v_x"] < 0.1
     assert figures["evaluation/standing/h"] < 0.1
@@ -73,7 +75,7 @@ def test_errors_are_those_of_a_robot_that_stands_as_told() -> None:
 
 def test_a_policy_for_rough_ground_is_judged_on_all_levels() -> None:
     terrain = TerrainConfig(roughness=0.02, levels=4)
-    ground = Evaluator(EnvConfig(terrain=terrain), count=8, seconds=0.1, threads=1)._env.ground
+    ground = Evaluator(EnvConfig(terrain=terrain), count=8, seconds=0.1, threads=1, timestep=0.005)._env.ground
     assert ground is not None and torch.bincount(ground.level).tolist() == [2] * 4
 
 
