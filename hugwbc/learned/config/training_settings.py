@@ -1,4 +1,4 @@
-"""Settings of the learner, of a training run, and of the other stages of a recipe."""
+"""Settings of the learner, of a training run, and of a calibration."""
 
 import dataclasses
 import math
@@ -80,7 +80,8 @@ class PPOConfig:
     std_final: Positive = 0.25
     """Largest exploration std at the end of the schedule."""
     std_steps: Positive = 45e6
-    """Environment steps over which the largest exploration std falls geometrically from initial to final."""
+    """Environment steps over which the largest exploration std falls geometrically from initial to final; those of the
+    run that this one starts from count."""
     std_limit: Positive = 1.0
     """Largest exploration std whatever the three settings above say; for schedules of other forms."""
     std_min: Positive = 0.03

@@ -66,7 +66,7 @@ GENERATED_MOTIONS_SEED = 0
 START_JOINT_NOISE = 0.1  # [rad], half-width at the start of an episode
 START_VELOCITY = 0.3  # [m/s] and [rad/s], half-width of the pelvis' velocities at the start of an episode
 LINK_CONTACT_FORCE = 2.0  # [N], above which the privileged observation flags a link
-_F, _L, _H, _P = (COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p"))
+_F, _L, _H = (COMMAND_NAMES.index(name) for name in ("f", "l", "h"))
 _ALL = slice(None)
 
 

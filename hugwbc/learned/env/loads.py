@@ -152,8 +152,8 @@ class Loads:
         return {name: getattr(self, name) for name in _STATE}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what `state_dict` returned; an empty state leaves the robots without loads."""
+        """Restore what `state_dict` returned."""
         for name, value in state.items():
             setattr(self, name, value.clone())
-        if state and (self._empty is not None or bool(self.payload.any())):
+        if self._empty is not None or bool(self.payload.any()):
             self._write_payload(torch.arange(len(self.payload), device=self.payload.device))

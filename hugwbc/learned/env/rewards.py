@@ -2,7 +2,7 @@
 
 A function maps a `Transition` and the constants of the `Body` to one number per robot, shape (n,). Its name is the
 term's, and its docstring has the formula and says what was corrected. Weights are in `hugwbc.learned.config`
-(`RewardWeights` and `ExtraWeights`); the reasons for the terms of our own are in docs/learned.md.
+(`RewardWeights` and `ExtraWeights`), with the reasons for the terms of our own.
 """
 
 import dataclasses
