@@ -64,6 +64,19 @@ def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib
         )
 
 
+def check_observations(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> None:
+    """Refuse networks that read other terms besides the paper's; those that read none get inputs for them."""
+    with readable(path):
+        before, now = (
+            ", ".join(names) for names in (metadata["config"]["env"].get("observations", ()), env.observations)
+        )
+    if before and before != now:
+        raise ConfigError(
+            f"{path} reads {before} besides the paper's terms, and env.observations names {now or 'none'}; name the "
+            "same, or start from a snapshot that reads none"
+        )
+
+
 def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested settings by dotted name, such as env.count."""
     found: dict[str, Any] = {}

@@ -22,7 +22,14 @@ from hugwbc.learned.policy import checkpoint, save_policy
 from hugwbc.learned.policy.network_files import POLICY_FILE, SNAPSHOT_FILE
 from hugwbc.learned.policy.networks import Actor, ActorCritic, load_into
 from hugwbc.learned.policy.records import append_row, append_session, begin_log, check_robot, settings_record, versions
-from hugwbc.learned.rl.continuation import by_group, check_unchanged, differences, readable, with_robots_of_rank
+from hugwbc.learned.rl.continuation import (
+    by_group,
+    check_observations,
+    check_unchanged,
+    differences,
+    readable,
+    with_robots_of_rank,
+)
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
 from hugwbc.learned.rl.ppo import PPO
 
@@ -75,6 +82,7 @@ class Trainer:
             with readable(path):
                 before = metadata["config"]["env"].get("robot", config.env.robot)
             check_robot(str(path), before, config.env.robot)
+            check_observations(metadata, config.env, path)
         now = config.at(self.run_steps)
         # The networks start equal in all processes; robots, commands and noise must not.
         self._seed = config.seed + _SEED_STEP * distributed.rank()

@@ -118,6 +118,21 @@ def test_snapshot_is_small_and_resumable(tmp_path: pathlib.Path) -> None:
     assert resumed.iteration == 5, "steps count from where the run began"
 
 
+def test_a_snapshot_that_reads_other_terms_is_refused(tmp_path: pathlib.Path) -> None:
+    """Terms of equal size would take each other's weights."""
+
+    def reading(folder: str, *names: str, **changes: object) -> TrainConfig:
+        env = dataclasses.replace(ENV, observations=names)
+        return dataclasses.replace(config(tmp_path / folder, 1, **changes), env=env)
+
+    Trainer(reading("one", "joint_position")).save()
+    start = {"start_from": tmp_path / "one" / SNAPSHOT_FILE}
+    for names in (("joint_velocity",), ("joint_position", "joint_velocity"), ()):
+        with pytest.raises(ConfigError, match=r"reads joint_position besides .*; name the same"):
+            Trainer(reading("other", *names, **start))
+    assert Trainer(reading("other", "joint_position", **start)).iteration == 0
+
+
 def test_another_feed_forward_than_that_of_the_start_is_told(tmp_path: pathlib.Path) -> None:
     env = dataclasses.replace(config(tmp_path, 1).env, swing_gain=1.0)
     run(dataclasses.replace(config(tmp_path, 1), env=env))
