@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hugwbc.learned.recipe.recipe import Recipe
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
-_OTHER_STAGES = 3e6  # environment steps that take about as long as a calibration
+_CALIBRATION = 3e6  # environment steps that take about as long
 _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.
@@ -123,7 +123,7 @@ def _run_recipe(words: Sequence[str]) -> int:
     recipe = load_recipe(options.recipe, smoke=options.smoke)
     recipe = _changed(recipe, changes) if changes else recipe
     out = options.out or pathlib.Path("runs") / pathlib.Path(options.recipe).stem
-    sizes = {name: getattr(stage.config, "steps", _OTHER_STAGES) for name, stage in recipe.stages.items()}
+    sizes = {name: getattr(stage.config, "steps", _CALIBRATION) for name, stage in recipe.stages.items()}
     line = _Line()
     with output_folder(out), progress(f"recipe {recipe.name}") as advance:
 
