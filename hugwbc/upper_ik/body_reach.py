@@ -15,6 +15,12 @@ from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, still_name
 BODY_NAMES = ("h", "p", "w")
 
 SPEED = (0.15, 0.3, 0.6)  # [m/s, rad/s, rad/s] of h, p and w; both controllers follow it without losing balance
+# Which of h, p and w bring a hand nearer to a target in a frame; the others would only carry the target along.
+_HELPING = {
+    "world": np.array([True, True, True]),
+    **dict.fromkeys(("heading", "steady"), np.array([False, True, True])),
+    "pelvis": np.array([False, False, True]),
+}
 # [m^2/rad^2], pull of h, p and w towards the command, relative to 1 for the hands. It is well above the weight of the
 # arms' posture, so that the arms move first.
 BODY_WEIGHT = 1e-3
@@ -83,18 +89,25 @@ class BodyReach:
             self._active = True
             q, nominal = state.q[self._robot.arms], self._robot.nominal[self._robot.arms]
             self.start(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper), wanted)
-        points = on_column(hands, state, self.values, self._robot) if hands is not None and wants_body else None
         if usable and not wants_body:
-            step = np.array(SPEED) * dt
-            self.values = self.values + np.clip(wanted - self.values, -step, step)
+            self.values = _towards(self.values, wanted, dt)
             self._active = bool(np.any(self.values != wanted))
-        elif usable and hands is not None and points is not None:
-            ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
-            self.allow(ranges)
-            low, high = ranges.T
-            self.solve(points, hands.given, np.clip(wanted, low, high), np.clip(self.values, low, high), dt)
+        elif usable and hands is not None and hands.is_usable:
+            self._follow(hands, state, command, wanted, dt)
         values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
         return dataclasses.replace(command, **values).clamp(self._robot)[0]
+
+    def _follow(self, hands: HandTargets, state: RobotState, command: Command, wanted: np.ndarray, dt: float) -> None:
+        """Take a step of `dt` [s] towards usable targets; what cannot help goes back towards its wanted value."""
+        ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
+        low, high = ranges.T
+        wanted, values = np.clip(wanted, low, high), np.clip(self.values, low, high)
+        helping = _HELPING[hands.frame]
+        values = np.where(helping, values, _towards(values, wanted, dt))
+        points = on_column(hands, state, values, self._robot)
+        if points is not None:
+            self.allow(np.where(helping[:, None], ranges, values[:, None]))
+            self.solve(points, hands.given, wanted, values, dt)
 
     def allow(self, ranges: np.ndarray) -> None:
         """Set the ranges of h, p and w, shape (3, 2)."""
@@ -145,6 +158,12 @@ class BodyReach:
         """Move the virtual robot to arm positions (k,) [rad] and to h, p, w (3,), to search from there."""
         self._place_arms(q_arm)
         self.values = np.array(values, dtype=float)
+
+
+def _towards(values: np.ndarray, wanted: np.ndarray, dt: float) -> np.ndarray:
+    """Return h, p and w after `dt` [s] on the way to wanted values; all of shape (3,)."""
+    step = np.array(SPEED) * dt
+    return values + np.clip(wanted - values, -step, step)
 
 
 def on_column(hands: HandTargets, state: RobotState, values: np.ndarray, robot: Robot) -> np.ndarray | None:

@@ -90,6 +90,18 @@ def test_it_returns_to_the_command_and_leaves_everything_else(standing):
     assert np.all(np.abs(np.diff(path, axis=0)) <= np.array([0.15, 0.3, 0.6]) * DT + 1e-9)
 
 
+@pytest.mark.parametrize(("frame", "useless"), [("heading", [0]), ("steady", [0]), ("pelvis", [0, 1])])
+def test_what_carries_the_target_along_stays_as_commanded(standing, frame, useless):
+    """A squat brings no hand nearer to a target that comes down with the pelvis."""
+    far = HandTargets.of((0.7, 0.2, -0.3), None, frame, whole_body=True)
+    reach = BodyReach(load_robot())
+    run(reach, LOW, standing, Command(h=-0.05, p=0.1))
+    _, path = run(reach, far, standing, Command(h=-0.05, p=0.1))
+    assert path[-1][useless] == pytest.approx(np.array([-0.05, 0.1])[useless], abs=1e-5)
+    assert np.all(np.abs(np.diff(path, axis=0)) <= np.array([0.15, 0.3, 0.6]) * DT + 1e-5)
+    assert path[-1, 2] < -0.1  # the waist helps
+
+
 def test_bad_numbers_are_survived_and_targets_that_are_not_usable_leave_the_body_where_it_is(standing):
     reach = BodyReach(load_robot())
     low, _ = run(reach, LOW, standing, Command())
