@@ -120,6 +120,8 @@ class WholeBodyController:
         self._hip_ways = np.array([1.0, -load_mirror(robot).joint_sign[robot.pair("hip_yaw")[1]]])
         self._hand_load = HandLoad(params.hand_force_rate, params.least_hand_force)
         self._qp = WholeBodyQp(params, robot, self.dynamics.nv, self.dynamics.columns)
+        forces, torque = np.zeros((len(CONTACT_POINTS), 3)), np.zeros_like(robot.kp)
+        self._unsolved = QpSolution(QpStatus.FAILED, np.zeros(self.dynamics.nv), forces, torque)
         self._slip = SlipWatch(params.friction, robot.weight)
         self._clear()
 
@@ -167,15 +169,18 @@ class WholeBodyController:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the joint command for the next period.
 
-        After an unsolved QP the last good command is held for a while, then the joints are damped. `diagnostics` counts
-        both.
+        After an unsolved QP, or with a state that is not usable (`RobotState.is_usable`), the last good command is held
+        for a while, then the joints are damped. `diagnostics` counts both.
 
         Args:
             state: measured or estimated state, with position and velocity; foot forces may be missing.
             command: command to follow, within its ranges.
             upper_body: targets of the arm joints under external control, within the joints' ranges.
         """
-        self._locomotion.follow_jumps(*_motion(state), self.period)
+        position, velocity = _motion(state)
+        if not state.is_usable:  # a NaN would stay in what the controller remembers
+            return self._fall_back(self._unsolved)
+        self._locomotion.follow_jumps(position, velocity, self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
         state = self._predictor.predict(state, self.robot.command_delay)
         stepping = self._locomotion.plan.mode is Mode.WALKING

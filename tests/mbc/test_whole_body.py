@@ -51,6 +51,19 @@ def test_a_state_without_position_or_velocity_is_refused(controller, standing_st
                 call(state)
 
 
+@pytest.mark.parametrize("name", ["position", "q", "foot_force", "hand_force"])
+def test_nothing_of_a_state_that_is_not_usable_stays(controller, standing_state, name):
+    seen = dataclasses.replace(standing_state, foot_force=np.full((2, 3), 290.0), hand_force=np.full((2, 3), 30.0))
+    expected = [controller.act(seen, Command(), NONE).tau for _ in range(3)][-1]
+    controller.reset(seen)
+    broken = dataclasses.replace(seen, **{name: np.full_like(getattr(seen, name), math.nan)})
+    assert controller.act(broken, Command(), NONE).is_finite
+    assert controller.diagnostics.fallbacks == 1
+    taus = [controller.act(seen, Command(), NONE).tau for _ in range(3)]
+    assert controller.diagnostics.output is Output.SOLUTION
+    assert taus[-1] == pytest.approx(expected, abs=1e-6)
+
+
 def test_standing_still_it_carries_the_weight(controller, standing_state):
     for _ in range(3):
         command = controller.act(standing_state, Command(), NONE)
