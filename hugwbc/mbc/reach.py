@@ -101,7 +101,7 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot, *, 
     swings = params.swing_torque * abs(speed) / fastest_walk(params, f, robot)
     share = params.torque_fraction * max(min(params.lift_torque, params.hip_torque - swings), 0.0)
     torque = share * float(robot.torque_limit[robot.pair("hip_pitch")[0]])
-    stands = min(max(leg.hip_height + h, 0.0), straight)  # an absurd height must not stop the loop
+    stands = _hip_above(h, robot)
     bent = 2.0 * math.acos(stands / straight) + torque / (leg.lifted * 96.0 * f**2)
     return stands - straight * math.cos(0.5 * min(bent, math.pi))
 
@@ -129,7 +129,7 @@ def highest_fall(
         speed: commanded speed along the heading [m/s].
     """
     length, step = robot.leg_length, min(abs(step), params.long_step)
-    stands = min(max(_leg(robot).hip_height + h, 0.0), length)
+    stands = _hip_above(h, robot)
     at_rest, travelling = params.fall_speed
     share = at_rest + min(abs(speed) / params.fall_travel, 1.0) * (travelling - at_rest)
     most = share * float(robot.velocity_limit[robot.pair("knee")[0]])
@@ -184,6 +184,11 @@ def _leg(robot: Robot) -> _Leg:
     return _Leg(robot.nominal_height - drop - robot.sole_depth, float(mass[hip, hip]), float(lifted))
 
 
+def _hip_above(h: float, robot: Robot) -> float:
+    """Return the height of the hip above a standing ankle [m]; an absurd h must not stop the loop."""
+    return min(max(_leg(robot).hip_height + h, 0.0), robot.leg_length)
+
+
 def leap_rise(f: float) -> float:
     """Return the rise of the body in the flight of a leap and its sinking in the stance [m].
 
@@ -221,7 +226,7 @@ def leap_lean(params: ControllerParams, h: float, f: float, apex: float, speed: 
     faster the jump, the less torque have the hips for it, which swing the legs forwards (`fastest_walk`).
     """
     length = robot.leg_length
-    stands = min(_leg(robot).hip_height + h, length)
+    stands = _hip_above(h, robot)
     pulled = max(stands + leap_rise(f) - apex, 0.0)  # the body rises, too
     forwards = 0.5 * (math.sqrt(length**2 - min(pulled, length) ** 2) - math.sqrt(length**2 - stands**2))
     fastest = params.jump_speed * fastest_walk(params, f, robot)

@@ -82,6 +82,7 @@ def test_feet_that_go_back_as_they_are_pulled_up_leave_the_pelvis_in_its_place(s
     assert straight - still > 0.002
     assert abs(leaning - still) < 0.35 * (straight - still)
     assert leap_lean(PARAMS, 0.0, 2.0, apex, 5.0, HEAVIER) == 0.0, "legs that swing as fast as they can"
+    assert leap_lean(PARAMS, -5.0, 2.0, apex, 0.0, HEAVIER) == 0.0, "an absurd height"
 
 
 def test_the_ankle_holds_the_weight_less_far_away_the_heavier_the_robot():
