@@ -309,9 +309,9 @@ def goal_in_pelvis(targets: HandTargets, state: RobotState, rest: np.ndarray) ->
             points[hand] = away if turn is None else turn @ away
         if direction is not None:
             directions[hand] = direction if turn is None else turn @ direction
-    if not (np.isfinite(points).all() and (turn is None or np.isfinite(turn).all())):
-        return None
     turns = [None if given is None else _axes(given, turn, state) for given in targets.orientations]
+    if not all(np.isfinite(numbers).all() for numbers in (points, turn, *turns) if numbers is not None):
+        return None
     level = np.array([given is not None and not given.any() for given in targets.orientations])
     return Goal(points, directions, targets.together, turns, level, targets.orientation_weight)
 

@@ -349,6 +349,13 @@ def test_unusable_numbers_are_counted_and_hold(ik, robot, nominal_state):
     assert ik.solve(good, nominal_state, DT).ok
 
 
+def test_a_level_hand_of_a_pelvis_that_leans_nobody_knows_how_is_unusable():
+    robot = load_robot("g1")
+    ik, targets = ArmIK(robot), HandTargets.of((0.25, 0.2, 0.1), None, left_orientation="level")
+    assert not ik.solve(targets, make_state(robot.nominal, orientation=np.full(4, math.nan)), DT).ok
+    assert (ik.rejected, ik.failures, ik.without_collisions) == (1, 0, 0)
+
+
 def test_far_but_finite_numbers_are_harmless(ik, nominal_state):
     solution = converge(ik, HandTargets(np.array([1e12, 0.0, 0.0]), np.array([0.0, -1e12, 0.0])), nominal_state, 2.0)
     assert np.all(np.isfinite(solution.q))
