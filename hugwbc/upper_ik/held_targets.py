@@ -107,6 +107,9 @@ class HeldTargets:
         if leap.max(initial=0.0) > FASTEST[by_joints] * (due - self._now + dt):
             self._place(point)
             return
+        # What was planned before a count anew may lie beyond it: unless shifted, it would turn the velocity round.
+        beyond = max(last + 0.6 * messages * period - due, 0.0)
+        self._past, last = [(when - beyond, where) for when, where in self._past], last - beyond
         base = max(_BASE, 1.01 * (due - last))
         self._past = [past for past in self._past if past[0] >= due - base] or self._past[-1:]
         velocity = (point - self._past[0][1]) / (due - self._past[0][0])

@@ -10,7 +10,7 @@ from hugwbc.runtime import ControlLoop, Simulation, load_controller
 from hugwbc.scripts.view import Constant
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
-from hugwbc.upper_ik.held_targets import HeldTargets
+from hugwbc.upper_ik.held_targets import FASTEST, HeldTargets
 from tests.conftest import make_state
 
 RADIUS, TURN = 0.1, 1.57  # [m], [rad/s]
@@ -72,6 +72,21 @@ def test_joint_targets_are_interpolated_with_their_velocity():
     speeds = np.diff([hands.joints for hands in out[200:]], axis=0) / 0.02
     np.testing.assert_allclose(speeds, 0.5, rtol=0.02)
     np.testing.assert_allclose([hands.joint_velocity for hands in out[200:]], 0.5, rtol=0.02)
+
+
+@pytest.mark.parametrize("tick", [0.004, 0.01])
+def test_messages_that_come_in_bursts_are_not_run_through_backwards(tick):
+    """Joints at 0.5 rad/s, by messages at 50 Hz that a network holds up for 60 ms in the mean."""
+    sent = np.arange(1000) / 50
+    arrived = np.maximum.accumulate(sent + np.random.default_rng(0).exponential(0.06, sent.size))
+    held, speeds = HeldTargets(), []
+    for now in np.arange(1.0, 18.0, tick):
+        number = int(np.searchsorted(arrived, now)) - 1
+        joints = np.full(8, 0.5 * sent[number])
+        followed = held.follow(HandTargets(None, None, joints=joints, sequence=number), tick)
+        speeds.append(0.0 if followed.joint_velocity is None else followed.joint_velocity[0])
+    assert min(speeds) > -1.0, "where a message is late, it returns"
+    assert max(speeds) < 1.5 * FASTEST[1], "a cubic that catches up with as much as is no jump"
 
 
 def test_an_orientation_is_the_same_by_either_of_its_quaternions():
