@@ -8,6 +8,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.behaviours.course import Course, Failure, seen, standing
 from hugwbc.commands import Command
+from hugwbc.gait import Gait
 from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import smooth_step
 from hugwbc.robot import SIDES, Robot, load_robot
@@ -146,14 +147,15 @@ def squat(height: float, robot: Robot | None = None) -> Command:
     The legs lift and lower what both hands hold: a forearm that rises turns up, and the object turns with it.
     """
     size = stature(robot)
-    return Command(h=size * float(np.clip(height / size - LEVEL, LOWEST, 0.0)))
+    h = size * float(np.clip(height / size - LEVEL, LOWEST, 0.0))
+    return Command.from_mapping({"h": h}, Gait.STANDING, robot)
 
 
 def crouch(height: float, robot: Robot | None = None) -> Command:
     """Return the standing command with which hands work comfortably at a height [m]: lower and leaning for low ones."""
     size = stature(robot)
     h = float(np.clip(height / size - COMFORTABLE, LOWEST, 0.0))
-    return Command(h=size * h, p=float(np.clip(-h, 0.0, 0.25)))
+    return Command.from_mapping({"h": size * h, "p": float(np.clip(-h, 0.0, 0.25))}, Gait.STANDING, robot)
 
 
 def frame_of(name: str) -> HandFrame:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from behaviour_helpers import objects, view
 
-from hugwbc import load_robot
-from hugwbc.behaviours import press
+from hugwbc import Command, Gait, load_robot
+from hugwbc.behaviours import BoxGrip, press
 from hugwbc.behaviours.hands import _MOST_MORE, Pressing, crouch, squat, stature
+from hugwbc.commands import default_command
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -43,3 +44,13 @@ def test_robots_crouch_in_proportion_to_their_shoulders():
     # A button at the height of its shoulders is no reason for a G1 to crouch.
     bell = view(position=(0.0, 0.0, 0.757), objects=objects(bell=(0.4, -0.15, 0.85)), robot=g1)
     assert next(press(bell, "bell")).command.h == 0.0
+
+
+def test_postures_have_the_defaults_of_the_robot():
+    """A swing height of the H1's is beyond the range of a small robot."""
+    g1 = load_robot("g1")
+    own = default_command(Gait.STANDING, g1)
+    assert own.l != Command().l
+    box = view(objects=objects(box=(0.5, 0.0, 0.6)), robot=g1)
+    asked = [squat(2.0, g1), crouch(2.0, g1), next(BoxGrip(0.3).take(box, "box")).command]
+    assert asked == [own] * 3
