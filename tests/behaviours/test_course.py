@@ -144,6 +144,8 @@ def test_an_object_that_is_not_there() -> None:
         return (yield Action(Command(h=float(seen(now, "crate").position[2]))))
 
     assert run(look)[1].reason == "object 'crate' is not seen; there are: none"
+    there = objects(cup=(1.0, 0.0, 0.5))
+    assert there.get("crate") is None and there.get("crate", 3) == 3 and there.get("cup").position[0] == 1.0
     assert "desk" in run(look, objects=objects(desk=(1.0, 0.0, 0.0)))[1].reason
 
 
