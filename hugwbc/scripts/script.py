@@ -248,6 +248,11 @@ class Segment:
             raise ConfigError(message, at=("ramp",))
         if self.hands is not None and self.motion is not None:
             raise TargetError(f"segment '{self.label}' has both hands and a motion of the arms; give one of them")
+        if self.motion and self.robot and self.motion.robot.arm_names != self.robot.arm_names:
+            raise TargetError(
+                f"segment '{self.label}' has commands of {self.robot.name}, but its motion '{self.motion.name}' moves "
+                f"the arms of {self.motion.robot.name}; load the motion for {self.robot.name}"
+            )
 
     def command(self) -> Command:
         """Return the command at the end of the ramp."""
