@@ -106,7 +106,7 @@ def reach(
     def aim(now: View) -> HandTargets:
         points = [placed(now, frame, point) for point in (left, right)]
         both = (stay if point is None else point for point, stay in zip(points, stays, strict=True))
-        pointing = [turned(now, frame, vector) for vector in (left_direction, right_direction)]
+        pointing = [turned(now, frame, vector) for vector in (checked.left_direction, checked.right_direction)]
         hands = HandTargets(*both, sent, pointing[0], pointing[1], together, whole_body)  # type: ignore[arg-type]
         return changed(hands, **{name: axes(now, frame, getattr(checked, name)) for name in ORIENTATIONS})
 

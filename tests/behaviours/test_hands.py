@@ -5,7 +5,7 @@ import pytest
 from behaviour_helpers import objects, view
 
 from hugwbc import Command, Gait, load_robot
-from hugwbc.behaviours import BoxGrip, press
+from hugwbc.behaviours import BoxGrip, press, reach
 from hugwbc.behaviours.hands import _MOST_MORE, Pressing, crouch, squat, stature
 from hugwbc.commands import default_command
 
@@ -54,3 +54,9 @@ def test_postures_have_the_defaults_of_the_robot():
     box = view(objects=objects(box=(0.5, 0.0, 0.6)), robot=g1)
     asked = [squat(2.0, g1), crouch(2.0, g1), next(BoxGrip(0.3).take(box, "box")).command]
     assert asked == [own] * 3
+
+
+def test_directions_are_unit_vectors():
+    """A short one would not be recorded."""
+    action = next(reach(view(), left=(0.3, 0.2, 0.1), left_direction=(0.3, 0.0, -0.4)))
+    assert action.hands is not None and action.hands.left_direction == pytest.approx([0.6, 0.0, -0.8])
