@@ -41,6 +41,7 @@ from hugwbc.behaviours.hands import (
     turned,
 )
 from hugwbc.commands import default_command
+from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.hand_wrench import STRONGEST
 from hugwbc.numeric import changed
@@ -189,7 +190,8 @@ def press(
     return view
 
 
-def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: float = 15.0, speed: float = 0.08) -> Course:
+@step
+def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: Force = 15.0, speed: HandSpeed = 0.08) -> Course:
     """Lead a forearm along a path on a level surface, with a force against it; the other hand stays.
 
     Args:
@@ -199,6 +201,8 @@ def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: float = 1
         force: against the surface [N].
         speed: along the path [m/s].
     """
+    if path.ndim != 2 or path.shape[1] != 3 or not len(path) or not np.isfinite(path).all():
+        raise ConfigError(f"path has shape {path.shape}; give finite points x, y, z, shape (n, 3)")
     row, others, begin = SIDES.index(hand), hands_in(view, "world"), view.time
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     pressing = Pressing(view, row, normal=np.array([0.0, 0.0, 1.0]), force=force)
