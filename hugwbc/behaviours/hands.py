@@ -235,7 +235,7 @@ def in_frame(view: View, hands: HandTargets, frame: HandFrame) -> HandTargets:
 def held_targets(view: View) -> HandTargets:
     """Return the last targets of the hands; a behaviour fails while the controller moves the arms."""
     hands = view.last.hands
-    if hands is None or hands.joints is not None:
+    if hands is None or hands.joints is not None or not hands.given.any():
         raise Failure("the hands have no targets; reach or squeeze first")
     return hands
 

@@ -5,9 +5,10 @@ import pytest
 from behaviour_helpers import objects, view
 
 from hugwbc import Command, Gait, load_robot
-from hugwbc.behaviours import BoxGrip, press, reach
+from hugwbc.behaviours import Action, BoxGrip, Failure, lift, press, reach, release
 from hugwbc.behaviours.hands import _MOST_MORE, Pressing, crouch, squat, stature
 from hugwbc.commands import default_command
+from hugwbc.targets import HandTargets
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -54,6 +55,17 @@ def test_postures_have_the_defaults_of_the_robot():
     box = view(objects=objects(box=(0.5, 0.0, 0.6)), robot=g1)
     asked = [squat(2.0, g1), crouch(2.0, g1), next(BoxGrip(0.3).take(box, "box")).command]
     assert asked == [own] * 3
+
+
+@pytest.mark.filterwarnings("error")
+def test_hands_without_a_target_are_not_lifted_and_let_go_at_once():
+    resting = view(last=Action(hands=HandTargets(None, None)), objects=objects(box=(0.5, 0.0, 0.6)))
+    with pytest.raises(Failure, match="the hands have no targets"):
+        next(lift(resting, "box"))
+    letting_go = release(resting)
+    next(letting_go)
+    with pytest.raises(StopIteration):
+        letting_go.send(resting)
 
 
 def test_directions_are_unit_vectors():
