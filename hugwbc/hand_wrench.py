@@ -83,8 +83,21 @@ class HandWrench:
         force[:, 2] -= GRAVITY * self.payload
         return force
 
+    def limited(self) -> "HandWrench":
+        """Return this wrench if it is within all ranges, else the nearest one that is; a force keeps its direction."""
+        lengths = [math.hypot(*force) for force in self.force.tolist()]
+        masses = [] if self.payload is None else self.payload.tolist()
+        fits = self.stiffness is None or STIFFNESS[0] <= self.stiffness <= STIFFNESS[1]
+        # Forces that were turned are rounded.
+        if fits and max(lengths) <= STRONGEST * (1.0 + 1e-9) and all(0.0 <= mass <= HEAVIEST for mass in masses):
+            return self
+        share = STRONGEST / np.maximum(lengths, STRONGEST)
+        payload = None if self.payload is None else np.minimum(np.maximum(self.payload, 0.0), HEAVIEST)
+        stiffness = None if self.stiffness is None else min(max(self.stiffness, STIFFNESS[0]), STIFFNESS[1])
+        return HandWrench(share[:, None] * self.force, payload, stiffness)
+
     def towards(self, goal: "HandWrench", dt: float) -> "HandWrench":
-        """Return the wrench `dt` [s] later on the way to a goal: within all ranges, and without jumps.
+        """Return the wrench `dt` [s] later on the way to a goal within all ranges (`limited`), without jumps.
 
         A payload that is not known stays unknown. One that was known and no longer is falls to zero first, so that the
         torque that carried it does not stop at once. From the servo's own stiffness to another and back, the drives are
@@ -92,14 +105,14 @@ class HandWrench:
         """
         if self is goal is FREE:
             return FREE
-        gap = np.minimum(np.maximum(goal.force, -STRONGEST), STRONGEST) - self.force
+        gap = goal.force - self.force
         length = np.sqrt((gap * gap).sum(axis=1, keepdims=True))
         force = self.force + gap * np.minimum(1.0, FORCE_RATE * dt / np.maximum(length, 1e-12))
         carried = np.zeros(2) if self.payload is None else self.payload
-        told = np.zeros(2) if goal.payload is None else np.minimum(np.maximum(goal.payload, 0.0), HEAVIEST)
+        told = np.zeros(2) if goal.payload is None else goal.payload
         carried = carried + np.minimum(np.maximum(told - carried, -PAYLOAD_RATE * dt), PAYLOAD_RATE * dt)
         payload = None if goal.payload is None and not carried.any() else carried
-        stiffness = None if goal.stiffness is None else min(max(goal.stiffness, STIFFNESS[0]), STIFFNESS[1])
+        stiffness = goal.stiffness
         if stiffness is not None and self.stiffness is not None:
             step = STIFFNESS_RATE * dt
             stiffness = min(max(stiffness, self.stiffness - step), self.stiffness + step)

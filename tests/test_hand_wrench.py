@@ -1,11 +1,13 @@
 """What acts on the hands: turned to the world, ramped, and kept within range, from the targets to the arms' drives."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from hugwbc.commands import Command
+from hugwbc.controller import UpperBody
 from hugwbc.hand_wrench import FREE, HEAVIEST, STRONGEST, HandWrench
 from hugwbc.robot import load_robot
 from hugwbc.runtime.arms import ArmDrive
@@ -70,10 +72,22 @@ def test_payload_is_unknown_until_it_is_told_and_after_it_has_gone():
 def test_absurd_loads_stay_within_their_ranges():
     absurd, wrench = HandWrench(np.outer((1e300, -1e300), np.ones(3)), np.array([1e300, -5.0]), 1e9), FREE
     for _ in range(200):
-        wrench = wrench.towards(absurd, DT)
-    np.testing.assert_allclose(wrench.force, np.outer((STRONGEST, -STRONGEST), np.ones(3)))
+        wrench = wrench.towards(absurd.limited(), DT)
+    np.testing.assert_allclose(wrench.force, np.outer((STRONGEST, -STRONGEST), np.ones(3)) / math.sqrt(3.0))
     assert wrench.stiffness == 5000.0
     assert wrench.payload is not None and wrench.payload.tolist() == [HEAVIEST, 0.0]
+
+
+def test_a_force_that_is_too_strong_keeps_its_direction_and_is_reported():
+    """As of a behaviour for a larger robot, which does not pass `HandWrench.of`."""
+    drive, arms = ArmDrive(load_robot(), log := SafetyLog()), UpperBody.targets(np.zeros(8))
+    strong = dataclasses.replace(arms, wrench=HandWrench(np.array([[240.0, 0.0, 180.0], [0.0, -200.0, 0.0]])))
+    for _ in range(150):
+        told = drive(strong, make_state(), DT).wrench
+    np.testing.assert_allclose(told.force, [[160.0, 0.0, 120.0], [0.0, -200.0, 0.0]])
+    assert log.report().wrench_limited == 150 and "above 200 N" in log.report().messages[0]
+    within = HandWrench.of(left=(160, 0, 120), payload=(HEAVIEST, 0), stiffness=50.0)
+    assert within.limited() is within and FREE.limited() is FREE
 
 
 def test_the_drive_of_the_arms_carries_the_wrench_until_they_are_back():

@@ -8,6 +8,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.behaviours.course import Course, Failure, seen, standing
 from hugwbc.commands import Command
+from hugwbc.gait import Gait
 from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import smooth_step
 from hugwbc.robot import SIDES, Robot, load_robot
@@ -146,14 +147,15 @@ def squat(height: float, robot: Robot | None = None) -> Command:
     The legs lift and lower what both hands hold: a forearm that rises turns up, and the object turns with it.
     """
     size = stature(robot)
-    return Command(h=size * float(np.clip(height / size - LEVEL, LOWEST, 0.0)))
+    h = size * float(np.clip(height / size - LEVEL, LOWEST, 0.0))
+    return Command.from_mapping({"h": h}, Gait.STANDING, robot)
 
 
 def crouch(height: float, robot: Robot | None = None) -> Command:
     """Return the standing command with which hands work comfortably at a height [m]: lower and leaning for low ones."""
     size = stature(robot)
     h = float(np.clip(height / size - COMFORTABLE, LOWEST, 0.0))
-    return Command(h=size * h, p=float(np.clip(-h, 0.0, 0.25)))
+    return Command.from_mapping({"h": size * h, "p": float(np.clip(-h, 0.0, 0.25))}, Gait.STANDING, robot)
 
 
 def frame_of(name: str) -> HandFrame:
@@ -233,7 +235,7 @@ def in_frame(view: View, hands: HandTargets, frame: HandFrame) -> HandTargets:
 def held_targets(view: View) -> HandTargets:
     """Return the last targets of the hands; a behaviour fails while the controller moves the arms."""
     hands = view.last.hands
-    if hands is None or hands.joints is not None:
+    if hands is None or hands.joints is not None or not hands.given.any():
         raise Failure("the hands have no targets; reach or squeeze first")
     return hands
 

@@ -298,7 +298,7 @@ def release(
     """
     grips = tuple(Grip(SIDES[row], None) for row, name in enumerate(view.held) if name is not None)
     last = view.last.hands
-    if last is None or last.joints is not None:
+    if last is None or last.joints is not None or not last.given.any():
         view = yield Action(standing(view), last, grips)
         return view
     hands = in_frame(view, last, "world")

@@ -40,7 +40,9 @@ from hugwbc.behaviours.hands import (
     targets,
     turned,
 )
-from hugwbc.commands import Command
+from hugwbc.commands import default_command
+from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
 from hugwbc.hand_wrench import STRONGEST
 from hugwbc.numeric import changed
 from hugwbc.robot import SIDES
@@ -105,7 +107,7 @@ def reach(
     def aim(now: View) -> HandTargets:
         points = [placed(now, frame, point) for point in (left, right)]
         both = (stay if point is None else point for point, stay in zip(points, stays, strict=True))
-        pointing = [turned(now, frame, vector) for vector in (left_direction, right_direction)]
+        pointing = [turned(now, frame, vector) for vector in (checked.left_direction, checked.right_direction)]
         hands = HandTargets(*both, sent, pointing[0], pointing[1], together, whole_body)  # type: ignore[arg-type]
         return changed(hands, **{name: axes(now, frame, getattr(checked, name)) for name in ORIENTATIONS})
 
@@ -182,13 +184,14 @@ def press(
         action = Action(standing(view), targets(points, "world", directions=way), progress=progress)
         view = yield action
     away = one_hand(row, point - (TIP + approach + 0.06) * ahead)
-    for posture, back in ((None, 0.15), (Command(), 0.25)):
+    for posture, back in ((None, 0.15), (default_command(Gait.STANDING, view.robot), 0.25)):
         course = glide(view, away, frame="world", directions=way, speed=back, posture=posture)
         view = yield from doing("draw the hand back", course)
     return view
 
 
-def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: float = 15.0, speed: float = 0.08) -> Course:
+@step
+def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: Force = 15.0, speed: HandSpeed = 0.08) -> Course:
     """Lead a forearm along a path on a level surface, with a force against it; the other hand stays.
 
     Args:
@@ -198,6 +201,8 @@ def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: float = 1
         force: against the surface [N].
         speed: along the path [m/s].
     """
+    if path.ndim != 2 or path.shape[1] != 3 or not len(path) or not np.isfinite(path).all():
+        raise ConfigError(f"path has shape {path.shape}; give finite points x, y, z, shape (n, 3)")
     row, others, begin = SIDES.index(hand), hands_in(view, "world"), view.time
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     pressing = Pressing(view, row, normal=np.array([0.0, 0.0, 1.0]), force=force)

@@ -16,6 +16,7 @@ from hugwbc.scripts.view import Action, SeenObjects, View
 from hugwbc.targets import HandTargets
 
 _LENGTHS = ("v_x", "v_y", "l", "h")
+_SEEN = {"position": 1, "velocity": 1, "hand_force": 3, "foot_force": 3}  # of a state, and their powers of the size
 
 
 def similar(behaviour: Behaviour, size: float, robot: Robot | None = None) -> Behaviour:
@@ -43,7 +44,7 @@ def similar(behaviour: Behaviour, size: float, robot: Robot | None = None) -> Be
 def _seen(view: View, size: float, robot: Robot | None) -> View:
     state = changed(
         view.state,
-        **{name: size * value for name in ("position", "velocity") if (value := getattr(view.state, name)) is not None},
+        **{n: size**power * value for n, power in _SEEN.items() if (value := getattr(view.state, n)) is not None},
     )
     seen = list(view.objects.values())
     poses = np.array([np.concatenate((size * one.position, one.orientation)) for one in seen]).reshape(-1, 7)
@@ -73,7 +74,8 @@ def _command(command: Command, size: float) -> Command:
 
 def _hands(hands: HandTargets, size: float) -> HandTargets:
     points = {name: size * point for name in SIDES if (point := getattr(hands, name)) is not None}
-    return changed(hands, **points, wrench=_wrench(hands.wrench, size))
+    weight = None if hands.orientation_weight is None else size**2 * hands.orientation_weight
+    return changed(hands, **points, wrench=_wrench(hands.wrench, size), orientation_weight=weight)
 
 
 def _wrench(wrench: HandWrench, size: float) -> HandWrench:

@@ -128,6 +128,7 @@ EVENTS = {
     "commands_guarded": "command that the legs do not allow together with the others",
     "upper_body_rejected": "arm targets that are no numbers",
     "upper_body_limited": "arm targets outside the joint limits",
+    "wrench_limited": "force, payload or stiffness of the hands beyond its range",
     "bad_states": "unusable state",
     "bad_outputs": "unusable joint command",
     "failures": "exception in the controller",

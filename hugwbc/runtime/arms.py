@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc.arm_servo import ArmServo
 from hugwbc.controller import JointCommand, UpperBody
-from hugwbc.hand_wrench import FREE
+from hugwbc.hand_wrench import FREE, HEAVIEST, STIFFNESS, STRONGEST
 from hugwbc.kinematics import in_place
 from hugwbc.numeric import changed, smooth_step
 from hugwbc.robot import SIDES, Robot
@@ -18,6 +18,10 @@ HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the control
 RATE = 3.0  # [1/s], bandwidth at which a payload is learned; the sway of a walk averages out
 BAND = 1.5  # [N], part of a force that counts as friction: without it, joints that stick would make the hands hunt
 LEARNED = 6.0  # [kg], most to learn, a bound for a hand that is pulled down by something else
+_BEYOND = (
+    f"a force on a hand above {STRONGEST:g} N, a payload outside 0 to {HEAVIEST:g} kg, or a stiffness outside "
+    f"{STIFFNESS[0]:g} to {STIFFNESS[1]:g} N/m: limited"
+)
 _VECTORS = tuple(field.name for field in dataclasses.fields(JointCommand))
 _GAINS = [_VECTORS.index(name) for name in ("kp", "kd")]
 
@@ -26,8 +30,8 @@ class ArmDrive:
     """The drive of arms under external control, whatever the controller.
 
     Targets are clamped to the joint limits; the last good ones replace bad ones. The wrench on the hands comes and goes
-    without jumps (`HandWrench.towards`), with the payload that is told or learned. One servo (`ArmServo`) completes
-    them.
+    without jumps and within its ranges (`HandWrench.towards`), with the payload that is told or learned. One servo
+    (`ArmServo`) completes them.
     """
 
     def __init__(self, robot: Robot, log: SafetyLog) -> None:
@@ -50,7 +54,10 @@ class ArmDrive:
             self._wrench = FREE
             self._payload.reset()
             return upper_body
-        self._wrench = self._wrench.towards(upper_body.wrench, dt)
+        goal = upper_body.wrench.limited()
+        if goal is not upper_body.wrench:
+            self._log.count("wrench_limited", _BEYOND)
+        self._wrench = self._wrench.towards(goal, dt)
         if self._wrench is not upper_body.wrench:
             upper_body = changed(upper_body, wrench=self._wrench)
         if self._servo is None:

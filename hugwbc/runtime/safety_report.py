@@ -24,6 +24,7 @@ class SafetyReport:
         hands_refused: hand targets that are not finite, or that the arms cannot follow (`HandTargets.check`).
         upper_body_rejected: arm targets that were not a finite number for each joint: the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
+        wrench_limited: wrenches on the hands beyond their ranges, limited to them (`HandWrench.limited`).
         bad_states: states that no controller can use: not finite, fallen, or too fast (`StateCheck.fault`).
         bad_outputs: joint commands of the controller with NaN or infinity, or of a wrong size.
         failures: exceptions of the controller, and return values that are not joint commands or its plans.
@@ -47,6 +48,7 @@ class SafetyReport:
     hands_refused: int = 0
     upper_body_rejected: int = 0
     upper_body_limited: int = 0
+    wrench_limited: int = 0
     bad_states: int = 0
     bad_outputs: int = 0
     failures: int = 0

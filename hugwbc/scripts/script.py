@@ -177,7 +177,7 @@ class HandMotion:
 
 def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:
     """Refuse a path that is in other units, leaves the hand's surroundings, or jumps."""
-    times, points = _samples(path)
+    times, points, pause = _samples(path)
     if frame == "world":  # the robot may walk there, but not fly
         far, most, what = np.abs(points[:, 2]), HIGHEST_HAND, "above or below the floor"
     else:
@@ -190,23 +190,24 @@ def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:
             "by 1000, centimetres by 100"
         )
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    check_pace(f"the {side} hand path", times, moved, "m", _PACE, _JUMP)
+    going = times - pause * np.arange(len(times))  # a pause must not hide how fast the hand goes between its points
+    check_pace(f"the {side} hand path", going, moved, "m", _PACE, _JUMP)
 
 
-def _samples(path: HandPath) -> tuple[np.ndarray, np.ndarray]:
-    """Return times [s] and points [m] that show how far and how fast a path goes."""
+def _samples(path: HandPath) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return times [s] and points [m] that show how far and how fast a path goes, and its pause at each point [s]."""
     while isinstance(path, hand_paths.Mirrored):  # as far and as fast
         path = path.path
     if isinstance(path, Recorded):
-        return path.samples
+        return *path.samples, 0.0
     if isinstance(path, hand_paths.Line | hand_paths.Grid):
-        return np.arange(len(path.points)) * (path.leg_time + path.dwell), np.array(path.points)
+        return np.arange(len(path.points)) * (path.leg_time + path.dwell), np.array(path.points), path.dwell
     if isinstance(path, hand_paths.Wander):  # its corners
         times = np.arange(61) * path.leg_time
     else:  # steps that a fast path makes longer than `_JUMP`
         period = getattr(path, "period", 60.0)
         times = np.linspace(0.0, period, round(min(max(period / 0.02, 8), 600)) + 1)
-    return times, np.stack([path.at(float(t)) for t in times])
+    return times, np.stack([path.at(float(t)) for t in times]), 0.0
 
 
 @settings
@@ -247,6 +248,11 @@ class Segment:
             raise ConfigError(message, at=("ramp",))
         if self.hands is not None and self.motion is not None:
             raise TargetError(f"segment '{self.label}' has both hands and a motion of the arms; give one of them")
+        if self.motion and self.robot and self.motion.robot.arm_names != self.robot.arm_names:
+            raise TargetError(
+                f"segment '{self.label}' has commands of {self.robot.name}, but its motion '{self.motion.name}' moves "
+                f"the arms of {self.motion.robot.name}; load the motion for {self.robot.name}"
+            )
 
     def command(self) -> Command:
         """Return the command at the end of the ramp."""

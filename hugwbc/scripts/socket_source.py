@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hugwbc.commands import COMMAND_NAMES, VELOCITY_NAMES, Command
+from hugwbc.commands import COMMAND_NAMES, VELOCITY_NAMES, Command, default_command
 from hugwbc.errors import ConfigError, HugwbcError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
@@ -65,7 +65,8 @@ class SocketSource:
         self.port = int(self._socket.getsockname()[1])
         self._clock, self._heard, self._robot = clock, -math.inf, robot
         self.tally = Tally(f"UDP port {self.port}", tell, clock)
-        self._command, self._hands, self._sequence = Command(), None, -1
+        self._stand = default_command(Gait.STANDING, robot)
+        self._command, self._hands, self._sequence = self._stand, None, -1
         self.driven, self._followed = False, 0
 
     def close(self) -> None:
@@ -77,7 +78,7 @@ class SocketSource:
         self._receive()
         if self.driven and self._clock() - self._heard > SILENCE:
             self.driven, self._sequence = False, -1  # a client that is started again counts from the beginning
-            self._command, self._hands = Command(), None
+            self._command, self._hands = self._stand, None
             self.tally.note("silent", f"no good message for {SILENCE:g} s: the robot stands, with its own arms")
         return self._command
 

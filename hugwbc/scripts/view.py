@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -56,6 +56,12 @@ class SeenObjects(Mapping[str, SeenObject]):
             raise UnknownNameError("object", name, self._names)
         row = self._poses[self._names.index(name)]
         return SeenObject(row[:3], row[3:], self._age)
+
+    def get(self, name: str, default: Any = None, /) -> Any:  # noqa: ANN401  that of a mapping takes a KeyError only
+        """Return an object, or the default if it is not seen."""
+        if name not in self:
+            return default
+        return self[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._names

@@ -33,6 +33,7 @@ from hugwbc.behaviours import (
     wait,
     wait_until,
     walk_to,
+    wipe,
 )
 from hugwbc.behaviours.hands import TIP
 from hugwbc.commands import Command
@@ -144,6 +145,8 @@ def test_an_object_that_is_not_there() -> None:
         return (yield Action(Command(h=float(seen(now, "crate").position[2]))))
 
     assert run(look)[1].reason == "object 'crate' is not seen; there are: none"
+    there = objects(cup=(1.0, 0.0, 0.5))
+    assert there.get("crate") is None and there.get("crate", 3) == 3 and there.get("cup").position[0] == 1.0
     assert "desk" in run(look, objects=objects(desk=(1.0, 0.0, 0.0)))[1].reason
 
 
@@ -164,6 +167,10 @@ def test_an_object_that_is_not_there() -> None:
         (lambda view: retry(view, stand, times=0), "times is 0"),
         (lambda view: release(view, apart=math.inf), "release.apart is inf"),
         (lambda view: press(view, "bell", "both"), "Valid: left, right"),
+        (lambda view: wipe(view, np.zeros((2, 3)), "both"), "Valid: left, right"),
+        (lambda view: wipe(view, np.zeros((2, 3)), force=math.nan), "wipe.force is nan"),
+        (lambda view: wipe(view, np.zeros((2, 3)), speed=-0.1), "wipe.speed is -0.1"),
+        (lambda view: wipe(view, np.zeros((2, 2))), r"give finite points x, y, z, shape \(n, 3\)"),
     ],
 )
 def test_arguments_out_of_range_are_refused_before_the_first_tick(begin, words: str) -> None:

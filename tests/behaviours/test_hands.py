@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from behaviour_helpers import objects, view
 
-from hugwbc import load_robot
-from hugwbc.behaviours import press
+from hugwbc import Command, Gait, load_robot
+from hugwbc.behaviours import Action, BoxGrip, Failure, lift, press, reach, release
 from hugwbc.behaviours.hands import _MOST_MORE, Pressing, crouch, squat, stature
+from hugwbc.commands import default_command
+from hugwbc.targets import HandTargets
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -43,3 +45,30 @@ def test_robots_crouch_in_proportion_to_their_shoulders():
     # A button at the height of its shoulders is no reason for a G1 to crouch.
     bell = view(position=(0.0, 0.0, 0.757), objects=objects(bell=(0.4, -0.15, 0.85)), robot=g1)
     assert next(press(bell, "bell")).command.h == 0.0
+
+
+def test_postures_have_the_defaults_of_the_robot():
+    """A swing height of the H1's is beyond the range of a small robot."""
+    g1 = load_robot("g1")
+    own = default_command(Gait.STANDING, g1)
+    assert own.l != Command().l
+    box = view(objects=objects(box=(0.5, 0.0, 0.6)), robot=g1)
+    asked = [squat(2.0, g1), crouch(2.0, g1), next(BoxGrip(0.3).take(box, "box")).command]
+    assert asked == [own] * 3
+
+
+@pytest.mark.filterwarnings("error")
+def test_hands_without_a_target_are_not_lifted_and_let_go_at_once():
+    resting = view(last=Action(hands=HandTargets(None, None)), objects=objects(box=(0.5, 0.0, 0.6)))
+    with pytest.raises(Failure, match="the hands have no targets"):
+        next(lift(resting, "box"))
+    letting_go = release(resting)
+    next(letting_go)
+    with pytest.raises(StopIteration):
+        letting_go.send(resting)
+
+
+def test_directions_are_unit_vectors():
+    """A short one would not be recorded."""
+    action = next(reach(view(), left=(0.3, 0.2, 0.1), left_direction=(0.3, 0.0, -0.4)))
+    assert action.hands is not None and action.hands.left_direction == pytest.approx([0.6, 0.0, -0.8])

@@ -1,5 +1,7 @@
 """A behaviour for a robot of other lengths: the physics of similar bodies of the same density."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -14,9 +16,9 @@ SIZE = 0.5
 
 
 def _view(**fields) -> View:
-    state = make_state(position=(1.0, 2.0, 0.5), velocity=(0.2, 0.0, 0.0))
+    state = make_state(position=(1.0, 2.0, 0.5), velocity=(0.2, 0.0, 0.0), hand_force=np.full((2, 3), 2.0))
     objects = SeenObjects(("box",), np.array([[2.0, 0.0, 0.4, 1.0, 0.0, 0.0, 0.0]]), age=0.02)
-    return View(3.0, state, np.array([[0.2, 0.1, 0.6], [0.2, -0.1, 0.6]]), objects, np.full((2, 3), 2.0), **fields)
+    return View(3.0, state, np.array([[0.2, 0.1, 0.6], [0.2, -0.1, 0.6]]), objects, state.hand_force, **fields)
 
 
 def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
@@ -27,6 +29,7 @@ def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
         while True:
             seen.append(view)
             targets = HandTargets.of(view.hands[0] + 0.1, None, left_force=(8.0, 0, 0), stiffness=400.0, frame="world")
+            targets = dataclasses.replace(targets, orientation_weight=0.04)
             command = Command(v_x=0.4, omega=0.3, h=-0.2, p=0.1, l=0.2, gait=Gait.WALKING)
             view = yield Action(command, targets, (Grip("left", "box", breaking_force=80.0),), "walk")
 
@@ -35,13 +38,15 @@ def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
     assert action.command == Command(v_x=0.2, omega=0.3, h=-0.1, p=0.1, l=0.1, gait=Gait.WALKING)
     np.testing.assert_allclose(action.hands.left, [0.25, 0.15, 0.65])
     assert action.hands.right is None and action.hands.wrench.stiffness == 100.0 and action.doing == "walk"
+    assert action.hands.orientation_weight == 0.01, "in square metres"
     assert action.hands.wrench.force[0, 0] == 1.0 and action.grips[0].breaking_force == 10.0
     course.send(_view(last=action))
     first, second = seen
     np.testing.assert_allclose(first.position, [2.0, 4.0, 1.0])
     np.testing.assert_allclose(first.hands[1], [0.4, -0.2, 1.2])
     np.testing.assert_allclose(first.objects["box"].position, [4.0, 0.0, 0.8])
-    assert (first.hand_force == 16.0).all() and first.time == 3.0 and first.objects["box"].age == 0.02
+    assert (first.hand_force == 16.0).all() and (first.state.hand_force == 16.0).all()
+    assert first.time == 3.0 and first.objects["box"].age == 0.02
     assert first.robot is load_robot("h1"), "its commands have the defaults of the robot that it was made for"
     assert second.last.command.v_x == pytest.approx(0.4), "its own last request comes back as it was asked for"
 

@@ -184,6 +184,13 @@ def test_paths_made_in_python_are_checked_likewise(path, message):
         HandMotion(path, None)
 
 
+@pytest.mark.parametrize("path", [Line((A, C), leg_time=0.01, dwell=1.0), Grid(A, (0.1, 0.1, 0.1), leg_time=0.001)])
+def test_a_pause_does_not_hide_a_jump(path):
+    with pytest.raises(HugwbcError, match=r"jumps by .* within 0\.0"):
+        HandMotion(left=path)
+    assert HandMotion(left=Line((A, C), leg_time=0.1, dwell=1.0))
+
+
 def test_rounded_stamps_and_bursts_are_no_jumps():
     rng = np.random.default_rng(0)
     time = np.round(np.cumsum(rng.choice([0.001, 0.029, 0.03], len(TIME))), 3)

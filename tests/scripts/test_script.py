@@ -112,6 +112,8 @@ def test_one_motion_ramps_into_another():
 def test_hands_and_a_motion_at_once_are_refused():
     with pytest.raises(TargetError, match="segment 'x' has both hands and a motion"):
         Segment("x", 1.0, hands=MOTION, motion=RAISE)
+    with pytest.raises(TargetError, match="commands of g1, but its motion 'raise' moves the arms of h1; load"):
+        Segment("x", 1.0, motion=RAISE, robot=load_robot("g1"))
 
 
 def test_bad_hand_motions_are_refused():

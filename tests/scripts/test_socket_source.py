@@ -11,7 +11,8 @@ import time
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
+from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
 from hugwbc.scripts.socket_source import HOST, LONGEST_MESSAGE, SILENCE, SocketSource
 
@@ -106,6 +107,12 @@ def test_a_client_that_disappears_stops_the_robot_and_may_come_back(line):
     line.source.command_at(0.0)
     assert SILENCE < 0.5 and line.source.tally.counts["silent"] == 1
     assert line.send({"sequence": 0, "command": {"v_x": 0.2}}).v_x == 0.2
+
+
+def test_without_a_client_a_robot_stands_with_its_own_defaults():
+    source = SocketSource(robot=load_robot("g1"))
+    assert source.command_at(0.0) == default_command(Gait.STANDING, load_robot("g1")) != Command()
+    source.close()
 
 
 def test_the_person_at_the_terminal_learns_what_is_wrong_once_a_second_and_in_the_end(line):
