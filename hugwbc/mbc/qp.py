@@ -20,6 +20,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.tasks import TaskTerms
 from hugwbc.robot import SIDES, Robot
+from hugwbc.rotations import rotation_z
 
 if "proxsuite" not in sys.modules:
     _narrow = types.ModuleType("proxsuite.instructionset")  # which ProxSuite asks for the processor's instructions
@@ -85,7 +86,8 @@ class WholeBodyQp:
             + \epsilon_v \|\dot v\|^2 + \epsilon_f \|f - f^*\|^2 \\
         \text{s.t. } & M_b \dot v + h_b = J_b^T f \quad\text{(base, 6 rows)} \\
         & |M_j \dot v + h_j - J_j^T f| \le \tau_{max} \quad\text{(joints, n rows)} \\
-        & |f_x|, |f_y| \le \tfrac{\mu}{\sqrt 2} f_z, \quad 0 \le f_z \le f_{max} \quad\text{(4 points)} \\
+        & |f_x|, |f_y| \le \tfrac{\mu}{\sqrt 2} f_z, \quad 0 \le f_z \le f_{max} \quad
+            \text{(4 points, axes of the heading)} \\
         & \dot v_j^{min}(q, v) \le \dot v_j \le \dot v_j^{max}(q, v) \quad\text{(joint range and speed)}
 
     The size of the problem never changes. Where the ground does not push, the force keeps its variables but loses its
@@ -120,35 +122,25 @@ class WholeBodyQp:
         size, joints = nv + _FORCES, columns.size
         self._H = np.zeros((size, size))
         self._diagonal = np.einsum("ii->i", self._H)  # a view
+        points = range(len(CONTACT_POINTS))
         self._g = np.zeros(size)
         # Rows: equation of motion of the base, of the joints, then friction. The base has no motor, so its six rows are
         # equalities (A); those of the joints are their torques, bounded like friction (C). All names below are views,
         # so that a tick fills the matrices in place.
-        self._rows = np.zeros((_BASE + joints + 4 * len(CONTACT_POINTS), size))
-        self._motion, self._A, self._C = self._rows[:nv], self._rows[:_BASE], self._rows[_BASE:]
+        rows = np.zeros((_BASE + joints + 4 * len(points), size))
+        self._motion, self._A, self._C = rows[:nv], rows[:_BASE], rows[_BASE:]
+        self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in points]
+        self._pyramids = [rows[nv + 4 * k : nv + 4 * k + 4, nv + 3 * k : nv + 3 * k + 3] for k in points]
         self._b = np.zeros(_BASE)
         self._low = np.full(len(self._C), -_INFINITY)
         self._high = np.zeros(len(self._C))
         self._box_low = np.full(size, -_INFINITY)
         self._box_high = np.full(size, _INFINITY)
         self.friction = params.friction
-        self._forces = [self._motion[:, nv + 3 * point : nv + 3 * point + 3] for point in range(len(CONTACT_POINTS))]
         self._contact = [True] * len(CONTACT_POINTS)
         self._box_low[nv + 2 :: 3], self._box_high[nv + 2 :: 3] = 0.0, params.max_normal_force
         self._joints_high, self._joints_low = self._box_high[self._joints], self._box_low[self._joints]
         self.reset()
-
-    @property
-    def friction(self) -> float:
-        """Friction coefficient that the contact forces respect."""
-        return self._friction
-
-    @friction.setter
-    def friction(self, coefficient: float) -> None:
-        self._friction = coefficient
-        for point in range(len(CONTACT_POINTS)):
-            row, column = self._nv + 4 * point, self._nv + 3 * point
-            self._rows[row : row + 4, column : column + 3] = friction_pyramid(coefficient)
 
     def reset(self) -> None:
         """Forget the previous solution, so that the next solve starts cold."""
@@ -170,6 +162,7 @@ class WholeBodyQp:
         terms: Sequence[TaskTerms],
         contact: np.ndarray,
         planned: np.ndarray | None = None,
+        heading: float = 0.0,
     ) -> QpSolution:
         """Solve for the accelerations, forces and torques that serve the tasks best.
 
@@ -178,8 +171,10 @@ class WholeBodyQp:
             terms: rows of every task.
             contact: whether the ground may push at each of `CONTACT_POINTS`, shape (4,), bool.
             planned: forces f* to stay close to, world axes [N], shape (4, 3); with None, f* = 0 with a tiny weight.
+            heading: of the pyramids' axes, those of the robot [rad]: what it can do is the same in all directions.
         """
         self._fill_contact(contact)
+        self._fill_friction(heading)
         self._fill_cost(terms, planned)
         self._fill_dynamics(dynamics)
         self._fill_joint_limits(dynamics)
@@ -242,6 +237,12 @@ class WholeBodyQp:
             self._high[friction : friction + 4] = 0.0 if stands else _INFINITY
             if not stands:
                 self._forces[point][:] = 0.0
+
+    def _fill_friction(self, heading: float) -> None:
+        """Fill the friction pyramids, whose axes are those of the heading."""
+        turned = friction_pyramid(self.friction).dot(rotation_z(-heading))
+        for rows in self._pyramids:
+            rows[:] = turned
 
     def _fill_joint_limits(self, dynamics: Dynamics) -> None:
         """Bound each joint's acceleration so that the joint can still brake before its limit and keeps its speed limit.

@@ -197,7 +197,7 @@ class WholeBodyController:
         if not self._arms_free:
             terms[-1] = self._attainable(terms[-1])
         points = self._locomotion.contact_points(self.dynamics)
-        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.leap.forces)
+        solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.leap.forces, state.yaw)
         if solution.status is QpStatus.FAILED:
             return self._fall_back(solution)
         self._relaxed += solution.status is QpStatus.RELAXED
@@ -213,8 +213,7 @@ class WholeBodyController:
         if state.foot_force is not None:
             velocities = [self.dynamics.frame(sole).velocity for sole in SOLES]
             self._slip.update(velocities, state.foot_force * self._locomotion.contact[:, None], self.period)
-        if self._slip.friction != self._qp.friction:  # also after a reset
-            self._qp.friction = self._slip.friction
+        self._qp.friction = self._slip.friction
 
     def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> None:
         """Set the targets of waist and arms; arm joints under external control become prescribed motion."""

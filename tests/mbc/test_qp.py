@@ -11,6 +11,7 @@ from hugwbc.mbc.dynamics import Dynamics
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import CONTACT_POINTS, QpStatus, WholeBodyQp
 from hugwbc.mbc.tasks import TaskTerms
+from hugwbc.rotations import rotation_z
 from hugwbc.sim import Simulation
 
 ROBOT = load_robot()
@@ -51,6 +52,21 @@ def test_solutions_obey_physics_and_limits(random_state):
         assert np.all(horizontal <= 0.7 * solution.forces[:, 2] + 1e-3)
         assert np.all(solution.forces[:, 2] >= -1e-3)
         assert np.all(solution.forces[~contact] == 0.0)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.6])
+def test_the_friction_pyramid_turns_with_the_robot(random_state, heading: float) -> None:
+    """What a robot can do must not depend on the compass."""
+    rng = np.random.default_rng(3)
+    dynamics, turn = Dynamics(load_robot()), rotation_z(-heading)
+    qp, farthest = _qp(dynamics), 0.0
+    for _ in range(20):
+        dynamics.update(random_state(rng))
+        forces = qp.solve(dynamics, [_random_terms(rng, 50)], ALL, heading=heading).forces @ turn.T
+        bound = 0.7 / np.sqrt(2.0) * forces[:, 2:]
+        assert np.all(np.abs(forces[:, :2]) <= bound + 1e-3)
+        farthest = max(farthest, np.max(np.abs(forces @ rotation_z(0.3).T)[:, :2] - bound))
+    assert farthest > 1.0, "otherwise no pyramid has bound anything"
 
 
 def test_without_active_limits_it_is_the_equality_constrained_least_squares_solution(dynamics_of):
