@@ -13,7 +13,7 @@ from hugwbc.mbc.reach import leap_lean
 from hugwbc.mbc.references import References, Tick
 from hugwbc.mbc.rigid_body_mpc import ForcePlan, RigidBody, RigidBodyMpc, Stance, TakeOff
 from hugwbc.mbc.swing import SwingTrajectory
-from hugwbc.mbc.tasks import CentreOfMassMotionTask, SwingFootTask
+from hugwbc.mbc.tasks import CentreOfMassMotionTask, SwingFootTask, foot_axes
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import GRAVITY
 
@@ -116,8 +116,9 @@ class Leap:
         base[:3, :3] = base[3:6, 3:] = rotation.T @ to_heading.T
         for foot in self._plan.legs:
             sole, columns = dynamics.frame(feet.SOLES[foot]), dynamics.columns[self._legs[foot]]
-            # Five rows for five joints: the line contact leaves the roll of the foot free.
-            jacobian = np.vstack((sole.jacobian[:3], (sole.rotation.T @ sole.jacobian[3:])[1:]))
+            # A row for each joint: a line contact leaves the roll of the foot free.
+            axes = foot_axes(dynamics.robot)
+            jacobian = np.vstack((sole.jacobian[:3], (sole.rotation.T @ sole.jacobian[3:])[axes]))
             leg = jacobian[:, columns]
             square = leg.T @ leg + _DAMPING * np.eye(columns.size)
             base[columns] = -np.linalg.solve(square, leg.T @ jacobian[:, :6] @ base[:6])
