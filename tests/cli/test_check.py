@@ -5,6 +5,7 @@ from hugwbc.errors import ConfigError, ModelError
 from hugwbc.evaluation import installation
 from hugwbc.learned.policy import checkpoint, policy_file
 from hugwbc.learned.recipe.ancestry import KEY
+from hugwbc.robot_tables import models_dir
 
 
 @pytest.mark.parametrize("error", [ConfigError("too heavy"), ModelError("no model"), ImportError("no placo")])
@@ -20,8 +21,8 @@ def test_a_failure_is_named_and_the_exit_code_tells(error, monkeypatch, capsys):
 
 def test_a_recipe_that_has_changed_since_is_a_remark(tmp_path, capsys):
     path, (tensors, metadata) = tmp_path / "policy.safetensors", checkpoint.load_file(policy_file("g1"), "policy")
-    made = metadata["training"][KEY]
-    for text, changed in ((f"# a comment\n{made['recipe']}", False), (made["recipe"].replace("0.9", "0.8"), True)):
+    made, shipped = metadata["training"][KEY], (models_dir() / "g1" / "recipes" / "g1.yaml").read_text()
+    for text, changed in ((f"# a comment\n{shipped}", False), (shipped.replace("0.9", "0.8"), True)):
         checkpoint.save_file(path, tensors, "policy", metadata | {"training": {KEY: made | {"recipe": text}}})
         assert main(["check", "--policy", str(path)]) == 0
         assert ("g1.yaml has changed since it made this policy" in capsys.readouterr().out) == changed
