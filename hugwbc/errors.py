@@ -34,6 +34,12 @@ class UnknownNameError(HugwbcError):
         return type(self), self._made_of
 
 
+class UnknownObjectError(UnknownNameError, KeyError):
+    """A name that a mapping of objects does not hold; as a KeyError, so that `get` gives its default."""
+
+    __str__ = HugwbcError.__str__  # a KeyError would print the message in quotes
+
+
 class CommandError(HugwbcError):
     """A command that is not finite, or lies outside the range of its gait."""
 

@@ -2,13 +2,13 @@
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import Command
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import UnknownNameError, UnknownObjectError
 from hugwbc.hand_wrench import BREAKING_FORCE
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
@@ -53,15 +53,9 @@ class SeenObjects(Mapping[str, SeenObject]):
 
     def __getitem__(self, name: str) -> SeenObject:
         if name not in self._names:
-            raise UnknownNameError("object", name, self._names)
+            raise UnknownObjectError("object", name, self._names)
         row = self._poses[self._names.index(name)]
         return SeenObject(row[:3], row[3:], self._age)
-
-    def get(self, name: str, default: Any = None, /) -> Any:  # noqa: ANN401  that of a mapping takes a KeyError only
-        """Return an object, or the default if it is not seen."""
-        if name not in self:
-            return default
-        return self[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._names

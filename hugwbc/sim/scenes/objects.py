@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.errors import UnknownNameError
+from hugwbc.errors import UnknownObjectError
 from hugwbc.robot import Robot
 from hugwbc.sim.scenes.thing import FARTHEST
 from hugwbc.sim.sensors import SensorProfile
@@ -84,10 +84,10 @@ class Objects(Mapping[str, ObjectState]):
 
     def seen(self, name: str) -> ObjectState:
         """Return what a motion-capture system knows of an object."""
-        raise UnknownNameError("object", name, self.names)
+        raise UnknownObjectError("object", name, self.names)
 
     def __getitem__(self, name: str) -> ObjectState:
-        raise UnknownNameError("object", name, self.names)
+        raise UnknownObjectError("object", name, self.names)
 
     def __contains__(self, name: object) -> bool:
         return name in self.names
@@ -221,7 +221,7 @@ class SceneObjects(Objects):
 
     def _row(self, name: str) -> int:
         if name not in self.names:
-            raise UnknownNameError("object", name, self.names)
+            raise UnknownObjectError("object", name, self.names)
         return self.names.index(name)
 
 

@@ -259,6 +259,7 @@ def test_names_of_objects_that_are_not_there() -> None:
     for look in (simulation.objects.__getitem__, simulation.objects.seen):
         with pytest.raises(UnknownNameError, match=r"unknown object 'parcl'\. Did you mean 'parcel'"):
             look("parcl")
+    assert simulation.objects.get("parcl") is None
     alone = Simulation(sensing="exact")
     assert len(alone.objects) == 0 and alone.objects.poses.shape == (0, 7)
     with pytest.raises(UnknownNameError, match="unknown object 'parcel'"):
