@@ -168,7 +168,7 @@ def _tilted(reading: RobotState, waist: float) -> RobotState:
 
     Orientation and angular velocity are the pelvis's, so their errors are about the IMU's y axis in the pelvis.
     """
-    axis, turn = np.array([-math.sin(waist), math.cos(waist), 0.0]), np.array([0.0, TURN, 0.0])
+    axis, turn = rotations.rotation_z(waist)[:, 1], np.array([0.0, TURN, 0.0])
     mounted = rotations.from_axis_angle(np.array([0.0, 1.0, 0.0]), TILT)
     gyro, accelerometer = reading.imu_gyro, reading.imu_accelerometer
     return dataclasses.replace(
