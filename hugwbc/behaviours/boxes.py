@@ -9,13 +9,12 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.behaviours.course import Course, Failure, Name, doing, seen
+from hugwbc.behaviours.course import Course, Failure, Name, doing, seen, upright
 from hugwbc.behaviours.hands import HALF_WIDTH, LEVEL, Directions, glide, hands_in, squat, stature
 from hugwbc.behaviours.hold import TOE_IN, from_hands
 from hugwbc.behaviours.reach import grip
 from hugwbc.behaviours.walk import walk_to
-from hugwbc.commands import Command, default_command
-from hugwbc.gait import Gait
+from hugwbc.commands import Command
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Grip, SeenObject, View
 from hugwbc.settings import NotNegative, Positive, settings
@@ -124,7 +123,7 @@ class BoxGrip:
             together=True,
             directions=(last.left_direction, last.right_direction),
             forces=last.wrench.force,
-            posture=dataclasses.replace(_upright(view), h=min(command.h + height, 0.0), p=command.p),
+            posture=dataclasses.replace(upright(view), h=min(command.h + height, 0.0), p=command.p),
         )
         rise = float(seen(view, name).position[2] - before)
         if rise < _RISEN:
@@ -136,7 +135,7 @@ class BoxGrip:
     def bring(self, view: View, name: Name, goal: np.ndarray) -> Course:
         """Bring the box to a point of the heading frame [m] and stand upright; from then on it moves with the robot."""
         points = self._sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
-        view = yield from self._glide(view, points, 0.0, _upright(view), "heading", speed=0.12, settle=0.5)
+        view = yield from self._glide(view, points, 0.0, upright(view), "heading", speed=0.12, settle=0.5)
         _check_held(view, name)
         return view
 
@@ -161,7 +160,7 @@ class BoxGrip:
         view = yield from glide(view, points, speed=0.1, settle=0.2)
         out = np.array([[0.0, _LET_GO, 0.0], [0.0, -_LET_GO, 0.0]])
         view = yield from glide(view, points + out, speed=0.1, settle=0.2)
-        return (yield from glide(view, points + out + up(0.05) - [0.08, 0.0, 0.0], posture=_upright(view)))
+        return (yield from glide(view, points + out + up(0.05) - [0.08, 0.0, 0.0], posture=upright(view)))
 
     def _sides(self, gap: float) -> np.ndarray:
         """Return where the hands are beside the box, in its axes, with a gap between hand and box [m], shape (2, 3)."""
@@ -177,7 +176,7 @@ class BoxGrip:
         """Stand upright, and hold the hands apart and high enough to come near with."""
         height = float(seen(view, name).position[2]) + self.at[1] - _STANDING * stature(view.robot)
         points = self._sides(_BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
-        return glide(view, points, posture=_upright(view))
+        return glide(view, points, posture=upright(view))
 
     def _reach(self, view: View, name: str, posture: Command, gap: float = _BESIDE, *, speed: float = 0.2) -> Course:
         """Crouch, and put the hands beside the box, with a gap between hand and box [m]."""
@@ -222,11 +221,6 @@ def _check_held(view: View, name: str) -> None:
     away = float(np.linalg.norm(from_hands(view, name)))
     if away > _LOST:
         raise Failure(f"'{name}' is {100 * away:.0f} cm from the hands: it slipped out of them")
-
-
-def _upright(view: View) -> Command:
-    """Return the standing command with the defaults of the robot that plays."""
-    return default_command(Gait.STANDING, view.robot)
 
 
 def up(height: float) -> np.ndarray:

@@ -21,7 +21,7 @@ from typing import Annotated, Concatenate, Literal, ParamSpec, TypeAlias
 from pydantic import Field
 
 from hugwbc import rotations
-from hugwbc.commands import Command
+from hugwbc.commands import Command, default_command
 from hugwbc.gait import Gait
 from hugwbc.reference import plain_signature
 from hugwbc.scripts.view import Action, SeenObject, View
@@ -222,6 +222,11 @@ def standing(view: View) -> Command:
     """Return a standing command with h, p and w of the last one."""
     last = view.last.command
     return Command.from_mapping({"h": last.h, "p": last.p, "w": last.w}, Gait.STANDING, view.robot)
+
+
+def upright(view: View) -> Command:
+    """Return the standing command with the defaults of the robot that plays."""
+    return default_command(Gait.STANDING, view.robot)
 
 
 def kept(view: View) -> HandTargets | None:

@@ -19,6 +19,7 @@ from hugwbc.behaviours.course import (
     seen,
     standing,
     step,
+    upright,
 )
 from hugwbc.behaviours.hands import (
     ARRIVED,
@@ -40,9 +41,7 @@ from hugwbc.behaviours.hands import (
     targets,
     turned,
 )
-from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError
-from hugwbc.gait import Gait
 from hugwbc.hand_wrench import STRONGEST
 from hugwbc.numeric import changed
 from hugwbc.robot import SIDES
@@ -184,7 +183,7 @@ def press(
         action = Action(standing(view), targets(points, "world", directions=way), progress=progress)
         view = yield action
     away = one_hand(row, point - (TIP + approach + 0.06) * ahead)
-    for posture, back in ((None, 0.15), (default_command(Gait.STANDING, view.robot), 0.25)):
+    for posture, back in ((None, 0.15), (upright(view), 0.25)):
         course = glide(view, away, frame="world", directions=way, speed=back, posture=posture)
         view = yield from doing("draw the hand back", course)
     return view

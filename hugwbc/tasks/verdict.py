@@ -101,8 +101,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
         return Verdict(False, why, "; ".join(filter(None, (*said, *bumps(record)))), score)
 
     if record.problems:
-        problem, _, _ = record.problems[0].partition(" at ")  # without its time
-        return failed(problem, min(score, 0.99), *record.problems)
+        return failed(without_time(record.problems[0]), min(score, 0.99), *record.problems)
     if record.fell:
         return failed(FELL, min(score, 0.99), reason or "at the end", record.ending.reason)
     if reason:
@@ -112,6 +111,11 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
         reason = RAN_AWAY if drift > FARTHEST else "the robot did not come to rest"
         return failed(reason, 0.99, f"{drift:.2f} m told to stand, {speed:.2f} m/s at the end")
     return Verdict(True, "", "; ".join(bumps(record)), 1.0)
+
+
+def without_time(problem: str) -> str:
+    """Return a problem of the objects without when it came up, so that equal ones count as one reason."""
+    return problem.partition(" at ")[0]
 
 
 def stillness(record: TaskRecord) -> tuple[float, float]:

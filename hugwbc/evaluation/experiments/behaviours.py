@@ -43,6 +43,7 @@ from hugwbc.sim.scenes import Box, Step
 from hugwbc.sim.scenes.varied import Uniform
 from hugwbc.state import GRAVITY
 from hugwbc.tasks.judges import UPRIGHT
+from hugwbc.tasks.verdict import without_time
 
 
 @settings(kw_only=True)
@@ -83,7 +84,7 @@ def play(
     source, simulation = BehaviourSource(behaviour), simulation_of(settings, plan, scene=scene)
     where = {"source": source, "simulation": simulation, "upper_body": settings.conditions.upper_body()}
     trace = simulate(controller, settings, plan, **where, until=lambda: source.done)
-    problem = next(iter(trace.problems), "").partition(" at ")[0]  # without its time
+    problem = without_time(next(iter(trace.problems), ""))
     success = source.status is Status.SUCCESS and not trace.fell and not problem
     seconds = simulation.time if success else None
     how = problem or ("a fall" if trace.fell else source.ending)
