@@ -63,8 +63,9 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
             name, jointed = found
             # A second hand on an object may turn, and so may one on a thing that moves in a joint: an arm has four
             # joints, and its weld would fight the other one.
+            hook = jointed or name in (*view.held, *(asked.name for asked in requests))
             force = BREAKING_FORCE * max(float(wanted[hand]), 1.0)
-            requests.append(Grip(side, name, hook=jointed or name in view.held, breaking_force=force))
+            requests.append(Grip(side, name, hook, force))
     return tuple(requests)
 
 
