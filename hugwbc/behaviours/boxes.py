@@ -39,6 +39,9 @@ class BoxGrip:
     The tips of the hands, 3 cm ahead of their frames, carry most of a box: it hangs from them, and tilts if they are
     not above its middle.
 
+    Defaults and tolerances are lengths and forces of an H1. Tasks fit them to other robots; outside of a task,
+    `hugwbc.behaviours.similar.similar` does.
+
     Attributes:
         width: of the box along its y axis [m].
         at: where on the box the hands press, in its axes from its middle: x and z [m].

@@ -179,22 +179,18 @@ class CommandFilter:
             lowest_walking_height(params, each, 0.5 / f, self._posture[1], self._robot)
             for each in (speed, speed + stray)
         )
-        wanted = h - lowering  # at this speed the trailing leg would be too short
+        if not gait.flight:
+            return max(h, lowest) - lowering  # at this speed the trailing leg would be too short
+        highest = highest_leaping_height(params, self._robot)
         if gait.hops:
-            wanted = min(wanted, -params.hop_lowering)  # a leg that leans is shorter
-        if gait.flight:
-            highest = highest_leaping_height(params, self._robot)
-            if not gait.hops:  # both legs lean backwards at the take-off
-                wanted, highest = h, highest - min(params.speed_lowering * abs(speed), params.hop_lowering)
-            wanted = min(wanted, highest)
-            lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
-            travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
-            least = -params.hop_lowering if gait.hops else -params.jump_lowering
-            lowest += travel * max(least - lowest, 0.0)
-        if h < lowest:
-            # Where the room of the stance leg ends, the trailing leg of a fast walk still needs its lowering.
-            wanted = max(wanted, lowest if gait.flight else lowest - lowering)
-        return wanted
+            h, highest = h - lowering, min(highest, -params.hop_lowering)  # a leg that leans is shorter
+        else:  # both legs lean backwards at the take-off
+            highest -= min(params.speed_lowering * abs(speed), params.hop_lowering)
+        lowest = max(lowest, lowest_leaping_height(params, f, 1 if gait.hops else 2))
+        travel = min(math.hypot(*self._velocity) / params.leap_squat_speed, 1.0)
+        least = -params.hop_lowering if gait.hops else -params.jump_lowering
+        lowest += travel * max(least - lowest, 0.0)
+        return min(max(h, lowest), highest)  # where a fast leap has no room between them, straight legs are worse
 
 
 class VelocityTrim:

@@ -110,7 +110,7 @@ class ControllerParams:
     """Smallest lateral distance between the feet [m]."""
     max_foot_distance: NotNegative = 0.75
     """Largest lateral distance between the feet [m], which the roll of the hips and a crouch allow."""
-    max_step: tuple[float, float] = (-0.60, 0.75)
+    max_step: tuple[Annotated[float, Field(le=0.0)], NotNegative] = (-0.60, 0.75)
     """Reach of a step along the heading, backward and forward from the stance foot [m]."""
     cop_gain: NotNegative = 1.5
     """Shift of the centre of pressure per deviation of the divergent component of motion; above 1 the latter

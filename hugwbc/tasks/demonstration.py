@@ -14,6 +14,7 @@ from hugwbc.behaviours.hands import in_frame, points_in
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import Controller, check_controller
 from hugwbc.errors import ConfigError
+from hugwbc.hand_wrench import BREAKING_FORCE
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Simulation
@@ -28,6 +29,7 @@ _AXES = ("x", "y", "z")
 _POSE = (*_AXES, "qw", "qx", "qy", "qz")
 _BASE = (*_POSE, *(f"v_{axis}" for axis in _AXES), *(f"omega_{axis}" for axis in _AXES))
 _BOTH = ("together", "whole_body")
+_STRONGEST = 100.0  # of a grip: a finite number, also where the behaviour lets nothing break it
 
 
 def _of_hands(*names: str) -> tuple[str, ...]:
@@ -117,7 +119,7 @@ def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
     Args:
         view: what was known then.
         action: the request.
-        grip: whether the idealised gripper of each hand should hold something, shape (2,).
+        grip: how strongly the idealised gripper of each hand should hold something, shape (2,), as in `grips`.
     """
     command, hands = action.command, action.hands
     points = points_in(view, view.hands, "heading")
@@ -255,7 +257,8 @@ class _Watch:
     def _close(self, action: Action) -> None:
         """Give the last frame its action, if there is a frame that waits for one."""
         for grip in action.grips:
-            self._grip[SIDES.index(grip.side)] = float(grip.name is not None)
+            strength = float(np.clip(grip.breaking_force / BREAKING_FORCE, 1.0, _STRONGEST))
+            self._grip[SIDES.index(grip.side)] = strength if grip.name is not None else 0.0
         if self._open is not None:
             self.actions.append(action_vector(self._open, action, self._grip))
             self.unrecorded.update(unrecorded(action))

@@ -7,7 +7,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.numeric import number
-from hugwbc.sim.scenes import Step, Table, Thing
+from hugwbc.sim.scenes import Box, Step, Table, Thing, Tray
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.record import HANDS, TRUNK, TaskRecord
 from hugwbc.tasks.verdict import Milestone, at_end
@@ -86,14 +86,19 @@ def half_height(thing: Thing) -> float:
 
 
 def stands_on(record: TaskRecord, body: str, support: str) -> bool:
-    """Return whether a box stands on a table, step or box at the end: its lower side is at the height of the top."""
-    below = record.thing(support)
-    if hasattr(below, "boards") or not hasattr(below, "size"):
-        return False
-    height = record.poses[support][:, 2]
+    """Return whether a box stands on a table, step, box or tray at the end: above it, and as high as its top.
+
+    Raises:
+        ConfigError: if the support is something else.
+    """
+    below, ground = record.thing(support), record.poses[support]
+    if not isinstance(below, Table | Step | Box | Tray):
+        raise ConfigError(f"'{support}' is a {type(below).__name__.lower()}; name a table, a step, a box or a tray")
     still = isinstance(below, Table | Step)
-    top = float(height[0]) + below.surface(None) if still else at_end(height) + half_height(below)
-    return abs(at_end(record.poses[body][:, 2]) - half_height(record.thing(body)) - top) <= 0.02
+    top = float(ground[0, 2]) + below.surface(None) if still else at_end(ground[:, 2]) + half_height(below)
+    beside = (record.poses[body][-1] - ground[-1])[:2] @ rotations.rotation_z(record.yaw(support)[-1])[:2, :2]
+    above = (np.abs(beside) <= [settled(side) / 2 for side in below.size[:2]]).all()
+    return bool(above and abs(at_end(record.poses[body][:, 2]) - half_height(record.thing(body)) - top) <= 0.02)
 
 
 def apart(record: TaskRecord, body: str, goal: np.ndarray) -> float:

@@ -33,8 +33,8 @@ class Ending:
 
     Attributes:
         succeeded: whether it says that it has done what it was meant to do.
-        reason: why it gave up; where the time limit stopped it, what it was doing.
-        time: when it ended [s]; None if the time limit stopped it.
+        reason: why it gave up; where the time limit or a fall stopped it, what it was doing.
+        time: when it ended [s]; None if the time limit or a fall stopped it.
     """
 
     succeeded: bool

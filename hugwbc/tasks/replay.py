@@ -10,6 +10,7 @@ from hugwbc.behaviours.hands import in_frame, targets
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.gait import Gait
+from hugwbc.hand_wrench import BREAKING_FORCE
 from hugwbc.robot import SIDES
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.scripts.view import Grip
@@ -44,14 +45,15 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
 
     Args:
         view: now.
-        wanted: whether the left and the right gripper should hold something, shape (2,), bool.
+        wanted: whether the left and the right gripper should hold something, shape (2,): above 0.5. Above 1, its grip
+            breaks at so many times the default force.
         took: whether each has held something since it was asked to; updated.
         nearest: finds what a gripper closes on.
     """
     requests = []
     for hand, side in enumerate(SIDES):
         held = view.held[hand]
-        if not wanted[hand]:
+        if wanted[hand] <= 0.5:
             took[hand] = False
             if held is not None:
                 requests.append(Grip(side, None))
@@ -61,12 +63,14 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
             name, jointed = found
             # A second hand on an object may turn, and so may one on a thing that moves in a joint: an arm has four
             # joints, and its weld would fight the other one.
-            requests.append(Grip(side, name, hook=jointed or name in view.held))
+            hook = jointed or name in (*view.held, *(asked.name for asked in requests))
+            force = BREAKING_FORCE * max(float(wanted[hand]), 1.0)
+            requests.append(Grip(side, name, hook, force))
     return tuple(requests)
 
 
 def recorded_action(row: np.ndarray, view: View) -> tuple[Action, np.ndarray]:
-    """Return the action of a recorded row without its grips, and which grippers should hold something, shape (2,).
+    """Return the action of a recorded row without its grips, and these as `grips` wants them, shape (2,).
 
     Args:
         row: finite numbers in the order of `ACTION_NAMES`.
@@ -77,7 +81,7 @@ def recorded_action(row: np.ndarray, view: View) -> tuple[Action, np.ndarray]:
     command, gait, points, given, directions, forces, grip, (together, whole_body), frame, stiffness = parts
     told = Command.from_array(command, Gait(int(np.clip(np.round(gait[0]), 0, len(Gait) - 1))))
     if not (given > 0.5).any():
-        return Action(told), grip > 0.5
+        return Action(told), grip
     lengths = np.linalg.norm(directions.reshape(2, 3), axis=1)
     pointing = [
         vector / length if length > 0.5 else None
@@ -93,12 +97,12 @@ def recorded_action(row: np.ndarray, view: View) -> tuple[Action, np.ndarray]:
     )
     held_in = HAND_FRAMES[int(np.clip(np.round(frame[0]), 0, len(HAND_FRAMES) - 1))]
     hands = in_frame(view, dataclasses.replace(hands, whole_body=bool(whole_body > 0.5)), held_in)
-    return Action(told, hands), grip > 0.5
+    return Action(told, hands), grip
 
 
 def follow(view: View, row_at: Callable[[float], np.ndarray | None], nearest: Nearest) -> Course:
     """Carry out recorded rows until there is none for the time of a view [s]; another row is another array."""
-    row, action, wanted, took = None, Action(), np.zeros(2, dtype=bool), [False, False]
+    row, action, wanted, took = None, Action(), np.zeros(2), [False, False]
     while (asked := row_at(view.time)) is not None:
         if asked is not row:
             row, (action, wanted) = asked, recorded_action(asked, view)

@@ -99,11 +99,11 @@ def run_task(
         strict=strict,
     )
     # A fall in the period in which the behaviour ended comes before `over`.
-    record = watch.record(_ending(source, min(ended, simulation.time)))
+    record = watch.record(_ending(source, min(ended, simulation.time), fell=trace.fell))
     return TaskRun(trace, record, task.judge(record))
 
 
-def _ending(source: BehaviourSource, time: float) -> Ending:
+def _ending(source: BehaviourSource, time: float, *, fell: bool) -> Ending:
     if source.status is Status.RUNNING:
-        return Ending(False, f"the time was over during {source.doing}")
+        return Ending(False, f"{'' if fell else 'the time was over '}during {source.doing}")
     return Ending(source.status is Status.SUCCESS, source.reason, time)

@@ -11,6 +11,7 @@ from hugwbc.state import RobotState
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik.arm_solver import ArmIKConfig, ArmSolver
 from hugwbc.upper_ik.self_collision import HEIGHT_JOINT, PITCH_JOINT, still_names
+from hugwbc.upper_ik.solver import LONGEST_TICK
 
 BODY_NAMES = ("h", "p", "w")
 
@@ -78,11 +79,12 @@ class BodyReach:
             hands: the targets; None, or targets that do not ask for the whole body, bring h, p and w back.
             state: gives heading and position of the pelvis, and the initial arm positions.
             command: the user's command.
-            dt: time since the last tick [s].
+            dt: time since the last tick [s]; at most `LONGEST_TICK` counts.
         """
         wanted = np.array([getattr(command, name) for name in BODY_NAMES])
         wants_body = hands is not None and hands.whole_body
         usable = bool(np.all(np.isfinite(wanted))) and 0.0 < dt < np.inf
+        dt = min(dt, LONGEST_TICK)
         if not self._active:
             if not wants_body or not usable:
                 return command

@@ -137,7 +137,7 @@ def test_a_gripper_takes_hold_once_and_has_to_be_opened_first_after_its_grip_bro
     assert source.act(view(0.4)).grips == ()
     behaviour.wish = Wish(grips=np.array([True, True]))
     first, second = source.act(view(0.5, held=(None, None))).grips
-    assert first == Grip("left", "tray") and second == Grip("right", "tray")
+    assert first == Grip("left", "tray") and second == Grip("right", "tray", hook=True), "as in carry_tray"
     (second,) = source.act(view(0.6, held=("tray", None))).grips
     assert second == Grip("right", "tray", hook=True), "the second hand on it may turn"
     behaviour.wish = Wish()

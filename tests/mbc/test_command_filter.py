@@ -143,6 +143,15 @@ def test_a_jump_that_travels_keeps_length_for_legs_that_lean_and_a_low_one_has_i
         assert _after(3000, command, GaitState(running=Gait.JUMPING)).h == pytest.approx(used, abs=1e-3)
 
 
+def test_a_lower_command_never_jumps_higher():
+    """Where the leg of a fast jump has no room to pass, its height is that of an upright one."""
+    fast = Command(v_x=1.2, f=1.5, gait=Gait.JUMPING)
+    upright, lower, low = (
+        _after(3000, dataclasses.replace(fast, h=h), GaitState(running=Gait.JUMPING)).h for h in (0.0, -0.005, -0.05)
+    )
+    assert upright == pytest.approx(-0.06, abs=1e-3) and (lower, low) == pytest.approx((upright, upright), abs=1e-6)
+
+
 def test_the_last_leap_keeps_its_posture():
     commands, leaps = CommandFilter(PARAMS, load_robot()), GaitState(running=Gait.JUMPING)
     _after(1000, Command(p=0.2, w=0.3, gait=Gait.JUMPING), leaps, commands)

@@ -37,3 +37,8 @@ def test_a_robots_table_has_the_last_word_on_defaults_only():
         ControllerParams().of_size(dataclasses.replace(robot, qp={"arm_wait": 0.3}))
     with pytest.raises(ConfigError, match=r"arm_weight is -0\.3; it should be greater than or equal to 0"):
         ControllerParams().of_size(dataclasses.replace(robot, qp={"arm_weight": -0.3}))
+
+
+def test_a_reach_forward_before_the_one_backward_is_refused():
+    with pytest.raises(ConfigError, match=r"max_step\.0 is 0\.75; it should be less than or equal to 0"):
+        ControllerParams(max_step=(0.75, -0.6))

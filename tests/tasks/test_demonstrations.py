@@ -8,11 +8,12 @@ import datasets
 import imageio.v2 as imageio
 import numpy as np
 import pandas
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from hugwbc import rotations
-from hugwbc.behaviours import Action, Grip, reach, stand, walk_to
+from hugwbc.behaviours import Action, Grip, View, reach, stand, walk_to
 from hugwbc.cli import USAGE_ERROR, main
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError
@@ -26,6 +27,8 @@ from hugwbc.targets import HandTargets
 from hugwbc.tasks import Milestone, Task, Verdict, load_task, run_task
 from hugwbc.tasks.demonstration import ACTION_NAMES, FPS, Demonstration, demonstrate, state_names
 from hugwbc.tasks.lerobot_dataset import DatasetWriter, features_of, read_frames
+from hugwbc.tasks.replay import grips, recorded_action
+from tests.conftest import make_state
 
 ROBOT = load_robot("h1")
 EXACT = Arena(sensing="exact")
@@ -141,6 +144,21 @@ def test_a_gripper_stays_asked_until_it_is_let_go():
     assert found.action[:, NUMBER["right_hand.grip"]].tolist() == [1.0] * 5 + [0.0] * 5
     assert set(found.action[:, NUMBER["left_hand.grip"]]) == {0.0}
     assert set(found.state[:, STATE["right_hand.holds"]]) == {0.0}, "it is out of reach"
+
+
+def test_a_strong_grip_is_recorded_and_closes_as_strong_again():
+    def hang(view):
+        view = yield Action(grips=(Grip("left", "box", breaking_force=300.0), Grip("right", "box", breaking_force=9.0)))
+        for _ in range(3):
+            view = yield Action()
+        return view
+
+    found = told(hang)
+    assert found.action[0, [NUMBER["left_hand.grip"], NUMBER["right_hand.grip"]]].tolist() == [2.0, 1.0]
+    view = View(0.0, make_state(ROBOT.nominal, position=(0.0, 0.0, 1.0)), np.zeros((2, 3)))
+    _, wanted = recorded_action(found.action[0], view)
+    left, right = grips(view, wanted, [False, False], lambda side: ("box", False))
+    assert (left.breaking_force, right.breaking_force) == (300.0, 150.0)
 
 
 def test_the_time_limit_leaves_whole_frames():
@@ -361,6 +379,21 @@ def test_frames_out_of_order_and_those_of_another_episode_are_refused(tmp_path):
         pq.write_table(table, path)
         with pytest.raises(ConfigError, match="has not the frames of episode 0 in their order; copy the data set"):
             read_frames(folder, row, "action")
+
+
+def test_values_that_were_changed_are_refused(tmp_path):
+    folder = written(tmp_path / "demos", made_up("press_button", 500))
+    (row,) = pq.read_table(folder / "meta/episodes").to_pylist()
+    (path,) = (folder / "data").glob("*/*.parquet")
+    assert read_frames(folder, row, "action").shape == (500, len(ACTION_NAMES))
+    table = pq.read_table(path)
+    actions = np.array(table["action"].to_pylist(), dtype=np.float32)
+    actions[7, 3] += 0.01
+    column = pa.FixedSizeListArray.from_arrays(pa.array(actions.ravel()), type=table.schema.field("action").type)
+    pq.write_table(table.set_column(table.schema.get_field_index("action"), "action", column), path)
+    with pytest.raises(ConfigError, match="has other values of action than were recorded; copy the data set again"):
+        read_frames(folder, row, "action")
+    assert read_frames(folder, row, "observation.state").shape == (500, len(STATE))
 
 
 def test_a_folder_is_never_overwritten(tmp_path):

@@ -8,13 +8,13 @@ import pytest
 
 from hugwbc import load_robot, rotations
 from hugwbc.behaviours import stand
-from hugwbc.errors import HugwbcError
+from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.gym.task_env import TaskEnv
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Box, Table
 from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, run_task
-from hugwbc.tasks.judges import at_rest, happened, lifted, touched, trunk_clear
+from hugwbc.tasks.judges import at_rest, happened, lifted, stands_on, touched, trunk_clear
 from hugwbc.tasks.wipe_table import CORNERS, path_points
 
 BOX = Box(name="box", on="table", size=(0.2, 0.2, 0.2))
@@ -88,6 +88,17 @@ def test_a_box_that_is_fetched(made_up):
     assert verdict_of("fetch_box", grasped).success  # a hand on the robot's own thigh
     grasped = dataclasses.replace(grasped, hand_touches=np.abs(pressing).any(axis=2))
     assert verdict_of("fetch_box", grasped).reason == "a hand still held the box at the end"
+
+
+def test_a_box_on_a_table_does_not_stand_on_another_one_that_is_as_high(made_up):
+    still = made_up("fetch_box")
+    start, bench = still.poses["box"][0], still.poses["bench"][0]
+    beside = np.array([*start[:2], still.thing("bench").height + 0.11])
+    assert not stands_on(moved(still, "box", path(beside)), "box", "bench")
+    there = beside * [0.0, 0.0, 1.0] + bench[:3] * [1.0, 1.0, 0.0]
+    assert stands_on(moved(still, "box", path(there)), "box", "bench")
+    with pytest.raises(ConfigError, match="'cart' is a cart; name a table, a step, a box or a tray"):
+        stands_on(made_up("push_cart"), "cart", "cart")
 
 
 def test_a_box_that_is_delivered_through_a_door(made_up):

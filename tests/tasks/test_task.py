@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 
+from hugwbc.behaviours import stand
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.comparison import compare, headline
 from hugwbc.robot import load_robot
@@ -66,6 +67,16 @@ def test_a_behaviour_that_ends_in_the_period_of_a_fall_has_a_time(standing_task,
     simulation = Arena(sensing="exact").simulation(scene=task.scene)
     run = run_task(task, HoldController(load_robot()), simulation, behaviour=lambda view: iter(()))
     assert run.record.fell and run.seconds == pytest.approx(0.002)
+
+
+def test_a_fall_is_not_said_to_be_the_end_of_the_time(standing_task, monkeypatch):
+    task = load_task(str(standing_task()))
+    for fallen, words in ((False, "the time was over during stand"), (True, "during stand")):
+        monkeypatch.setattr(Simulation, "fallen", fallen)
+        simulation = Arena(sensing="exact").simulation(scene=task.scene)
+        short = dataclasses.replace(task, limit=0.1)
+        run = run_task(short, HoldController(load_robot()), simulation, behaviour=lambda view: stand(view, 1.0))
+        assert run.record.ending.reason == words and run.seconds is None
 
 
 @pytest.mark.parametrize("name", TASK_NAMES)

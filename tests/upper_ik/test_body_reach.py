@@ -9,6 +9,7 @@ from hugwbc.kinematics import Kinematics
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import ArmIK, BodyReach
 from hugwbc.upper_ik.body_reach import on_column
+from hugwbc.upper_ik.solver import LONGEST_TICK
 from tests.conftest import make_state
 
 DT = 0.02
@@ -100,6 +101,15 @@ def test_what_carries_the_target_along_stays_as_commanded(standing, frame, usele
     assert path[-1][useless] == pytest.approx(np.array([-0.05, 0.1])[useless], abs=1e-5)
     assert np.all(np.abs(np.diff(path, axis=0)) <= np.array([0.15, 0.3, 0.6]) * DT + 1e-5)
     assert path[-1, 2] < -0.1  # the waist helps
+
+
+def test_after_a_pause_the_body_does_not_jump(standing):
+    reach, most = BodyReach(load_robot()), np.array([0.15, 0.3, 0.6]) * LONGEST_TICK + 1e-9
+    before = np.zeros(3)
+    for hands in (LOW, LOW, None):
+        reach.update(hands, standing, Command(), 10.0)
+        assert np.all(np.abs(reach.values - before) <= most) and np.any(reach.values != before)
+        before = reach.values
 
 
 def test_bad_numbers_are_survived_and_targets_that_are_not_usable_leave_the_body_where_it_is(standing):
