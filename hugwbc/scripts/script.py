@@ -323,7 +323,10 @@ class Script:
         index, elapsed = self._locate(t)
         segment = self.segments[index]
         before, after = self._values[index], self._values[index + 1]
-        return Command.from_array(before + segment.blend(elapsed) * (after - before), segment.gait)
+        values = before + segment.blend(elapsed) * (after - before)
+        # Rounding may carry them past the end of a range, and so of the ramp.
+        values = np.clip(values, np.minimum(before, after), np.maximum(before, after))
+        return Command.from_array(values, segment.gait)
 
     def hands_at(self, t: float) -> HandTargets | None:
         """Return the targets of hands or arm joints at time `t` [s]; None where the controller moves the arms."""
