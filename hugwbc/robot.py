@@ -336,9 +336,11 @@ def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tu
     """Return a table's own ranges of a command."""
     checked, least = {}, 0.0 if command in ("f", "l") else -math.inf
     for kind, (low, high) in ranges.items():
-        if not least < low <= high < math.inf:
+        speed = command in ("v_x", "v_y", "omega")
+        if not least < low <= high < math.inf or (speed and not low <= 0.0 <= high):
             raise ModelError(
-                f"commands has {command} from {low:g} to {high:g}; give finite ends, low first, f and l above 0"
+                f"commands has {command} from {low:g} to {high:g}; give finite ends, low first, f and l above 0, "
+                "and speeds with 0 between, which a stand needs"
             )
         checked[kind] = float(low), float(high)
     return checked

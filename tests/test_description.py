@@ -319,6 +319,7 @@ def test_drives_without_friction_stay_so(tmp_path) -> None:
         ({"links": {"left_kne_link": {"mass": 1}}}, "unknown name under links 'left_kne_link'. Did you mean"),
         ({"commands": {"v_x": {"final": [0, 1]}}}, "unknown Limits field 'final'. Did you mean"),
         ({"commands": {"v_x": {"finishing": [1, 0]}}}, "commands has v_x from 1 to 0; give finite ends, low first"),
+        ({"commands": {"v_x": {"finishing": [0.2, 1]}}}, "commands has v_x from 0.2 to 1; give .* 0 between"),
         ({"commands": {"f": {"finishing": [0, 3]}}}, "commands has f from 0 to 3; give .* f and l above 0"),
         ({"commands": {"l": {"finishing": [0, 0.1]}}}, "commands has l from 0 to 0.1; give .* f and l above 0"),
         (

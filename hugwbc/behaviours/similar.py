@@ -4,17 +4,20 @@ With lengths times s, and masses as of bodies of the same density, forces are ti
 """
 
 import dataclasses
+import re
 
 import numpy as np
 
-from hugwbc.behaviours.course import Behaviour, Course
+from hugwbc.behaviours.course import Behaviour, Course, Failure
 from hugwbc.commands import Command
 from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
+from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.scripts.view import Action, SeenObjects, View
 from hugwbc.targets import HandTargets
 
+_A_LENGTH = re.compile(r"\d [mc]?m\b")  # in the words of a failure
 _LENGTHS = ("v_x", "v_y", "l", "h")
 _SEEN = {"position": 1, "velocity": 1, "hand_force": 3, "foot_force": 3}  # of a state, and their powers of the size
 
@@ -37,6 +40,9 @@ def similar(behaviour: Behaviour, size: float, robot: Robot | None = None) -> Be
                 action = inner.send(_seen(view, 1.0 / size, robot))
         except StopIteration:
             return view
+        except Failure as failure:
+            said = f"{failure}, in lengths of {DEFAULT_ROBOT if robot is None else robot.name}"
+            raise Failure(said, named=failure.named) if _A_LENGTH.search(said) else failure from None
 
     return behaviour if size == 1.0 else course
 

@@ -7,9 +7,12 @@ import numpy as np
 from hugwbc.behaviours import BehaviourSource
 from hugwbc.behaviours.course import Course
 from hugwbc.behaviours.hands import points_in
+from hugwbc.commands import default_command
 from hugwbc.controller import Controller
+from hugwbc.gait import Gait
 from hugwbc.gym.task_action import Wish
 from hugwbc.hand_wrench import HandWrench
+from hugwbc.robot import Robot
 from hugwbc.runtime.loop import ControlLoop
 from hugwbc.scripts.view import Action, View
 from hugwbc.sim import Simulation
@@ -41,8 +44,9 @@ class Episode:
         """
         assert simulation.scene is not None
         self.simulation, self.shapes = simulation, shapes_of(simulation.scene)
-        follower = FollowRow if recorded else FollowWish
-        self.behaviour = follower(nearest_in(simulation))  # carries out its `wish`; set it
+        nearest = nearest_in(simulation)
+        # Carries out its `wish`; set it.
+        self.behaviour = FollowRow(nearest) if recorded else FollowWish(nearest, simulation.robot)
         self._source = BehaviourSource(self.behaviour.course)
         self._loop = ControlLoop(controller, self._source, simulation, arms)
         self._loop.reset()
@@ -100,9 +104,9 @@ _APART = 0.05  # [m], hands that are nearer have no line between them along whic
 class FollowWish:
     """Does what `wish` says; it never ends."""
 
-    def __init__(self, nearest: Nearest) -> None:
+    def __init__(self, nearest: Nearest, robot: Robot | None = None) -> None:
         """Start from a standing robot whose arms are its controller's; a gripper closes on what is `nearest`."""
-        self.wish = Wish()  # the request; set it at any time
+        self.wish = Wish(default_command(Gait.STANDING, robot))  # the request; set it at any time
         self._nearest = nearest
 
     def course(self, view: View) -> Course:

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.commands import VELOCITY_NAMES, Command
+from hugwbc.commands import VELOCITY_NAMES, Command, default_command
 from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
 DECELERATION = np.array([1.0, 1.0, 2.0])  # of the commanded v_x, v_y [m/s^2] and omega [rad/s^2]
@@ -36,11 +37,12 @@ class Braking:
         active: whether the robot is on that way now.
     """
 
-    def __init__(self) -> None:
-        self.active = False
+    def __init__(self, robot: Robot | None = None) -> None:
+        """Start from a stand, in the defaults of a robot or the paper's."""
+        self.active, self._stand = False, default_command(Gait.STANDING, robot)
         self._stood = math.inf  # [s] since the robot stands
         self._jumps = 0.0  # [s] of the jumps after hops that are left
-        self._begin(Command())
+        self._begin(self._stand)
 
     def _begin(self, command: Command) -> None:
         """Start a gait at rest."""
@@ -56,7 +58,8 @@ class Braking:
             self.active = command.gait is not Gait.STANDING and self._stood < PAUSE
             if not self.active and command.gait is not Gait.STANDING:
                 self._begin(command)
-            return Command(h=command.h, p=command.p, w=command.w) if self.active else command
+            stand = dataclasses.replace(self._stand, h=command.h, p=command.p, w=command.w)
+            return stand if self.active else command
         self._note(_velocity(state), 1.0 / self._last.f + dt, dt)
         self.active = command.gait is not self._last.gait or self._jumps > 0.0
         if not self.active:
@@ -70,7 +73,7 @@ class Braking:
         stops = self._jumps <= 0.0 and command.gait is not self._last.gait
         if stops and (self._slow(dt) or self._at_rest > LONGEST):
             self._stood = 0.0
-            self._begin(Command())
+            self._begin(self._stand)
             return self(command, state, dt)
         return self._last
 

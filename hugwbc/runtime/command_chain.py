@@ -9,6 +9,7 @@ from hugwbc.commands import (
     CommandChange,
     changed_command,
     command_ranges,
+    default_command,
     highest_swing,
 )
 from hugwbc.gait import Gait
@@ -83,7 +84,7 @@ class CommandChain:
 
     def reset(self) -> None:
         """Start from a standing robot."""
-        self.command, self._braking = Command(), Braking()
+        self.command, self._braking = default_command(Gait.STANDING, self._robot), Braking(self._robot)
         self._given: Command | None = None
         self._asked: Command | None = None
 
@@ -92,7 +93,7 @@ class CommandChain:
         if not isinstance(command, Command):
             what = f"a command is a {type(command).__name__}: keeping the last good one"
             self._log.count("source_failures", what)
-            command = self._given or Command()
+            command = self._given or self.command
         if command is not self._given and command != self._given:  # most ticks repeat the last command
             self._given, (self.command, self._clamped) = command, command.clamp(self._robot)
         self._count("commands_clamped", self._clamped)

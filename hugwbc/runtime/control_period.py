@@ -85,7 +85,7 @@ class ControlPeriod:
         self.estimator, self.upper_body = estimator, upper_body
         self._robot = robot
         self.log = SafetyLog()
-        self._source = SourceStage(source, sight, self.log, moves_hands=upper_body is not None)
+        self._source = SourceStage(source, sight, self.log, robot, moves_hands=upper_body is not None)
         self.chain = CommandChain(self.log, robot)
         self.motors, self._lowering = MotorWatch(robot), Lowering(robot)
         self._arm_drive = ArmDrive(robot, self.log)

@@ -2,8 +2,10 @@
 
 import warnings
 
-from hugwbc.commands import Command
+from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
+from hugwbc.robot import Robot
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.view import CommandSource, SeeingSource, View
@@ -24,9 +26,10 @@ class SourceStage:
 
     placed: RobotState
 
-    def __init__(self, source: CommandSource, sight: Sight, log: SafetyLog, *, moves_hands: bool) -> None:
-        """Connect a source; where nothing moves the hands, hand targets are ignored with a warning."""
+    def __init__(self, source: CommandSource, sight: Sight, log: SafetyLog, robot: Robot, *, moves_hands: bool) -> None:
+        """Connect a source to a robot; where nothing moves the hands, hand targets are ignored with a warning."""
         self._source, self._sight, self._log, self._moves_hands = source, sight, log, moves_hands
+        self._stand = default_command(Gait.STANDING, robot)
         asked = (getattr(source, name, None) for name in ("command_at", "hands_at"))
         if isinstance(source, type) or not all(map(callable, asked)):
             raise ConfigError(
@@ -42,7 +45,7 @@ class SourceStage:
 
     def reset(self) -> None:
         """Start a run."""
-        self._last: tuple[Command, HandTargets | None] = (Command(), None)
+        self._last: tuple[Command, HandTargets | None] = (self._stand, None)
         self._unheard = 0.0  # [s] since it came
         self._view: View | None = None
         if self._seeing is not None:
@@ -61,7 +64,7 @@ class SourceStage:
         asked = self._log.ask("source_failures", "the source", lambda: self._ask(t))
         self._unheard = 0.0 if asked is not None else self._unheard + dt
         if asked is not None or self._unheard > STALE_TIME:
-            self._last = asked or (Command(), None)
+            self._last = asked or (self._stand, None)
         return self._last
 
     def _ask(self, t: float) -> tuple[Command, HandTargets | None]:

@@ -42,7 +42,14 @@ def check_times(what: str, time: np.ndarray) -> None:
 
 
 def check_pace(
-    what: str, time: np.ndarray, moved: np.ndarray, unit: str, pace: tuple[float, float], least: float
+    what: str,
+    time: np.ndarray,
+    moved: np.ndarray,
+    unit: str,
+    pace: tuple[float, float],
+    least: float,
+    *,
+    exact: bool = False,
 ) -> None:
     """Refuse samples that jump, or whose times are in another unit because all would take hours.
 
@@ -53,6 +60,7 @@ def check_pace(
         unit: of `moved`.
         pace: speed that whatever moves reaches, and speed that it never reaches [unit/s].
         least: distance that is no noise of a measurement [unit].
+        exact: whether the samples are without such noise, so that a short distance may be a jump.
     """
     if not moved.size:
         return
@@ -65,7 +73,7 @@ def check_pace(
             f"{what} moves by at most {speed.max():.2g} {unit}/s, with {step:g} s between samples: "
             f"its times look like {name}; give seconds"
         )
-    jumps = np.flatnonzero((speed > pace[1]) & (moved > least))
+    jumps = np.flatnonzero((speed > pace[1]) & (exact | (moved > least)))
     if jumps.size:
         first = jumps[0]
         raise MotionFileError(

@@ -177,6 +177,8 @@ class HandMotion:
 
 def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:
     """Refuse a path that is in other units, leaves the hand's surroundings, or jumps."""
+    while isinstance(path, hand_paths.Mirrored):  # as far and as fast
+        path = path.path
     times, points, pause = _samples(path)
     if frame == "world":  # the robot may walk there, but not fly
         far, most, what = np.abs(points[:, 2]), HIGHEST_HAND, "above or below the floor"
@@ -191,20 +193,18 @@ def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:
         )
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
     going = times - pause * np.arange(len(times))  # a pause must not hide how fast the hand goes between its points
-    check_pace(f"the {side} hand path", going, moved, "m", _PACE, _JUMP)
+    check_pace(f"the {side} hand path", going, moved, "m", _PACE, _JUMP, exact=not isinstance(path, Recorded))
 
 
 def _samples(path: HandPath) -> tuple[np.ndarray, np.ndarray, float]:
     """Return times [s] and points [m] that show how far and how fast a path goes, and its pause at each point [s]."""
-    while isinstance(path, hand_paths.Mirrored):  # as far and as fast
-        path = path.path
     if isinstance(path, Recorded):
         return *path.samples, 0.0
     if isinstance(path, hand_paths.Line | hand_paths.Grid):
         return np.arange(len(path.points)) * (path.leg_time + path.dwell), np.array(path.points), path.dwell
     if isinstance(path, hand_paths.Wander):  # its corners
         times = np.arange(61) * path.leg_time
-    else:  # steps that a fast path makes longer than `_JUMP`
+    else:
         period = getattr(path, "period", 60.0)
         times = np.linspace(0.0, period, round(min(max(period / 0.02, 8), 600)) + 1)
     return times, np.stack([path.at(float(t)) for t in times]), 0.0
@@ -323,7 +323,10 @@ class Script:
         index, elapsed = self._locate(t)
         segment = self.segments[index]
         before, after = self._values[index], self._values[index + 1]
-        return Command.from_array(before + segment.blend(elapsed) * (after - before), segment.gait)
+        values = before + segment.blend(elapsed) * (after - before)
+        # Rounding may carry them past the end of a range, and so of the ramp.
+        values = np.clip(values, np.minimum(before, after), np.maximum(before, after))
+        return Command.from_array(values, segment.gait)
 
     def hands_at(self, t: float) -> HandTargets | None:
         """Return the targets of hands or arm joints at time `t` [s]; None where the controller moves the arms."""

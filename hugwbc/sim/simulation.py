@@ -290,9 +290,10 @@ class Simulation(Engine):
 
     @property
     def links_on_ground(self) -> tuple[str, ...]:
-        """Names of the links that touch the ground now, the feet on a height field included."""
+        """Names of the robot's links that touch the ground now, the feet on a height field included."""
         pairs = self.model.geom_bodyid[self.data.contact.geom]  # the floor, and the soles' plane, are the world's
-        return tuple(self.model.body(int(body)).name for body in np.unique(pairs[(pairs == 0).any(axis=1)]) if body)
+        bodies, pelvis = np.unique(pairs[(pairs == 0).any(axis=1)]), self.model.body(self.robot.base).id
+        return tuple(self.model.body(body).name for body in bodies if self.model.body_rootid[body] == pelvis)
 
     @property
     def trunk_velocity(self) -> np.ndarray:

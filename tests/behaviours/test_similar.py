@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait
+from hugwbc.behaviours import BehaviourSource, Failure
 from hugwbc.behaviours.similar import similar
 from hugwbc.robot import load_robot
 from hugwbc.scripts.view import Action, Grip, SeenObjects, View
@@ -49,6 +50,21 @@ def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
     assert first.time == 3.0 and first.objects["box"].age == 0.02
     assert first.robot is load_robot("h1"), "its commands have the defaults of the robot that it was made for"
     assert second.last.command.v_x == pytest.approx(0.4), "its own last request comes back as it was asked for"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [("the hand is 8 cm away", "the hand is 8 cm away, in lengths of h1"), ("it waited for 8 s", "it waited for 8 s")],
+)
+def test_a_failure_says_whose_lengths_it_tells(words, said) -> None:
+    def behaviour(view: View):
+        yield Action()
+        raise Failure(words)
+
+    source = BehaviourSource(similar(behaviour, SIZE, load_robot("h1")))
+    for _ in range(2):
+        source.see(_view())
+    assert source.reason == said
 
 
 def test_the_same_size_is_the_same_behaviour() -> None:

@@ -8,6 +8,7 @@ from gymnasium.utils.env_checker import check_env
 import hugwbc.gym  # noqa: F401  registers the environments
 from hugwbc import Command, Gait
 from hugwbc.behaviours import Action, BehaviourSource, stand
+from hugwbc.commands import default_command
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gym import TASK_ENVIRONMENTS
 from hugwbc.gym.task_action import Wish
@@ -63,6 +64,12 @@ def test_without_a_seed_every_episode_is_another_one():
     assert len(set(seeds)) == 3 and min(seeds) >= 3000, "neither seeds of selection nor of reports"
     env.reset(seed=3)
     assert [env.reset()[1]["seed"] for _ in range(3)] == seeds
+
+
+def test_the_robot_stands_by_its_own_defaults_before_the_first_action():
+    env = press(arena=Arena(robot="g1"))
+    env.reset(seed=3)
+    assert env.view.last.command == default_command(Gait.STANDING, load_robot("g1"))
 
 
 def test_bad_numbers_do_no_harm():

@@ -3,7 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait
+from hugwbc import Command, Gait, load_robot
+from hugwbc.commands import default_command
 from hugwbc.evaluation.plans import Knot, Schedule
 from hugwbc.runtime import Simulation, load_controller, rollout
 from hugwbc.runtime.braking import DECELERATION, JUMPS, LONGEST, PAUSE, SLOW, Braking
@@ -13,6 +14,7 @@ from tests.conftest import make_state
 DT = 0.02
 WALK = Command(v_x=1.0, omega=0.5, f=2.5, gait=Gait.WALKING)
 STAND = Command(h=-0.1)
+G1 = load_robot("g1")
 
 
 @pytest.fixture
@@ -86,6 +88,16 @@ def test_another_gait_begins_after_a_stop_and_a_stand_in_its_posture(state):
         braking(jump, moving(state, 1.0), DT)
     assert braking(WALK, moving(state, 1.0), DT).gait is Gait.JUMPING
     assert braking(jump, moving(state, 1.0), DT) == jump, "back in the gait that it has, it goes on at once"
+
+
+def test_a_stand_before_another_gait_has_the_defaults_of_the_robot(state):
+    walk, braking = default_command(Gait.WALKING, G1), Braking(G1)
+    braking(walk, moving(state, 0.0), DT)
+    stop(braking, moving(state, 0.0))
+    assert braking(walk, moving(state, 0.0), DT) == walk
+    jump = dataclasses.replace(walk, gait=Gait.JUMPING)
+    stands = [command for _ in range(100) if (command := braking(jump, moving(state, 0.0), DT)).gait is Gait.STANDING]
+    assert set(stands) == {default_command(Gait.STANDING, G1)}
 
 
 def test_a_leap_keeps_its_posture_while_it_stops(state):

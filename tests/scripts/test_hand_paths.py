@@ -173,6 +173,7 @@ class Flight(HandPath):
         (Line(((0.3, 0.2, 0.1), (0.4, 0.2, 0.1)), leg_time=1000.0), "look like milliseconds"),
         (Circle((0.3, 0.2, 0.1), 10.0).mirrored(), r"goes up to 10\.\d m from the pelvis"),
         (Circle((0.3, 0.2, 0.1), 0.1, period=0.05), "faster than 5 m/s"),
+        (Circle((0.3, 0.2, 0.1), 0.04, period=0.001), "faster than 5 m/s"),
         (Swing((0.3, 0.2, 0.1), (0.0, 0.3, 0.0), period=0.2), "faster than 5 m/s"),
         (Wander((0.3, 0.2, 0.1), (0.3, 0.3, 0.3), leg_time=0.01), "faster than 5 m/s"),
         (Hold((300.0, 200.0, 100.0)), "divide millimetres by 1000"),

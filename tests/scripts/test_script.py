@@ -32,6 +32,15 @@ def test_commands_ramp_from_one_segment_to_the_next():
     assert script.command_at(99.0).omega == 1.0
 
 
+@pytest.mark.parametrize(
+    ("gait", "name", "start", "end"), [(Gait.WALKING, "v_x", 0.18, -0.6), (Gait.STANDING, "h", -0.03, -0.3)]
+)
+def test_a_ramp_to_the_end_of_a_range_stays_in_it(gait, name, start, end):
+    assert start + (end - start) < end, "by rounding"
+    first, second = (Segment("go", 2.0, gait, {name: value}) for value in (start, end))
+    assert Script("test", (first, second)).command_at(3.5).clamp() == (second.command(), ())
+
+
 def test_hands_blend_and_end():
     still = HandMotion(Hold((0.3, 0.2, 0.1)), Hold((0.3, -0.2, 0.1)))
     high = HandMotion(Hold((0.3, 0.2, 0.3)), Hold((0.3, -0.2, 0.3)))

@@ -8,7 +8,8 @@ import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import UnknownNameError
-from hugwbc.sim import Actuators, HeightField, Simulation, rough_terrain
+from hugwbc.sim import Actuators, HeightField, Scene, Simulation, rough_terrain
+from hugwbc.sim.scenes import Box
 
 ROBOT = load_robot()
 WEIGHT = ROBOT.mass * 9.81
@@ -28,6 +29,14 @@ def test_reset_places_and_turns_the_robot(plane: Simulation) -> None:
     assert not state.dq.any() and not state.velocity.any()
     assert state.time == 0.0 and not plane.fallen
     np.testing.assert_array_equal(plane.reset(q=ROBOT.nominal + 0.05).q, ROBOT.nominal + 0.05)
+
+
+def test_an_object_on_the_ground_is_no_link_of_the_robot() -> None:
+    simulation = Simulation(scene=Scene((Box(name="box", position=(1.0, 0.0), size=(0.2, 0.2, 0.2)),)))
+    simulation.step(HOLD, 0.02)
+    assert simulation.data.ncon > 0 and simulation.links_on_ground == (), "the box lands first, and then sleeps"
+    simulation.step(HOLD, 0.1)
+    assert set(simulation.links_on_ground) == set(ROBOT.foot_links)
 
 
 @pytest.mark.parametrize("xy", [(0.0, 0.0), (2.3, -1.1)])

@@ -13,7 +13,7 @@ import pathlib
 import platform
 from typing import Any
 
-from hugwbc.errors import ConfigError
+from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.files import write_whole
 from hugwbc.learned.policy.contract import contract_of, load_contract
 from hugwbc.learned.policy.network_files import ONNX_SUFFIX, OnnxNetwork, from_json, policy_file, read_header
@@ -65,7 +65,11 @@ def _metadata(path: pathlib.Path) -> Any:  # noqa: ANN401  what a file holds
 
 def check_robot(what: str, own: str, robot: str) -> None:
     """Refuse what was learnt for a robot with other joints than that which is here, both given by name."""
-    if load_robot(own).joint_names != load_robot(robot).joint_names:
+    try:
+        joints = load_robot(own).joint_names
+    except UnknownNameError as error:
+        raise ConfigError(f"{what} is for the robot {own}, whose table is not there; put it there") from error
+    if joints != load_robot(robot).joint_names:
         raise ConfigError(
             f"{what} is for the robot {own}, and this is {robot}; choose --robot {own}, or train one for "
             f"{robot}: hugwbc train --env.robot {robot}. The QP takes any robot: --controller qp"

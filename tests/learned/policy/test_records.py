@@ -1,7 +1,10 @@
 import csv
 import pathlib
 
-from hugwbc.learned.policy.records import append_row, begin_log
+import pytest
+
+from hugwbc.errors import ConfigError
+from hugwbc.learned.policy.records import append_row, begin_log, check_robot
 
 
 def test_rows_and_empty_cells(tmp_path: pathlib.Path) -> None:
@@ -37,3 +40,8 @@ def test_the_log_of_another_run_is_kept_apart(tmp_path: pathlib.Path) -> None:
         append_row(tmp_path, {"iteration": number, "x": 1.0})
         begin_log(tmp_path, 0, resumed=False)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["metrics-before-2.csv", "metrics-before.csv"]
+
+
+def test_a_network_for_a_robot_whose_table_has_gone_says_so() -> None:
+    with pytest.raises(ConfigError, match=r"snapshot is for the robot /gone/mine\.yaml, whose table is not there"):
+        check_robot("snapshot", "/gone/mine.yaml", "h1")
