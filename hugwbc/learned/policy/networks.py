@@ -34,7 +34,7 @@ _OUTPUT_BOUND = 0.01  # of the last weights of the policy: it starts close to th
 _LATENT_SIZE = 32
 _ENCODER_HIDDEN = (256, 128)
 _ESTIMATOR_HIDDEN = (64, 32)
-_POLICY_HIDDEN = (256, 128, 64)
+_POLICY_HIDDEN = (512, 256, 128)
 _CRITIC_HIDDEN = (512, 256, 128)
 
 # Plain networks ------------------------------------------------------------------------------------------------------
@@ -60,13 +60,15 @@ class Actor(nn.Module):
         action_size: number of joints.
     """
 
-    def __init__(self, frame_size: int, command_size: int, action_size: int) -> None:
-        """Set up the layers."""
+    def __init__(
+        self, frame_size: int, command_size: int, action_size: int, hidden: tuple[int, ...] = _POLICY_HIDDEN
+    ) -> None:
+        """Set up the layers, with some widths of the policy's hidden ones."""
         super().__init__()
         self.frame_size, self.command_size, self.action_size = frame_size, command_size, action_size
         self.encoder = _mlp(HISTORY_FRAMES * frame_size, _ENCODER_HIDDEN, _LATENT_SIZE)
         self.estimator = _mlp(_LATENT_SIZE, _ESTIMATOR_HIDDEN, ESTIMATE_SIZE)
-        self.policy = _mlp(_LATENT_SIZE + ESTIMATE_SIZE + frame_size + command_size, _POLICY_HIDDEN, action_size)
+        self.policy = _mlp(_LATENT_SIZE + ESTIMATE_SIZE + frame_size + command_size, hidden, action_size)
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action and estimate.

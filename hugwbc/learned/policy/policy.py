@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import pathlib
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -43,7 +44,9 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     tensors, metadata = checkpoint.load_file(path, "policy")
     contract = contract_of(metadata, path)
     stored = {name: tensor for name, tensor in tensors.items() if name.startswith(_PREFIX)}
-    actor = Actor(contract.observation_size, contract.input_sizes[-1], len(contract.joints))
+    # Policies of before version 0.2 are half as wide.
+    hidden = tuple(tensors[name].numel() for name in sorted(tensors) if re.fullmatch(r"policy\.\d\.bias", name))[:-1]
+    actor = Actor(contract.observation_size, contract.input_sizes[-1], len(contract.joints), hidden)
     try:
         actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
     except RuntimeError as error:

@@ -22,7 +22,7 @@ def test_sizes_are_the_papers() -> None:
     assert _size(actor.encoder) == 316 * 256 + 257 * 128 + 129 * 32
     assert _size(actor.estimator) == 33 * 64 + 65 * 32 + 33 * 6
     # latent 32, estimate 6, frame 63, command 18
-    assert _size(actor.policy) == 120 * 256 + 257 * 128 + 129 * 64 + 65 * 19
+    assert _size(actor.policy) == 120 * 512 + 513 * 256 + 257 * 128 + 129 * 19
     assert _size(Actor(63, 13, 19).policy) == 115 * 256 + 257 * 128 + 129 * 64 + 65 * 19
 
 
