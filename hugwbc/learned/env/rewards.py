@@ -86,8 +86,8 @@ def roll_pitch_angular_velocity(t: Transition, body: Body) -> torch.Tensor:
 
 
 def vertical_body_movement(t: Transition, body: Body) -> torch.Tensor:
-    """(v_z - b)^2, with b the speed of the clock's flight in jumps and hops, which the paper leaves out."""
-    return (t.velocity[:, 2] - t.bounce[:, 1]).square()
+    """v_z^2 in stands and walks. The paper's term also counts the flight of jumps and hops, which it asks for."""
+    return t.velocity[:, 2].square() * ~flies(t.gait)
 
 
 def feet_slip(t: Transition, body: Body) -> torch.Tensor:

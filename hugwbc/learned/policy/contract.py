@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import ConfigError, HugwbcError, PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned.policy.network_files import CONTRACT_FILE, policy_file
@@ -25,11 +25,12 @@ from hugwbc.settings_file import load
 
 _KINDS_OF_JOINTS = ("joint_position", "absolute_joint_position", "joint_velocity")
 _OF_THE_CLOCK = ("phase_sin", "phase_cos", "foot_sin", "foot_cos")
-LARGEST_CHANGE = {"v_x": 0.3, "v_y": 0.25, "omega": 0.3, "h": 0.06, "p": 0.1, "w": 0.3, "l": 0.15}
-"""Largest difference between a command and what is asked for [m/s, m/s, rad/s, m, rad, rad, m]: further away the policy
-was never trained. The gait's clock takes f as it is, so that f has no curve."""
+LARGEST_CHANGE = {"v_x": 0.3, "v_y": 0.25, "omega": 0.3, "h": 0.06, "p": 0.1, "w": 0.3, "l": 0.3}
+"""Largest difference between a command and what is asked for [m/s, m/s, rad/s, m, rad, rad, m]. The gait's clock takes
+f as it is, so that f has no curve."""
 Curves = dict[str, dict[str, list[list[float]]]]  # gait -> command -> pairs of command and what to ask for
 _MOST_KNOTS = 100
+_L = COMMAND_NAMES.index("l")
 _BEYOND = 0.2  # [rad], beyond our range of a joint that another project's pose may lie
 
 CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
@@ -271,9 +272,13 @@ class Contract:
         """Return what to ask the network for, so that it executes commands, shape (n, 8).
 
         A trained policy is often precise but biased: it walks at 1.09 of the commanded speed, or squats two centimetres
-        too little. Curves that were measured once, linear between knots, take the mean error out. They change only what
-        the network reads; they use no measurement at run time, so that they cannot make anything unstable, and they
-        cannot take out what changes from robot to robot. Commands without a curve are unchanged.
+        too little. Curves that were measured once, linear between knots, take the mean error out. They use no
+        measurement at run time, so that they cannot make anything unstable, and they cannot take out what changes from
+        robot to robot. Commands without a curve are unchanged.
+
+        A curve may ask for swings that are higher than any command, since drives follow them late. Only the
+        feed-forward of the legs takes all of that (`leg_feed_forward`); what the network reads ends where its training
+        did (`read`).
 
         Args:
             command: commands, shape (n, 8).
@@ -285,6 +290,12 @@ class Contract:
             for name, pairs in of_gait.items() if rows.any() else ():
                 column, (knots, asked) = COMMAND_NAMES.index(name), np.array(pairs, dtype=float).T
                 result[rows, column] += np.interp(command[rows, column], knots, asked - knots)
+        return result
+
+    def read(self, asked: np.ndarray) -> np.ndarray:
+        """Return what the network reads of `asked`: swings no higher than commands are."""
+        result = asked.copy()
+        result[:, _L] = np.minimum(asked[:, _L], command_ranges(Gait.WALKING, self.described)["l"].finishing[1])
         return result
 
 

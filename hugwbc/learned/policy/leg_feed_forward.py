@@ -9,6 +9,10 @@ only so far. From there on the thigh alone leans, and the hip moves back:
 
 relative to the nominal posture, at h = p = 0, with c the clearance of the sole in its swing; the sole stays level. It
 says nothing of balance or of the length of a step, which are left to the policy.
+
+A level sole ends at 0.31 m of an H1, and drives follow late, so that a command of 0.35 m lifts it by 0.23 m. A policy's
+curves (`Contract.feed_forward`) may ask for more than any command. From the highest command on the limits of shank and
+knee widen: the toes sink, and the knee's target leads its drive beyond the joint's range.
 """
 
 import math
@@ -16,13 +20,15 @@ import math
 import numpy as np
 
 from hugwbc import gait as gaits
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import COMMAND_NAMES, highest_swing
 from hugwbc.learned.policy.contract import Contract
 from hugwbc.numeric import Array, Place, double, namespace
 from hugwbc.robot import Robot
 
 HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward follows the commands
 _MARGIN = 0.98  # of a straight leg's length, and of the joints' ranges
+# [rad], [rad], what shank and knee may do more in a swing that is higher than any command by this share of a leg.
+_LEAN, _BEND, _HIGHER = 0.5, 0.75, 0.375
 _F, _L, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "w"))
 _SQUAT = slice(COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p") + 1)
 
@@ -47,8 +53,9 @@ class LegFeedForward:
         centre, half = 0.5 * (robot.upper + robot.lower), 0.5 * _MARGIN * (robot.upper - robot.lower)
         low, high = ((bound - robot.nominal)[joints] for bound in (centre - half, centre + half))
         self._shank = float(self._nominal[1] - low[2].max())  # largest lean
-        lean = float(knee + high[1].min()) - self._shank
-        self._lowest = shank / self._length * math.cos(self._shank) + thigh / self._length * math.cos(lean)
+        self._lean = float(knee + high[1].min()) - self._shank  # of the thigh, where shank and knee end
+        self._links = shank / self._length, thigh / self._length
+        self._highest = highest_swing(robot)
         self._low, self._high = place(low), place(high)
         # Place of each joint among the offsets of these joints; the others take the zero behind them.
         column = np.full(centre.size, joints.size)
@@ -64,14 +71,22 @@ class LegFeedForward:
             clearance: of the left and the right sole [m], shape (n, 2), or one number for all.
         """
         xp, height, pitch = namespace(height), double(height)[:, None], double(pitch)[:, None]
-        share = _clip(self._upright + (height - clearance) / self._length, self._lowest, _MARGIN)
-        share = xp.broadcast_to(share, (len(height), 2))
-        shank = _clip(xp.arccos(self._by_shank[0] * share + self._by_shank[1] / share), -math.inf, self._shank)
-        thigh = xp.arccos(self._by_thigh[0] * share - self._by_thigh[1] * xp.cos(shank))
+        share = self._upright + (height - clearance) / self._length
+        # 0 for all that a command asks for, 1 for a swing that is `_HIGHER`.
+        wide = _clip((clearance - self._highest + xp.zeros_like(share)) / (_HIGHER * self._length), 0.0, 1.0)
+        limit, lean = self._shank + _LEAN * wide, self._lean + (_BEND - _LEAN) * wide
+        lowest = self._links[0] * xp.cos(limit) + self._links[1] * xp.cos(lean)
+        share = xp.broadcast_to(_clip(xp.maximum(share, lowest), -math.inf, _MARGIN), (len(height), 2))
+        shank = xp.minimum(_lean(self._by_shank[0] * share + self._by_shank[1] / share), limit)
+        thigh = _lean(self._by_thigh[0] * share - self._by_thigh[1] * xp.cos(shank))
         nominal_thigh, nominal_shank = self._nominal
         bend = nominal_thigh + nominal_shank
         offsets = nominal_thigh - thigh - pitch, thigh + shank - bend, nominal_shank - shank
-        bounded = [_clip(*one) for one in zip(offsets, self._low, self._high, strict=True)]
+        more = 0.0, _BEND * wide, 0.0
+        bounded = [
+            xp.minimum(xp.maximum(one, low), high + above)
+            for one, low, high, above in zip(offsets, self._low, self._high, more, strict=True)
+        ]
         return xp.concatenate((*bounded, xp.zeros_like(pitch)), 1)[:, self._column]
 
 
@@ -80,6 +95,11 @@ def _clip(values: Array, low: Array | float, high: Array | float) -> Array:
     if namespace(values) is np:
         return np.minimum(np.maximum(values, low), high)
     return values.clip(low, high)
+
+
+def _lean(cosines: Array) -> Array:
+    """Return the angles of cosines [rad]; none is NaN."""
+    return namespace(cosines).arccos(_clip(cosines, -1.0, 1.0))
 
 
 def swing_clearance(phase: Array, gait: Array, command: Array, period: float) -> Array:

@@ -169,9 +169,9 @@ class NetworkPolicy:
         """
         if command is not self._given:  # most calls repeat the last command
             self._given, self._request = command, self._requested(command)
-        gait, asked, frequency = self._request
+        gait, asked, read, frequency = self._request
         self._phase = gaits.advance_phase(self._phase, frequency, self.period)
-        sensed = self._sensed(state, asked, gait, upper_body.indicator)
+        sensed = self._sensed(state, read, gait, upper_body.indicator)
         observation, *commands = (read(sensed) for read in self._readers)
         self._history.push(observation)
         self.inputs = (self._history.input(), *commands)
@@ -189,11 +189,12 @@ class NetworkPolicy:
         zero = np.zeros_like(q)
         return override_arms(JointCommand(q, zero, self._kp, self._kd, zero), upper_body, self.robot)
 
-    def _requested(self, command: Command) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
-        """Return gait, shape (1,), what to ask the network for, shape (1, 8), and frequency of the clock [Hz]."""
+    def _requested(self, command: Command) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
+        """Return gait, shape (1,), what to ask for and what the network reads of it, (1, 8), and the clock's f [Hz]."""
         gait, given, clock_period = np.array([int(command.gait)]), command.array()[None], self.contract.clock_period
         frequency = given[:, _F] if clock_period is None else 1.0 / clock_period
-        return gait, self.contract.asked(given, gait), frequency
+        asked = self.contract.asked(given, gait)
+        return gait, asked, self.contract.read(asked), frequency
 
     def _sensed(self, state: RobotState, command: np.ndarray, gait: np.ndarray, indicator: bool) -> Sensed:
         velocity = state.velocity

@@ -8,6 +8,7 @@ coordinates are turned into pairs h = (e + o, e - o), which the mirror swaps, so
 itself commutes with it. `SymmetricActor.plain` multiplies all this out.
 """
 
+import re
 from collections.abc import Mapping
 
 import torch
@@ -34,7 +35,7 @@ _OUTPUT_BOUND = 0.01  # of the last weights of the policy: it starts close to th
 _LATENT_SIZE = 32
 _ENCODER_HIDDEN = (256, 128)
 _ESTIMATOR_HIDDEN = (64, 32)
-_POLICY_HIDDEN = (256, 128, 64)
+POLICY_HIDDEN = (512, 256, 128)
 _CRITIC_HIDDEN = (512, 256, 128)
 
 # Plain networks ------------------------------------------------------------------------------------------------------
@@ -60,13 +61,15 @@ class Actor(nn.Module):
         action_size: number of joints.
     """
 
-    def __init__(self, frame_size: int, command_size: int, action_size: int) -> None:
-        """Set up the layers."""
+    def __init__(
+        self, frame_size: int, command_size: int, action_size: int, hidden: tuple[int, ...] = POLICY_HIDDEN
+    ) -> None:
+        """Set up the layers, with some widths of the policy's hidden ones."""
         super().__init__()
         self.frame_size, self.command_size, self.action_size = frame_size, command_size, action_size
         self.encoder = _mlp(HISTORY_FRAMES * frame_size, _ENCODER_HIDDEN, _LATENT_SIZE)
         self.estimator = _mlp(_LATENT_SIZE, _ESTIMATOR_HIDDEN, ESTIMATE_SIZE)
-        self.policy = _mlp(_LATENT_SIZE + ESTIMATE_SIZE + frame_size + command_size, _POLICY_HIDDEN, action_size)
+        self.policy = _mlp(_LATENT_SIZE + ESTIMATE_SIZE + frame_size + command_size, hidden, action_size)
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action and estimate.
@@ -179,9 +182,16 @@ class SplitMlp(nn.Module):
 class SymmetricActor(nn.Module):
     """`Actor` with pi(F o) = F pi(o) for the mirror maps F of observations and actions."""
 
-    def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
-        """Set up the layers for a robot, with further inputs for further observation terms."""
+    def __init__(self, robot: Robot, further: tuple[Part, ...] = (), hidden: tuple[int, ...] = POLICY_HIDDEN) -> None:
+        """Set up the layers for a robot, with further inputs for further observation terms.
+
+        Args:
+            robot: the robot.
+            further: the terms.
+            hidden: widths of the policy's hidden layers.
+        """
         super().__init__()
+        self._hidden = hidden
         parts = (HISTORY, (*COMMAND, *further), FRAME, ACTION, ESTIMATE)
         splits = [EvenOdd(obs.mirror(part, robot)) for part in parts]
         self._history, self._command, self._frame, self._action, self._estimate = splits
@@ -190,7 +200,7 @@ class SymmetricActor(nn.Module):
         state = (half + sum(part.even for part in parts), half + sum(part.odd for part in parts))
         self.encoder = SplitMlp(_sizes(self._history), _ENCODER_HIDDEN, (half, half))
         self.estimator = SplitMlp((half, half), _ESTIMATOR_HIDDEN, _sizes(self._estimate))
-        self.policy = SplitMlp(state, _POLICY_HIDDEN, _sizes(self._action))
+        self.policy = SplitMlp(state, hidden, _sizes(self._action))
 
     def forward(self, history: torch.Tensor, command: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean action and estimate, as `Actor.forward`."""
@@ -211,7 +221,7 @@ class SymmetricActor(nn.Module):
 
     def plain(self) -> Actor:
         """Return the equivalent plain network."""
-        actor = Actor(*(len(part.matrix) for part in (self._frame, self._command, self._action)))
+        actor = Actor(*(len(part.matrix) for part in (self._frame, self._command, self._action)), self._hidden)
         latent = torch.eye(_LATENT_SIZE)
         self.encoder.write_to(actor.encoder, self._history.matrix, latent)
         self.estimator.write_to(actor.estimator, latent, self._estimate.matrix.T)
@@ -290,10 +300,17 @@ class ActorCritic(nn.Module):
 
     _partner: torch.Tensor  # of each joint, in the mirror
 
-    def __init__(self, robot: Robot, std: float = 1.0, *, further: tuple[Part, ...] = ()) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        std: float = 1.0,
+        *,
+        further: tuple[Part, ...] = (),
+        hidden: tuple[int, ...] = POLICY_HIDDEN,
+    ) -> None:
         """Draw the weights for a robot, and set the std of all joints."""
         super().__init__()
-        self.actor, self.critic = SymmetricActor(robot, further), SymmetricCritic(robot, further)
+        self.actor, self.critic = SymmetricActor(robot, further, hidden), SymmetricCritic(robot, further)
         self.core = _sizes(EvenOdd(obs.mirror(CRITIC_CORE, robot)))
         even, odd = _sizes(self.critic._core)
         self.further = even - self.core[0], odd - self.core[1]
@@ -317,6 +334,17 @@ class ActorCritic(nn.Module):
             self.critic.prepare(observation.critic),
             observation.estimate,
         )
+
+
+def policy_widths(tensors: Mapping[str, torch.Tensor]) -> tuple[int, ...]:
+    """Return the widths of a policy's hidden layers by its tensors, of either form; those of new ones without tensors.
+
+    Until version 0.2 policies were half as wide.
+    """
+    plain = [name for name in sorted(tensors) if re.fullmatch(r"policy\.\d\.bias", name)]
+    split = [name for name in sorted(tensors) if re.fullmatch(r"network\.actor\.policy\.layers\.\d\.even\.bias", name)]
+    widths = [tensors[name].numel() for name in plain] + [2 * tensors[name].numel() for name in split]
+    return tuple(widths[:-1]) or POLICY_HIDDEN
 
 
 def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None:

@@ -18,7 +18,7 @@ from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.contract import Contract, contract_of
 from hugwbc.learned.policy.network_files import DEFAULT_POLICY, keep_threads, policy_file
 from hugwbc.learned.policy.network_policy import NetworkPolicy, tried
-from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy.networks import Actor, policy_widths
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
 
@@ -43,7 +43,7 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     tensors, metadata = checkpoint.load_file(path, "policy")
     contract = contract_of(metadata, path)
     stored = {name: tensor for name, tensor in tensors.items() if name.startswith(_PREFIX)}
-    actor = Actor(contract.observation_size, contract.input_sizes[-1], len(contract.joints))
+    actor = Actor(contract.observation_size, contract.input_sizes[-1], len(contract.joints), policy_widths(tensors))
     try:
         actor.load_state_dict({name: tensor for name, tensor in tensors.items() if name not in stored})
     except RuntimeError as error:

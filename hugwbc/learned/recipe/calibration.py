@@ -44,7 +44,8 @@ def knots_of(config: CalibrationConfig, robot: Robot) -> Curves:
 def corrected(curves: Curves, errors: Errors, rate: float, robot: Robot) -> Curves:
     """Return curves in which a fraction of the measured errors is taken out.
 
-    No value outside a command's range is asked for: the policy was never trained there.
+    No value outside a command's range is asked for, where the policy was never trained; but higher swings are, which
+    the network does not read (`Contract.read`).
 
     Args:
         curves: pairs of command and what to ask for.
@@ -57,6 +58,7 @@ def corrected(curves: Curves, errors: Errors, rate: float, robot: Robot) -> Curv
         ranges = command_ranges(Gait.parse(label), robot)
         for name, pairs in of_gait.items():
             (low, high), limit = ranges[name].finishing, LARGEST_CHANGE[name]
+            high = math.inf if name == "l" else high
             new = []
             for (knot, asked), error in zip(pairs, errors[label][name], strict=True):
                 wanted = asked if error is None else asked + rate * error

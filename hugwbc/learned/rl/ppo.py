@@ -17,7 +17,7 @@ from hugwbc.learned.config import PPOConfig
 from hugwbc.learned.env.randomization import randn
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy.critic_observations import Observation
-from hugwbc.learned.policy.networks import ActorCritic
+from hugwbc.learned.policy.networks import POLICY_HIDDEN, ActorCritic
 from hugwbc.learned.policy.terms import Part
 from hugwbc.robot import Robot
 
@@ -136,11 +136,20 @@ class PPO:
         robot: Robot,
         generator: torch.Generator,
         further: tuple[Part, ...] = (),
+        hidden: tuple[int, ...] = POLICY_HIDDEN,
     ) -> None:
-        """Build networks and optimiser, on the device of the generator of exploration noise and minibatches."""
+        """Build networks and optimiser, on the device of the generator of exploration noise and minibatches.
+
+        Args:
+            config: the settings.
+            robot: the robot.
+            generator: of noise and minibatches.
+            further: observation terms besides the paper's that the networks read.
+            hidden: widths of the policy's hidden layers.
+        """
         self.config = config
         self.device = generator.device
-        self.network = ActorCritic(robot, config.std_initial, further=further).to(self.device)
+        self.network = ActorCritic(robot, config.std_initial, further=further, hidden=hidden).to(self.device)
         self.learning_rate = config.learning_rate
         critic = list(self.network.critic.parameters())
         actor = [p for name, p in self.network.named_parameters() if not name.startswith("critic.")]

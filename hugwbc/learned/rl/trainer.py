@@ -20,7 +20,7 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.randomization import restore as restore_generator
 from hugwbc.learned.policy import checkpoint, save_policy
 from hugwbc.learned.policy.network_files import POLICY_FILE, SNAPSHOT_FILE
-from hugwbc.learned.policy.networks import Actor, ActorCritic, load_into
+from hugwbc.learned.policy.networks import Actor, ActorCritic, load_into, policy_widths
 from hugwbc.learned.policy.records import append_row, append_session, begin_log, check_robot, settings_record, versions
 from hugwbc.learned.rl.continuation import (
     by_group,
@@ -90,7 +90,7 @@ class Trainer:
         self.env = self._robots(now.env)
         # Another stream than the environment's, whose draws would otherwise be those of the exploration.
         self.generator = torch.Generator(self.env.device).manual_seed(self._seed + 1)
-        self.ppo = PPO(now.ppo, self.env.robot, self.generator, self.env.further)
+        self.ppo = PPO(now.ppo, self.env.robot, self.generator, self.env.further, policy_widths(tensors))
         self.product = copy.deepcopy(self.ppo.network)
         self.evaluator = self._make_evaluator()
         self.evaluation: dict[str, float] = {}

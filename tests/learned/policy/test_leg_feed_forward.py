@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.commands import COMMAND_NAMES, command_ranges, highest_swing
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.learned.config import EnvConfig
@@ -47,6 +47,26 @@ def test_soles_are_lifted_by_the_clearance() -> None:
     lifted = np.array([[0.2, 0.0]])
     q = ROBOT.nominal + LegFeedForward(ROBOT).offsets(np.array([-0.1]), np.array([0.1]), lifted)[0]
     np.testing.assert_allclose(clearance(q, -0.1, 0.1), lifted[0], atol=1e-2)
+
+
+@pytest.mark.parametrize("name", ["h1", "g1"])
+def test_swings_beyond_all_commands_lift_higher_with_the_toes_down(name: str) -> None:
+    """A stance leg, and a swing up to the highest command, have a level sole and stay within the joints' ranges."""
+    robot = load_robot(name)
+    legs, highest = LegFeedForward(robot), highest_swing(robot)
+    lifted = highest + np.array([[0.0, 0.0], [0.05, 0.0], [0.15, 0.0], [0.3, 0.0]]) - [0.0, highest]
+    q = robot.nominal + legs.offsets(np.zeros(4), np.zeros(4), lifted)
+    (hip, _), (knee, _), (ankle, _) = (robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch"))
+    alone = robot.nominal + legs.offsets(np.zeros(1), np.zeros(1), np.array([[highest, 0.0]]))[0]
+    np.testing.assert_array_equal(q[0], alone)
+    assert (q[0] >= robot.lower).all() and (q[0] <= robot.upper).all()
+    raised = [clearance(one, 0.0, 0.0, robot)[0] for one in np.minimum(q, robot.upper)]
+    assert (np.diff(raised) > 0.005).all(), raised
+    tilts = (q[:, hip] + q[:, knee] + q[:, ankle]) - (q[0, hip] + q[0, knee] + q[0, ankle])
+    assert (np.diff(tilts) > 0.0).all() and tilts[-1] < 0.6, tilts
+    assert (q[:, knee] < robot.upper[knee] + 0.75).all() and q[-1, knee] > robot.upper[knee]
+    others = np.setdiff1d(np.arange(q.shape[1]), [hip, knee, ankle])
+    np.testing.assert_array_equal(q[:, others], np.broadcast_to(q[0, others], (4, len(others))))
 
 
 def test_the_clearance_is_that_of_the_clock_one_period_later() -> None:

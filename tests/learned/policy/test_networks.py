@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from hugwbc.learned.policy import critic_observations as obs
-from hugwbc.learned.policy.networks import Actor, ActorCritic, SymmetricActor, SymmetricCritic
+from hugwbc.learned.policy.networks import Actor, ActorCritic, SymmetricActor, SymmetricCritic, policy_widths
 from hugwbc.learned.policy.terms import ACTION, COMMAND, CRITIC_CORE, ESTIMATE, HISTORY, TERRAIN_SIZE
 from hugwbc.robot import load_robot
 
@@ -16,14 +16,14 @@ def _size(module: torch.nn.Module) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
 
 
-def test_sizes_are_the_papers() -> None:
+def test_sizes_are_the_papers_but_for_a_wider_policy() -> None:
     actor = Actor(63, 18, 19)
     # (inputs + 1) * outputs of every layer; the history has 5 frames of 63.
     assert _size(actor.encoder) == 316 * 256 + 257 * 128 + 129 * 32
     assert _size(actor.estimator) == 33 * 64 + 65 * 32 + 33 * 6
     # latent 32, estimate 6, frame 63, command 18
-    assert _size(actor.policy) == 120 * 256 + 257 * 128 + 129 * 64 + 65 * 19
-    assert _size(Actor(63, 13, 19).policy) == 115 * 256 + 257 * 128 + 129 * 64 + 65 * 19
+    assert _size(actor.policy) == 120 * 512 + 513 * 256 + 257 * 128 + 129 * 19
+    assert _size(Actor(63, 13, 19).policy) == 115 * 512 + 513 * 256 + 257 * 128 + 129 * 19
 
 
 def test_outputs_have_a_row_per_robot_and_begin_near_the_nominal_pose() -> None:
@@ -100,3 +100,11 @@ def test_mirrored_joints_share_their_exploration() -> None:
         network.log_std[0] = -1.0  # the left hip's yaw; the right one is joint 5
     std = network.exploration()
     assert std[0] == std[5] == -0.5 and std[1] == 0.0
+
+
+def test_networks_are_as_wide_as_the_tensors_that_they_take() -> None:
+    """Policies of before version 0.2 are half as wide."""
+    narrow = ActorCritic(ROBOT, hidden=(256, 128, 64))
+    tensors = {f"network.{name}": value for name, value in narrow.state_dict().items()}
+    assert policy_widths(tensors) == policy_widths(narrow.actor.plain().state_dict()) == (256, 128, 64)
+    assert policy_widths({}) == (512, 256, 128)
