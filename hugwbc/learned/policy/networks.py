@@ -221,7 +221,8 @@ class SymmetricActor(nn.Module):
 
     def plain(self) -> Actor:
         """Return the equivalent plain network."""
-        actor = Actor(*(len(part.matrix) for part in (self._frame, self._command, self._action)), self._hidden)
+        frame, command, action = (len(part.matrix) for part in (self._frame, self._command, self._action))
+        actor = Actor(frame, command, action, self._hidden)
         latent = torch.eye(_LATENT_SIZE)
         self.encoder.write_to(actor.encoder, self._history.matrix, latent)
         self.estimator.write_to(actor.estimator, latent, self._estimate.matrix.T)
