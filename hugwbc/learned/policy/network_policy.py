@@ -169,9 +169,9 @@ class NetworkPolicy:
         """
         if command is not self._given:  # most calls repeat the last command
             self._given, self._request = command, self._requested(command)
-        gait, asked, read, frequency = self._request
+        gait, asked, told, frequency = self._request
         self._phase = gaits.advance_phase(self._phase, frequency, self.period)
-        sensed = self._sensed(state, read, gait, upper_body.indicator)
+        sensed = self._sensed(state, told, gait, upper_body.indicator)
         observation, *commands = (read(sensed) for read in self._readers)
         self._history.push(observation)
         self.inputs = (self._history.input(), *commands)
