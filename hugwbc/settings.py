@@ -80,6 +80,17 @@ def one_of(kind: str, names: Callable[[], Collection[str]]) -> AfterValidator:
     return AfterValidator(refusing(check))
 
 
+def changed(options: Any, without: Collection[str] = ()) -> str:  # noqa: ANN401
+    """Return which fields of a dataclass are not at their defaults, such as "drives ideal, payload 5"; "" for none."""
+    found = []
+    for field in dataclasses.fields(options):
+        value, make = getattr(options, field.name), field.default_factory
+        if field.name not in without and value != (field.default if make is dataclasses.MISSING else make()):
+            words = " and ".join(map(str, value)) if isinstance(value, tuple) else value
+            found.append(f"{field.name.replace('_', ' ')} {f'{value:g}' if isinstance(value, float) else words}")
+    return ", ".join(found)
+
+
 def check_each_once(kind: str, names: Sequence[str]) -> None:
     """Refuse no name at all, and the same name twice; the kind is for the message, such as "tasks"."""
     if not names or len(set(names)) < len(names):

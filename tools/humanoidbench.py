@@ -244,14 +244,15 @@ def play(task: str, controller: str, seed: int) -> dict[str, Any]:
 
 
 def table(path: pathlib.Path) -> None:
-    """Print the rows of a file as a table: mean return of each task, and episodes above the bar."""
-    found = collections.defaultdict(list)
-    for line in path.read_text().splitlines():
-        row = json.loads(line)
-        rows = found[row["task"], row["controller"]]
-        if rows and any(rows[-1].get(name) != row.get(name) for name in VERSION):
-            rows.clear()
-        rows.append(row)
+    """Print the rows of a file as a table: mean return of each task, and episodes above the bar.
+
+    Of each controller's rows, those of the version that was played last.
+    """
+    found, lines = collections.defaultdict(list), [json.loads(line) for line in path.read_text().splitlines()]
+    last = {row["controller"]: [row.get(name) for name in VERSION] for row in lines}
+    for row in lines:
+        if [row.get(name) for name in VERSION] == last[row["controller"]]:
+            found[row["task"], row["controller"]].append(row)
     print("| task (bar) | QP | policy |\n|---|---|---|")
     for task in SCRIPTS:
         cells = []

@@ -98,9 +98,10 @@ def measured(entries: Sequence[Entry], place: ExecutionOptions) -> list[Result]:
 
 
 def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:
-    """Return what belongs below the figures: the experiment's note, exceptions, too few episodes, their number."""
-    experiment, lines = entries[0].experiment, []
+    """Return what belongs below the figures: the experiment's note, settings, exceptions, too few episodes, seed."""
+    experiment, settings, lines = entries[0].experiment, results[0].settings, []
     lines += [experiment.note] if experiment.note else []
+    lines += [f"Not the default: {words}." for words in [settings.remark] if words]
     for result in results:
         if mistakes := sum(row.get("mistakes") or 0 for row in result.rows):
             lines.append(
@@ -108,7 +109,8 @@ def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:
                 "targets were caught; `hugwbc play` shows the first one."
             )
     numbers = dict.fromkeys(f"{len(result.rows)} episodes" for result in results)
-    return [*lines, *remarks(results), f"{' or '.join(numbers)}, seed {results[0].settings.seed}"]
+    seed = f"seed {settings.seed} ({seed_class(settings.seed)})"
+    return [*lines, *remarks(results), f"{' or '.join(numbers)}, {seed}"]
 
 
 def to_json(result: Result) -> dict[str, Any]:

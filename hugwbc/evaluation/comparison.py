@@ -31,7 +31,7 @@ HAND_ROWS = (
 )
 HAND_NOTE = (
     f"A hand travels to a new target until it is within {100 * metrics.ARRIVED:.0f} cm of it for the first time; from "
-    "then on it is there. Means over both hands."
+    "then on it is there. Means over the hands that have targets."
 )
 
 

@@ -123,11 +123,15 @@ class Conditions:
         return Variation(self.payload, self.friction, self.gain, self.strength, self.hand_payload)
 
     def of_a_drawn_robot(self, rng: np.random.Generator) -> "Conditions":
-        """Return these conditions with friction, payload and gain drawn from the training's default ranges."""
+        """Return these conditions with friction, payload and gain drawn from the training's default ranges.
+
+        Those are an H1's; another robot's payload is in proportion to its mass.
+        """
         from hugwbc.learned.config import RandomizationConfig
 
         ranges = RandomizationConfig()
         friction, payload, gain = (rng.uniform(*r) for r in (ranges.friction, ranges.torso_mass, ranges.gains))
+        payload *= load_robot(self.robot).mass / load_robot(Arena.robot).mass
         return dataclasses.replace(self, friction=float(friction), payload=float(payload), gain=float(gain))
 
     def simulation(self, duration: float, seed: int | tuple[int, ...], scene: Scene | None = None) -> Engine:

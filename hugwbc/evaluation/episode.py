@@ -14,7 +14,7 @@ from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.view import CommandSource
-from hugwbc.settings import SELECTION_SEED, Count, NotNegative, Positive, Seed, one_of, settings
+from hugwbc.settings import SELECTION_SEED, Count, NotNegative, Positive, Seed, changed, one_of, settings
 from hugwbc.sim import Engine, Scene
 from hugwbc.upper_ik import UpperBodySource
 
@@ -74,6 +74,12 @@ class Settings:
         """The simulated robot's table."""
         return load_robot(self.conditions.robot)
 
+    @property
+    def remark(self) -> str:
+        """What differs from the defaults, such as "gait jumping, robot g1, payload 5"; empty for the defaults."""
+        own = changed(self, without={"seed", "episodes", "conditions"})
+        return ", ".join(words for words in (own, changed(self.conditions)) if words)
+
     def default_command(self, draw: int = 0) -> Command:
         """Return the robot's default command in the gait whose turn it is in a draw."""
         return default_command(self.gaits[draw % 2], self.robot)
@@ -122,5 +128,5 @@ def simulate(
 
 
 def ending(trace: Trace) -> Row:
-    """Return whether the robot fell, how long it was up [s], and how often controller and sources made mistakes."""
-    return {"fell": trace.fell, "survived_s": trace.survived_s, "mistakes": trace.safety.mistakes}
+    """Return whether the robot fell or knelt down, how long it was up [s], and mistakes of controller and sources."""
+    return {"fell": trace.down, "survived_s": trace.survived_s, "mistakes": trace.safety.mistakes}

@@ -85,7 +85,11 @@ def _bootstrap(samples: Iterable[float | None], statistic: Callable[..., Any]) -
 
 def bootstrap_rms(samples: Iterable[float | None]) -> Estimate:
     """Return the root mean square with the interval of `bootstrap_mean` of the squares; None is left out."""
-    squares = bootstrap_mean(None if sample is None else sample**2 for sample in samples)
+    return root(bootstrap_mean(None if sample is None else sample**2 for sample in samples))
+
+
+def root(squares: Estimate) -> Estimate:
+    """Return the square root of an estimate."""
     value, low, high = (None if v is None else math.sqrt(v) for v in (squares.value, squares.low, squares.high))
     return Estimate(value, low, high, squares.samples)
 

@@ -52,7 +52,7 @@ def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
     That of f is the frequency of the touch-downs of a foot, that of l the highest clearance of a swing.
     """
     kept, missing = trace.time >= settle, float("nan")
-    if trace.fell or not kept.any():
+    if trace.down or not kept.any():
         return dict.fromkeys((*MEASURED_NAMES, "f", "l"), missing)
     means = dict(zip(MEASURED_NAMES, trace.measured[kept].mean(axis=0).tolist(), strict=True))
     feet = _stepping(trace, settle)
@@ -231,7 +231,7 @@ def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> dict[str, float
     A hand travels to a new target until it is within `ARRIVED` of it for the first time; from then on it has arrived.
 
     - `travelling`: mean error before arrival [m]; `arrived`, `arrived_p95`: mean and 95th percentile after it [m].
-    - `travel_time`: time that the hands travelled, mean of both [s].
+    - `travel_time`: time that the hands travelled, mean of those that have a target at some time [s].
     """
     there, error = arrived(trace), trace.hand_error
     counts = np.isfinite(error) & (np.ones(len(there), dtype=bool) if kept is None else kept)[:, None]
@@ -241,7 +241,7 @@ def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> dict[str, float
         "travelling": _mean(error[away]),
         "arrived": _mean(error[near]),
         "arrived_p95": _p95(error[near]),
-        "travel_time": float(away.sum()) / 2.0 * period,
+        "travel_time": float(away.sum()) / max(int(counts.any(axis=0).sum()), 1) * period,
     }
 
 

@@ -142,6 +142,11 @@ class Trace:
     scene: Scene | None = None
     problems: tuple[str, ...] = ()
 
+    @property
+    def down(self) -> bool:
+        """Whether the robot did not stay up: it fell, or it knelt down since its state or a motor was lost."""
+        return self.fell or self.safety.lowered > 0
+
     def __repr__(self) -> str:
         """Return one line: who, how long, how it ended."""
         fate = f"fell after {self.survived_s:.1f} s" if self.fell else "stayed up"

@@ -13,6 +13,7 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.files import digest
 from hugwbc.robot import Robot, load_robot
 from hugwbc.robot_tables import DEFAULT_ROBOT, robot_table
+from hugwbc.settings import changed
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.faults import Fault
@@ -76,8 +77,7 @@ class Arena:
     @property
     def remark(self) -> str:
         """What differs from the default, such as "drives ideal, sensing exact"; empty for the default."""
-        values = {field.name: (getattr(self, field.name), field.default) for field in dataclasses.fields(self)}
-        return ", ".join(f"{name} {value}" for name, (value, default) in values.items() if value != default)
+        return changed(self)
 
     @property
     def profile(self) -> SensorProfile:

@@ -62,7 +62,7 @@ class TaskRecord:
             Hands, base and trunk are called as in `HANDS` and `TRUNK`. What a foot stands on is left out.
         lasted: how long they touched in all [s], likewise.
         depth: how deep a hand was in each body that it touched, at most [m].
-        fell: whether the robot fell, or the physics diverged.
+        fell: whether the robot fell or knelt down (`Trace.down`), or the physics diverged.
         ending: how the behaviour ended.
         problems: what went wrong with the objects, such as one that left the world.
     """

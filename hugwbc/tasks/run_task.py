@@ -99,7 +99,8 @@ def run_task(
         strict=strict,
     )
     # A fall in the period in which the behaviour ended comes before `over`.
-    record = watch.record(_ending(source, min(ended, simulation.time), fell=trace.fell))
+    ending = _ending(source, min(ended, simulation.time), fell=trace.fell)
+    record = dataclasses.replace(watch.record(ending), fell=trace.down)
     return TaskRun(trace, record, task.judge(record))
 
 

@@ -121,7 +121,8 @@ def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):
     words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--seed", "3"]
     assert main([*words, "--duration", "0.4", "--settle", "0.1", "--json", str(path)]) == 0
     text = capsys.readouterr().out
-    assert "paper" in text and "0.047" in text and "3 episodes, seed 3" in text
+    assert "paper" in text and "0.047" in text and "3 episodes, seed 3 (selection)" in text
+    assert "Not the default: duration 0.4, settle 0.1, gait standing." in text
     result = json.loads(path.read_text())
     values = {figure["quantity"]: figure["estimate"]["value"] for figure in result["figures"]}
     assert values["E_h"] > 0.0 and values["falls"] == 0.0 and result["settings"]["seed"] == 3

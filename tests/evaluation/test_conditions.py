@@ -9,6 +9,7 @@ import torch
 from hugwbc import Command, Gait, JointCommand, load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.conditions import ArmIntervention, Conditions
+from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.learned.env.arm_intervention import MotionTargets, NoiseTargets
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
@@ -74,6 +75,19 @@ def test_robot_and_sensors_vary_as_told():
     for values in ({"latency": 1.0}, {"latency": math.nan}, {"strength": 0.0}):
         with pytest.raises(ConfigError, match=next(iter(values))):
             Conditions(**values)
+
+
+def test_what_differs_from_the_defaults_is_said():
+    settings = CountedSettings(seed=7, episodes=9)
+    assert settings.remark == ""
+    conditions = Conditions(robot="g1", drives="ideal", payload=5.0, faults=("imu-gone@2:1", "imu-gone@4:1"))
+    remark = dataclasses.replace(settings, gait="jumping", conditions=conditions).remark
+    assert remark == "gait jumping, robot g1, drives ideal, payload 5, faults imu-gone@2:1 and imu-gone@4:1"
+
+
+def test_a_payload_that_is_drawn_is_in_proportion_to_the_robot():
+    masses = [Conditions(robot=name).of_a_drawn_robot(np.random.default_rng(0)).payload for name in ("h1", "g1")]
+    assert masses[1] / masses[0] == pytest.approx(load_robot("g1").mass / load_robot("h1").mass)
 
 
 def test_the_controller_may_be_told_another_robot_than_moves():

@@ -16,7 +16,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.evaluation.experiment import run_experiment
 from hugwbc.evaluation.experiments import experiment_of
-from hugwbc.evaluation.experiments.behaviours import BEHAVIOURS as EXPERIMENT, BehavioursSettings
+from hugwbc.evaluation.experiments.behaviours import BEHAVIOURS as EXPERIMENT
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.store import Store, StoredTable, table_key
 from hugwbc.robot_tables import models_dir
@@ -139,19 +139,6 @@ def test_a_policys_weights_in_another_file_count(tmp_path: pathlib.Path) -> None
     before = spec.identity()
     (tmp_path / "net weights.bin").write_bytes(np.ones(30, np.float32).tobytes())
     assert spec.identity() != before
-
-
-def test_a_scene_in_a_file_of_code_counts_what_it_reads(tmp_path: pathlib.Path, played) -> None:
-    thing = "pathlib.Path(__file__).parent / 'thing.xml'"
-    code = "import pathlib\nfrom hugwbc.sim.scenes import Mjcf, Scene\n" + STAND.replace("import beside\n", "")
-    (tmp_path / "mine.py").write_text(f"{code}THE = Scene((Mjcf(name='k', mjcf={thing}, position=(3.0, 0.0)),))")
-    mine = f"{tmp_path / 'mine.py'}"
-    for count in (1, 2):
-        (tmp_path / "thing.xml").write_text(MORE.format(count))
-        for _ in range(2):
-            settings = BehavioursSettings(behaviour=f"{mine}:still", scene=f"{mine}:THE", episodes=1, duration=0.2)
-            run_experiment(EXPERIMENT, settings, HOLD, store=Store(tmp_path))
-            assert len(played) == count
 
 
 def test_a_damaged_table_is_refused_before_it_is_measured_afresh(tmp_path: pathlib.Path) -> None:

@@ -7,15 +7,16 @@ import mujoco
 import numpy as np
 import pytest
 
+from hugwbc.sim import Scene
 from hugwbc.tasks import Ending, TaskRecord
 from hugwbc.tasks.task import scene_of
 
 SAMPLES = 1000  # 20 s
 
 
-def _record(name: str, **changes) -> TaskRecord:
-    """Return a record in the scene of a task; changes are fields of the record."""
-    scene = scene_of(name).draw(3)
+def _record(name: str | Scene, **changes) -> TaskRecord:
+    """Return a record in a scene, or in that of a task; changes are fields of the record."""
+    scene = (scene_of(name) if isinstance(name, str) else name).draw(3)
     model = scene.model()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

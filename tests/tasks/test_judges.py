@@ -9,6 +9,7 @@ import pytest
 from hugwbc import load_robot, rotations
 from hugwbc.behaviours import stand
 from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.evaluation.experiments.behaviours import task_of
 from hugwbc.gym.task_env import TaskEnv
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Scene, Simulation
@@ -234,6 +235,21 @@ def test_a_box_that_is_put_on_another(made_up):
     assert verdict_of("stack_boxes", beside).reason == "the box does not stand on the other one"
     edge = moved(still, "upper", path(start, start + up, top + np.array([0.0, 0.1, 0.0])))
     assert verdict_of("stack_boxes", edge).reason == "the boxes are not in line"
+
+
+def test_a_box_that_is_put_back_where_it_stood(made_up):
+    task = task_of(2.0, 0.6, 60.0)
+    still = made_up(task.scene)
+    start, up = still.poses["box"][0, :3], np.array([0.0, 0.0, 0.2])
+
+    def reason(end, turn=None):
+        return task.judge(moved(still, "box", path(start, start + up, start + end), turn)).reason
+
+    assert task.judge(still).reason == "the box was not lifted"
+    assert reason([0.05, -0.05, 0.01]) == ""
+    assert reason([0.0, 0.0, 0.2]) == "the box does not stand on the block"
+    assert reason([0.08, -0.08, 0.0]) == "the box stands more than 10 cm off its place"
+    assert reason([0.0, 0.0, 0.0], rotations.from_yaw_pitch_roll(0, math.pi / 2, 0)) == "the box is not upright"
 
 
 def test_weights_that_are_held(made_up):

@@ -29,3 +29,8 @@ def test_rows_of_other_code_are_played_again_and_not_mixed(tool, tmp_path, monke
     capsys.readouterr()
     tool.table(out)
     assert "| walk (0) | 1; 2 of 2 |  |" in capsys.readouterr().out
+    with out.open("a") as file:  # another task of the code before
+        file.write(json.dumps(json.loads(out.read_text().splitlines()[0]) | {"task": "run"}) + "\n")
+        file.write(out.read_text().splitlines()[4] + "\n")
+    tool.table(out)
+    assert "| run (0) |" not in capsys.readouterr().out

@@ -3,14 +3,15 @@
 How often does one succeed, how long does it take, and why does it fail?
 """
 
-import functools
 import math
 from collections.abc import Iterator
+from typing import Annotated
 
 import numpy as np
 import polars as pl
+from pydantic import Field
 
-from hugwbc import extensions, rotations
+from hugwbc import rotations
 from hugwbc.behaviours import (
     Behaviour,
     BehaviourSource,
@@ -25,24 +26,22 @@ from hugwbc.behaviours import (
 )
 from hugwbc.behaviours.boxes import DISTANCE as NEAR
 from hugwbc.behaviours.hands import stature
-from hugwbc.behaviours.similar import similar
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import BY_BEHAVIOUR, CountedSettings, Row, Settings, ending, simulate, simulation_of
 from hugwbc.evaluation.experiment import Experiment, numbered
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
-from hugwbc.robot import load_robot
 from hugwbc.rotations import wrap_angle
-from hugwbc.runtime.trace import Trace
 from hugwbc.settings import Count, Positive, settings
-from hugwbc.sim import Engine, Scene, load_scene
+from hugwbc.sim import Engine, Scene, Simulation, load_scene
 from hugwbc.sim.scenes import Box, Step
 from hugwbc.sim.scenes.varied import Uniform
 from hugwbc.state import GRAVITY
-from hugwbc.tasks.judges import UPRIGHT
+from hugwbc.tasks.judges import apart, at_rest, hands_off, happened, lifted, stands_on, upright
+from hugwbc.tasks.run_task import run_task
+from hugwbc.tasks.task import LONGEST, Task
 from hugwbc.tasks.verdict import without_time
 
 
@@ -53,30 +52,20 @@ class BehavioursSettings(CountedSettings):
     # number of episodes; what varies in the scene, and the sensors' errors, differ from one to the next
     episodes: Count = 10
     behaviour: str = "fetch_cup"  # name of a shipped behaviour, or FILE.py:NAME
-    scene: str = "cupboard"  # name of a shipped scene, a YAML file, or FILE.py:NAME of a scene
+    scene: str = "cupboard"  # name of a shipped scene, or a YAML file
     duration: Positive = 120.0  # longest time of an episode [s]
     varied = BY_BEHAVIOUR
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        scene_of(self.scene)
+        load_scene(self.scene)
         load_behaviour(self.behaviour)
-
-
-def scene_of(words: str) -> Scene:
-    """Return a scene by name, path or `FILE.py:NAME`."""
-    if not extensions.names_object(words):
-        return load_scene(words)
-    found = extensions.load_object(words, "scene")
-    if not isinstance(found, Scene):
-        raise ConfigError(f"{words} is a {type(found).__name__}; give a Scene")
-    return found
 
 
 def play(
     controller: Controller, settings: Settings, plan: Plan, behaviour: Behaviour, scene: Scene
-) -> tuple[Row, Engine, Trace]:
-    """Play a behaviour; return how it ended, the simulation after it, and the record.
+) -> tuple[Row, Engine]:
+    """Play a behaviour; return how it ended, and the simulation after it.
 
     - `success`: whether the behaviour ended with success, and no object left the world; `seconds`: when, None if not
       [s]; `ending`: what it said, or what went wrong with robot or objects.
@@ -85,15 +74,15 @@ def play(
     where = {"source": source, "simulation": simulation, "upper_body": settings.conditions.upper_body()}
     trace = simulate(controller, settings, plan, **where, until=lambda: source.done)
     problem = without_time(next(iter(trace.problems), ""))
-    success = source.status is Status.SUCCESS and not trace.fell and not problem
+    success = source.status is Status.SUCCESS and not trace.down and not problem
     seconds = simulation.time if success else None
-    how = problem or ("a fall" if trace.fell else source.ending)
-    return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation, trace
+    how = problem or ("a fall" if trace.down else source.ending)
+    return {**ending(trace), "success": success, "seconds": seconds, "ending": how}, simulation
 
 
 def episode(controller: Controller, settings: BehavioursSettings, plan: Plan) -> Row:
     """Return how the behaviour ended, and where the objects then were [m]."""
-    row, simulation, _ = play(controller, settings, plan, load_behaviour(settings.behaviour), scene_of(settings.scene))
+    row, simulation = play(controller, settings, plan, load_behaviour(settings.behaviour), load_scene(settings.scene))
     return row | {"objects": {name: pose.position.round(3).tolist() for name, pose in simulation.objects.items()}}
 
 
@@ -160,7 +149,7 @@ def arrive_episode(controller: Controller, settings: ArriveSettings, plan: Plan)
       that did not arrive.
     """
     x, y, yaw = (float(plan.tags[name]) for name in ("x", "y", "yaw"))
-    row, simulation, _ = play(controller, settings, plan, lambda view: walk_to(view, (x, y), yaw), AWAY)
+    row, simulation = play(controller, settings, plan, lambda view: walk_to(view, (x, y), yaw), AWAY)
     if not row["success"]:
         return row | {"distance": None, "angle": None}
     state = simulation.state()
@@ -200,7 +189,6 @@ HEAVIEST = 2.0 * FRICTION.low * BoxGrip(SIZE[1]).force / (2.0 * GRAVITY)  # [kg]
 _AT = (0.0, 0.08)  # [m], where the hands press: above the middle, so that the box hangs
 _BACK = 0.4  # [m]
 OFF = 0.10  # [m], by which it may be off its place
-_SUNK = 0.02  # [m], by which a box may be off the height at which it stands
 _LOW = 0.7  # [m], below which the robot bends over the box, and its knees need room
 _SLIPS = 0.5  # [m], below which a box slips out of hands that only press on it
 _BENT, _FAR = Command(h=-0.3, p=0.4), 0.50  # posture, and distance from the pelvis [m]
@@ -213,7 +201,8 @@ class BoxesSettings(CountedSettings):
     episodes: Count = 20  # number of episodes of each mass and height
     masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # of an H1's boxes [kg]; another robot's are as large as it is
     heights: tuple[Positive, ...] = (0.3, 0.6, 0.9)  # of what an H1's stand on [m]
-    duration: Positive = 70.0  # longest time of an episode [s]
+    # longest time of an episode [s]
+    duration: Annotated[float, Field(gt=0, le=LONGEST)] = 70.0
     varied = BY_BEHAVIOUR | {"engine", "terrain_roughness", "slope"}
 
 
@@ -247,30 +236,39 @@ def shift(view: View, mass: float, height: float) -> Course:
     return (yield from doing("let go", box.let_go(view)))
 
 
+def task_of(mass: float, height: float, limit: float) -> Task:
+    """Return the task of a box of a mass [kg] on a block of a height [m], with its longest duration [s]."""
+    milestones = (
+        lifted("box", "the box was not lifted"),
+        happened(
+            lambda record: apart(record, "box", record.poses["box"][0, :2]) <= OFF,
+            f"the box stands more than {100 * OFF:.0f} cm off its place",
+        ),
+        happened(lambda record: stands_on(record, "box", "stand"), "the box does not stand on the block"),
+        upright("box", "the box is not upright"),
+        at_rest("box", "the box still moved at the end"),
+        hands_off("a hand still held the box at the end"),
+    )
+    return Task(
+        name="boxes",
+        about="Take a box from a block, step back and forth with it, and put it where it stood.",
+        scene=scene(mass, height),
+        behaviour=lambda view, shapes: shift(view, mass, height),
+        limit=limit,
+        milestones=milestones,
+        idealised=("attach",),
+    )
+
+
 def boxes_episode(controller: Controller, settings: BoxesSettings, plan: Plan) -> Row:
-    """Return how it ended; it is done if the box stands where it stood, upright."""
-    mass, height = float(plan.tags["mass"]), float(plan.tags["height"])
-    around, size = scene(mass, height), stature(settings.robot)
-    behaviour = similar(functools.partial(shift, mass=mass, height=height), size, load_robot("h1"))
-    row, _, trace = play(controller, settings, plan, behaviour, around.scaled(size))
-    poses = trace.object_pose[:, around.body_names.index("box")] / np.repeat((size, 1.0), (3, 4))
-    missed = amiss(poses) if row["success"] else ""
-    return row | {"success": row["success"] and not missed, "ending": missed or row["ending"]}
-
-
-def amiss(poses: np.ndarray) -> str:
-    """Return what is wrong with where a box stands at the end, as against the start; nothing if it stands as it stood.
-
-    Args:
-        poses: position [m] and quaternion (w, x, y, z) at each sample, shape (T, 7).
-    """
-    way = poses[-1, :3] - poses[0, :3]
-    tilt = math.acos(min(1.0, rotations.to_matrix(poses[-1, 3:])[2, 2]))
-    if tilt > UPRIGHT:
-        return "the box is not upright"
-    if abs(way[2]) > _SUNK:
-        return "the box does not stand on the block"
-    return f"the box stands more than {100 * OFF:.0f} cm off its place" if math.hypot(way[0], way[1]) > OFF else ""
+    """Return whether it was done, when the behaviour ended [s], and why it was not done."""
+    task = task_of(float(plan.tags["mass"]), float(plan.tags["height"]), settings.duration).sized(settings.robot)
+    simulation = simulation_of(settings, plan, scene=task.scene)
+    assert isinstance(simulation, Simulation)  # the settings refuse other engines
+    conditions = settings.conditions
+    run = run_task(task, controller, simulation, conditions.estimator(), conditions.upper_body(), strict=False)
+    verdict = run.verdict
+    return {**ending(run.trace), "success": verdict.success, "seconds": run.seconds, "ending": verdict.reason}
 
 
 def boxes_figures(settings: BoxesSettings, rows: pl.DataFrame) -> list[Figure]:

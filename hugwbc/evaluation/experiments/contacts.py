@@ -60,7 +60,7 @@ def episode(controller: Controller, settings: ContactsSettings, plan: Plan) -> R
         "right": contact[:, 1].astype(int).tolist(),
         "offset": offset,
         "agreement": agreement,
-        "cost_of_transport": None if trace.fell else known(cost),
+        "cost_of_transport": None if trace.down else known(cost),
         **ending(trace),
     }
 

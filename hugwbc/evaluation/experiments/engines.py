@@ -89,7 +89,7 @@ def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Ro
     """Return the mean absolute errors of v_x, v_y and omega; None in a fall."""
     trace = simulate(controller, settings, plan)
     errors = tracking_errors(trace, settings.settle)
-    return {**{f"error_{name}": None if trace.fell else known(errors[name]) for name in ERRORS}, **ending(trace)}
+    return {**{f"error_{name}": None if trace.down else known(errors[name]) for name in ERRORS}, **ending(trace)}
 
 
 def figures(settings: EnginesSettings, rows: pl.DataFrame) -> list[Figure]:

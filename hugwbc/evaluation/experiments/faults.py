@@ -121,8 +121,7 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
     - `refused`: number of control periods in which readings were replaced.
     - `touch_speed`: speed at which a link other than the feet touched the ground for the first time, the highest over
       the links [m/s]: that of the pelvis for the legs, of the trunk for the trunk and the arms, if that is higher; None
-      if none touched. `first_touch_speed`: speed of the pelvis at the first of these touches alone [m/s].
-    - `highest_speed`: highest speed of the pelvis from the fault to the end [m/s].
+      if none touched.
     """
     assert plan.conditions is not None
     simulation = simulation_of(settings, plan)
@@ -140,8 +139,6 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
         "lowered": lowered,
         "noticed_s": settings.duration - trace.safety.lowered * controller.period - start if lowered else None,
         "touch_speed": watch.touch_speed,
-        "first_touch_speed": watch.first_touch_speed,
-        "highest_speed": watch.highest_speed,
     }
 
 
@@ -149,7 +146,7 @@ class GroundSpeeds:
     """Speeds of the pelvis and where links touch the ground; called after every physics step (`rollout`'s `on_step`).
 
     Attributes:
-        touch_speed, first_touch_speed, highest_speed: see `episode`.
+        touch_speed: see `episode`.
         before: whether another link than the feet touched the ground before that time.
     """
 
@@ -162,8 +159,6 @@ class GroundSpeeds:
         self._legs = {robot.base, *(link for part in legs for link in robot.moved[part])}
         self._touched: set[str] = set()
         self.touch_speed: float | None = None
-        self.first_touch_speed: float | None = None
-        self.highest_speed = 0.0
         self.before = False
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
@@ -171,15 +166,12 @@ class GroundSpeeds:
         if truth.velocity is None or truth.position is None:
             return
         early, speed = truth.time < self._start, math.sqrt(truth.velocity.dot(truth.velocity))
-        self.highest_speed = self.highest_speed if early else max(self.highest_speed, speed)
         if truth.position[2] - self._simulation.ground_height(truth.position[:2]) >= self._low:
             return
         new = set(self._simulation.links_on_ground) - self._feet - self._touched
         self.before |= early and new != set()
         if new and not early:
             self._touched |= new
-            if self.first_touch_speed is None:
-                self.first_touch_speed = speed
             if not new <= self._legs:
                 speed = max(speed, float(np.linalg.norm(self._simulation.trunk_velocity)))
             self.touch_speed = max(self.touch_speed or 0.0, speed)
@@ -195,18 +187,15 @@ def figures(settings: FaultsSettings, rows: pl.DataFrame) -> list[Figure]:
     for name in settings.faults:
         part = rows.filter(pl.col("fault") == name)
         up = part.filter(~pl.col("before"))
-        touched, first = up["touch_speed"].drop_nulls().to_list(), up["first_touch_speed"].drop_nulls().to_list()
+        touched = up["touch_speed"].drop_nulls().to_list()
         good = sum(speed < SOFT for speed in touched) if name in FOR_GOOD else len(part) - int(part["fell"].sum())
         found.append(Figure(name, "went well", "% of episodes", wilson_of(good, len(part)), higher_is_better=True))
         if name in FOR_GOOD:
-            soft = wilson_of(sum(speed < SOFT for speed in first), len(part))
-            found.append(Figure(name, "pelvis soft at first", "% of episodes", soft, higher_is_better=True))
             noticed = part["noticed_s"].drop_nulls().to_list()
             found += [Figure(name, "noticed after, at most", "s", single(max(noticed)))] if noticed else []
         if touched:
             found.append(Figure(name, "speed at the ground", "m/s", bootstrap_mean(touched)))
             found.append(Figure(name, "speed at the ground, at most", "m/s", single(max(touched))))
-        found.append(Figure(name, "highest speed after the fault", "m/s", bootstrap_mean(part["highest_speed"])))
     return found
 
 

@@ -27,8 +27,9 @@ from hugwbc.evaluation.intervals import (
     bootstrap_median,
     bootstrap_rms,
     known,
+    paired_ratio,
+    root,
     scaled,
-    single,
     wilson_percentage,
 )
 from hugwbc.evaluation.plans import Plan
@@ -120,9 +121,10 @@ class HandForceErrors:
         if force is not None:
             self._squares.append(float(np.mean(np.sum((estimate.hand_force - force) ** 2, axis=1))))
 
-    def row(self) -> Row:
-        """Return the root mean square error of a hand's force [N]."""
-        return {"estimate_error": math.sqrt(float(np.mean(self._squares))) if self._squares else None}
+    def row(self, trace: Trace) -> Row:
+        """Return the root mean square error of a hand's force in the episode [N]; None in a fall."""
+        known = self._squares and not trace.down
+        return {"estimate_error": math.sqrt(float(np.mean(self._squares))) if known else None}
 
 
 def estimate_figure(table: str, rows: pl.DataFrame) -> Figure:
@@ -178,7 +180,7 @@ def pull_episode(controller: Controller, settings: PullSettings, plan: Plan) -> 
         errors(truth, estimate)
 
     trace = play(controller, settings, plan, Source.of(settings), simulation, duration, on_step)
-    return {**errors.row(), **ending(trace)}
+    return {**errors.row(trace), **ending(trace)}
 
 
 def pull_figures(settings: PullSettings, rows: pl.DataFrame) -> list[Figure]:
@@ -250,8 +252,8 @@ def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -
 
     simulation = simulation_of(settings, plan, duration, Scene((wall,)))
     trace = play(controller, settings, plan, PressSource.of(settings), simulation, duration, on_step)
-    error = float(np.mean(misses)) if misses and not trace.fell else None
-    return {"error": error, **errors.row(), **ending(trace)}
+    error = float(np.mean(misses)) if misses and not trace.down else None
+    return {"error": error, **errors.row(trace), **ending(trace)}
 
 
 def press_figures(settings: PressSettings, rows: pl.DataFrame) -> list[Figure]:
@@ -296,8 +298,8 @@ def carry_episode(controller: Controller, settings: CarrySettings, plan: Plan) -
     trace = play(controller, settings, plan, Source.of(settings), simulation, CARRIED, errors)
     kept = trace.time >= BEGIN
     hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], kept)  # by the recorded bodies
-    sag = None if trace.fell else known(float(np.nanmean(trace.hand_target_world[kept, :, 2] - hands[..., 2])))
-    return {"sag": sag, **errors.row(), **ending(trace)}
+    sag = None if trace.down else known(float(np.nanmean(trace.hand_target_world[kept, :, 2] - hands[..., 2])))
+    return {"sag": sag, **errors.row(trace), **ending(trace)}
 
 
 def carry_figures(settings: CarrySettings, rows: pl.DataFrame) -> list[Figure]:
@@ -401,7 +403,8 @@ SWAYED = 6.0  # [s], for which it counts
 
 def sway_plan(settings: WalkSettings) -> list[Plan]:
     """Return a walk with steady hands and one with stiff arms for each draw."""
-    return [Plan(draw, tags={"arms": arms}) for draw in range(settings.episodes) for arms in ("steady", "stiff")]
+    walks = [(draw, arms) for draw in range(settings.episodes) for arms in ("steady", "stiff")]
+    return [Plan(draw, tags={"arms": arms, "walk": draw}) for draw, arms in walks]
 
 
 def sway_episode(controller: Controller, settings: WalkSettings, plan: Plan) -> Row:
@@ -412,18 +415,19 @@ def sway_episode(controller: Controller, settings: WalkSettings, plan: Plan) -> 
     source = Source.of(settings, hands)
     trace = play(controller, settings, plan, source, simulation_of(settings, plan, duration), duration)
     hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], trace.time >= SWAYED_FROM)
-    return {"acceleration": None if trace.fell else known(metrics.hand_acceleration(hands)), **ending(trace)}
+    return {"acceleration": None if trace.down else known(metrics.hand_acceleration(hands)), **ending(trace)}
 
 
 def sway_figures(settings: WalkSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return the accelerations of the hands with both arms, their ratio, and the falls."""
+    """Return the accelerations of the hands with both arms, their ratio where neither fell, and the falls."""
     table = f"Sway of the hands at {V_X:g} m/s"
-    steady, stiff = (bootstrap_rms(rows.filter(pl.col("arms") == arms)["acceleration"]) for arms in ("steady", "stiff"))
-    ratio = None if steady.value is None or stiff.value is None else steady.value / stiff.value
+    steady, stiff = (rows.filter(pl.col("arms") == arms).select("walk", "acceleration") for arms in ("steady", "stiff"))
+    both = steady.join(stiff, on="walk", suffix="_stiff").drop_nulls()
+    squares = ([value**2 for value in both[name]] for name in ("acceleration", "acceleration_stiff"))
     return [
-        Figure(table, "acceleration of the hands, steady frame, RMS", "m/s²", steady),
-        Figure(table, "acceleration with stiff arm joints, RMS", "m/s²", stiff),
-        Figure(table, "ratio", "", dataclasses.replace(single(ratio), samples=settings.episodes)),
+        Figure(table, "acceleration of the hands, steady frame, RMS", "m/s²", bootstrap_rms(steady["acceleration"])),
+        Figure(table, "acceleration with stiff arm joints, RMS", "m/s²", bootstrap_rms(stiff["acceleration"])),
+        Figure(table, "ratio", "", root(paired_ratio(*squares))),
         falls_figure(table, rows["fell"]),
     ]
 

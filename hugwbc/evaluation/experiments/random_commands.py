@@ -77,7 +77,7 @@ def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan
     return {
         "gait": command.gait.label,
         **dict(zip(COMMAND_NAMES, command.array().tolist(), strict=True)),
-        **{f"error_{name}": None if trace.fell else known(error) for name, error in errors.items()},
+        **{f"error_{name}": None if trace.down else known(error) for name, error in errors.items()},
         **ending(trace),
     }
 

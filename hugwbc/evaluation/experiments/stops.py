@@ -26,7 +26,6 @@ WAYS = {
     "sideways": lambda speed: {"v_y": speed},
     "turning": lambda speed: {"v_x": speed, "omega": 0.6},
 }
-STRIDE = 0.5  # [s] at the default frequency
 STILL = 0.1  # [m/s], below which a robot has stopped
 
 
@@ -61,7 +60,7 @@ def plan(settings: StopsSettings) -> list[Plan]:
         for number in range(settings.episodes):
             draw = cell * settings.episodes + number
             moving = dataclasses.replace(settings.default_command(draw), **values)
-            at = settings.settle + STRIDE * float(np.random.default_rng((settings.seed, draw)).uniform())
+            at = settings.settle + float(np.random.default_rng((settings.seed, draw)).uniform()) / moving.f
             commands = Schedule((Knot(0.0, moving), Knot(at, stand)))
             plans.append(Plan(draw, commands, {"way": name, "at": at}))
     return plans

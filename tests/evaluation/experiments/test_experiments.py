@@ -212,5 +212,5 @@ def test_a_behaviour_is_not_done_if_an_object_left_the_world(monkeypatch):
     scene = Scene((Box(name="parcel", position=(2.0, 0.0, 9.0), size=(0.2, 0.2, 0.2)),))
     settings = behaviours.BehavioursSettings(duration=1.0, conditions=Conditions(timestep=0.005))
     controller = HoldController(load_robot())
-    row, *_ = behaviours.play(controller, settings, Plan(0), lambda view: wait(view, 0.4), scene)
+    row, _ = behaviours.play(controller, settings, Plan(0), lambda view: wait(view, 0.4), scene)
     assert not row["success"] and row["seconds"] is None and row["ending"] == "object 'parcel' left the world"
