@@ -170,7 +170,7 @@ def check_frame(view: View, name: str) -> None:
         raise Failure(f"there is no frame or object '{name}'; there are: {names}")
 
 
-def placed(view: View, frame: str, point: object) -> np.ndarray | None:
+def sent_point(view: View, frame: str, point: object) -> np.ndarray | None:
     """Return a point of a frame or an object in the frame in which it is sent [m], shape (3,); None for None."""
     if point is None:
         return None
@@ -178,7 +178,7 @@ def placed(view: View, frame: str, point: object) -> np.ndarray | None:
     return vector if frame in HAND_FRAMES else seen(view, frame).point(vector)
 
 
-def turned(view: View, frame: str, vector: object) -> np.ndarray | None:
+def sent_vector(view: View, frame: str, vector: object) -> np.ndarray | None:
     """Return a vector of a frame or an object in the axes in which it is sent, shape (3,); None for None."""
     if vector is None:
         return None
@@ -186,27 +186,27 @@ def turned(view: View, frame: str, vector: object) -> np.ndarray | None:
     return given if frame in HAND_FRAMES else seen(view, frame).direction(given)
 
 
-def axes(view: View, frame: str, orientation: np.ndarray | None) -> np.ndarray | None:
+def sent_orientation(view: View, frame: str, orientation: np.ndarray | None) -> np.ndarray | None:
     """Return an orientation in a frame or an object in the axes in which it is sent, shape (4,); None for None."""
     if orientation is None or frame in HAND_FRAMES:
         return orientation
     return rotations.multiply(seen(view, frame).orientation, orientation)
 
 
-def axes_of(view: View, frame: str) -> np.ndarray:
+def to_world(view: View, frame: str) -> np.ndarray:
     """Return the matrix from a frame of hand targets to the world, shape (3, 3)."""
     return frame_axes(frame, view.state.orientation)
 
 
 def points_in(view: View, points: np.ndarray, frame: str) -> np.ndarray:
     """Return points of the world in a frame of hand targets [m], shape (n, 3)."""
-    return points if frame == "world" else (points - view.position) @ axes_of(view, frame)
+    return points if frame == "world" else (points - view.position) @ to_world(view, frame)
 
 
 def points_of(view: View, hands: HandTargets) -> np.ndarray:
     """Return hand targets in the world [m], shape (2, 3); NaN for a hand without one."""
     points = hands.array()
-    return points if hands.frame == "world" else view.position + points @ axes_of(view, hands.frame).T
+    return points if hands.frame == "world" else view.position + points @ to_world(view, hands.frame).T
 
 
 def hands_in(view: View, frame: HandFrame) -> np.ndarray:
@@ -228,7 +228,7 @@ def in_frame(view: View, hands: HandTargets, frame: HandFrame) -> HandTargets:
     """Return the same targets in another frame; what is given by its axes turns with it."""
     if hands.frame == frame:
         return hands
-    turn = axes_of(view, hands.frame).T @ axes_of(view, frame)
+    turn = to_world(view, hands.frame).T @ to_world(view, frame)
     return hands.turned(turn, points_in(view, points_of(view, hands), frame), frame)
 
 

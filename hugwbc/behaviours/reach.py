@@ -26,7 +26,6 @@ from hugwbc.behaviours.hands import (
     HAND_SPEED,
     TIP,
     Pressing,
-    axes,
     check_frame,
     check_near,
     crouch,
@@ -35,11 +34,12 @@ from hugwbc.behaviours.hands import (
     hands_in,
     move,
     one_hand,
-    placed,
     points_in,
     points_of,
+    sent_orientation,
+    sent_point,
+    sent_vector,
     targets,
-    turned,
 )
 from hugwbc.errors import ConfigError
 from hugwbc.hand_wrench import STRONGEST
@@ -104,11 +104,11 @@ def reach(
         stays = [points[row] if given else None for row, given in enumerate(others.given)]
 
     def aim(now: View) -> HandTargets:
-        points = [placed(now, frame, point) for point in (left, right)]
+        points = [sent_point(now, frame, point) for point in (left, right)]
         both = (stay if point is None else point for point, stay in zip(points, stays, strict=True))
-        pointing = [turned(now, frame, vector) for vector in (checked.left_direction, checked.right_direction)]
+        pointing = [sent_vector(now, frame, vector) for vector in (checked.left_direction, checked.right_direction)]
         hands = HandTargets(*both, sent, pointing[0], pointing[1], together, whole_body)  # type: ignore[arg-type]
-        return changed(hands, **{name: axes(now, frame, getattr(checked, name)) for name in ORIENTATIONS})
+        return changed(hands, **{name: sent_orientation(now, frame, getattr(checked, name)) for name in ORIENTATIONS})
 
     check_near(view, aim(view))
     return move(view, aim, speed=speed, tolerance=tolerance)

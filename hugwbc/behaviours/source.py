@@ -11,6 +11,7 @@ import numpy as np
 from hugwbc import extensions
 from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
 from hugwbc.behaviours.fetch_cup import fetch_cup
+from hugwbc.behaviours.hands import stature
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
@@ -25,7 +26,7 @@ BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [r
 SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
 SETTLED = 1.0  # [s] of standing after which a robot has come to rest
-FARTHEST = 0.5  # [m] that its pelvis may then move before it is told to walk: a deep crouch takes half of it
+FARTHEST = 0.5  # [m] that an H1's pelvis may then move before it is told to walk: a deep crouch takes half of it
 RAN_AWAY = "the robot moved while told to stand"
 LONGEST = 120.0  # [s], after which a behaviour is not played on
 _VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
@@ -40,7 +41,7 @@ class Status(enum.Enum):
     FAILURE = "failure"
 
 
-class Manners:
+class CommandRamp:
     """Soft starts and stops: limits how fast a command changes, whatever a behaviour asks for.
 
     A robot that walks and is told to stand slows down first, goes on stepping for `STEP_OUT` and then stands: the
@@ -70,6 +71,23 @@ class Manners:
         return self.command
 
 
+class Straying:
+    """Watches how far a robot goes that is told to stand and has come to rest.
+
+    Attributes:
+        farthest: the largest distance of its pelvis from where it had come to rest [m].
+    """
+
+    def __init__(self) -> None:
+        self.farthest, self._stood, self._rest = 0.0, 0.0, [0.0, 0.0]
+
+    def note(self, told: int, place: list[float], dt: float) -> None:
+        """Take the gait that is told, and x and y of the pelvis [m], `dt` [s] after the last ones."""
+        self._stood = self._stood + dt if told == Gait.STANDING else 0.0
+        self._rest = place if self._stood <= SETTLED else self._rest
+        self.farthest = max(self.farthest, math.dist(place, self._rest))
+
+
 class BehaviourSource:
     """Runs a behaviour in a control loop: a `SeeingSource`. Once it has ended, the robot rests and keeps its hands.
 
@@ -90,8 +108,7 @@ class BehaviourSource:
         self.status, self.reason, self.action = Status.RUNNING, "", Action()
         self.view: View | None = None
         self._course: Course | None = None
-        self._manners = Manners()
-        self._stood, self._rest, self._drift = 0.0, (0.0, 0.0), 0.0
+        self._ramp, self._straying = CommandRamp(), Straying()
         self._grips: dict[str, str | None] = {}  # what each gripper was last asked to hold
         self._lost: dict[str, str] = {}  # what a force has torn out of it
 
@@ -101,15 +118,12 @@ class BehaviourSource:
         if self.view is not None:
             self._note_grips(self.view.held, view.held)
         self.view = changed(view, last=self.action)
-        self._stood = self._stood + dt if self.action.command.gait is Gait.STANDING else 0.0
-        place = view.position[:2].tolist()
-        self._rest = place if self._stood <= SETTLED else self._rest
-        self._drift = max(self._drift, math.dist(place, self._rest))
+        self._straying.note(self.action.command.gait, view.position[:2].tolist(), dt)
         action = self.act(self.view)
         hands = action.hands
         if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
             hands = changed(hands, stamp=view.state.time, sequence=None)
-        self.action = changed(action, command=self._manners(action.command, dt), hands=hands)
+        self.action = changed(action, command=self._ramp(action.command, dt), hands=hands)
 
     def _note_grips(self, before: Sequence[str | None], now: Sequence[str | None]) -> None:
         """Note which grips a force has broken: those that end although they were asked for."""
@@ -134,8 +148,8 @@ class BehaviourSource:
             except StopIteration:
                 self.status = Status.SUCCESS
                 lost = [f"a force broke the grip of the {side} hand on '{name}'" for side, name in self._lost.items()]
-                if self._drift > FARTHEST:
-                    lost.append(f"{RAN_AWAY}, by {self._drift:.2f} m")
+                if self._straying.farthest > FARTHEST * stature(view.robot):
+                    lost.append(f"{RAN_AWAY}, by {self._straying.farthest:.2f} m")
                 if lost:
                     self.status, self.reason = Status.FAILURE, "; ".join(lost)
             except Failure as failure:

@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hugwbc.behaviours.source import FARTHEST, RAN_AWAY, SETTLED
+from hugwbc.behaviours.source import FARTHEST, RAN_AWAY, Straying
 from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.extensions import described
-from hugwbc.gait import Gait
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.tasks.record import TaskRecord, bumps
 
@@ -120,14 +119,11 @@ def without_time(problem: str) -> str:
 
 def stillness(record: TaskRecord) -> tuple[float, float]:
     """Return how far a settled robot that is told to stand goes away at most [m], and its speed at the end [m/s]."""
-    place = record.pelvis[:, :2].tolist()
-    farthest, stood, rest = 0.0, 0, place[0]
+    place, straying = record.pelvis[:, :2].tolist(), Straying()
     for told, at in zip(record.gait.tolist(), place, strict=True):
-        stood = stood + 1 if told == Gait.STANDING else 0
-        rest = at if stood * RECORD_PERIOD <= SETTLED else rest
-        farthest = max(farthest, math.dist(at, rest))
+        straying.note(told, at, RECORD_PERIOD)
     last = place[-11:]  # 0.2 s
-    return farthest, math.dist(last[0], last[-1]) / (max(len(last) - 1, 1) * RECORD_PERIOD)
+    return straying.farthest, math.dist(last[0], last[-1]) / (max(len(last) - 1, 1) * RECORD_PERIOD)
 
 
 def within(value: float, allowed: float) -> float:

@@ -3,9 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hugwbc.behaviours.source import SETTLED
 from hugwbc.gait import Gait
 from hugwbc.tasks import Ending, Milestone
-from hugwbc.tasks.verdict import FARTHEST, FASTEST, FELL, RAN_AWAY, SETTLED, judged, stillness, within
+from hugwbc.tasks.verdict import FARTHEST, FASTEST, FELL, RAN_AWAY, judged, stillness, within
 
 HALF = Milestone("half of it is missing", lambda record: 0.5)
 DONE = Milestone("never missing", lambda record: 1.0)
