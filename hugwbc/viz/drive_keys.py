@@ -50,7 +50,7 @@ HELP = (
     ("Shift", "faster"),
     ("1 to 5", "gait"),
     ("Z X", "lower, higher"),
-    ("Space", "stop and stand"),
+    ("Space", "stop and stand, also if another program drives"),
     ("R", "reset"),
     ("C", "camera: follow, turn along, let go"),
     ("P", "push"),
