@@ -24,8 +24,8 @@ from hugwbc.files import writing
 
 FORMAT = "hugwbc deployment 1"
 # Kinds of entries: a state that the pilot took; one that was refused; a request; a fault; the pilot's command (empty
-# while nothing is to be sent); a published command (empty if it is the pilot's last one); what a motion capture saw;
-# that the next state was not the newest one.
+# while nothing is to be sent); a published command; what a motion capture saw; that the next state was not the newest
+# one.
 STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND = b"S", b"X", b"R", b"F", b"D", b"P", b"O", b"B"
 _KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND)
 _ENTRY = struct.Struct("<cdI")

@@ -293,8 +293,9 @@ class RobotSide(Line):
         if not raws:
             return False
         if self._sent_decision and not self.settings.dry_run:
-            self._endpoint.send(self._messages.answering(self._sent_decision, raws[-1]))
+            message = self._messages.answering(self._sent_decision, raws[-1])
+            self._endpoint.send(message)
             self.sent += 1
-            self._record(recording.PUBLISHED, self._sent_decision)
+            self._record(recording.PUBLISHED, message, self._messages.tick(raws[-1]) * TICK)
         self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.control.period)
         return True
