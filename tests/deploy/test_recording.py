@@ -47,6 +47,7 @@ def test_a_replay_gives_the_same_commands_bit_for_bit(tmp_path, standing, fault,
     result = replay(Recording(path), pilot, Messages(H1), 0.0)
     assert result.states == result.decisions == 82 + fault
     assert result.different == 0 and result.first is None
+    assert result.last is not None and abs(result.last.q - standing.reading.q).max() < 1e-4
     assert pilot.mode is (Mode.DAMPING if fault else Mode.RUN)
 
 
