@@ -128,7 +128,7 @@ def test_the_extra_is_named_where_it_is_missing(monkeypatch, capsys) -> None:
     wire.idl_class.cache_clear()
     wire.layout.cache_clear()
     try:
-        assert main(["simulate-robot", "--duration", "0.01", "--net", "lo", "--domain", "231"]) == 2
+        assert main(["simulate-robot", "--duration", "0.01", "--domain", "231"]) == 2
         assert "pip install 'hugwbc[deploy]'" in capsys.readouterr().err
     finally:
         wire.idl_class.cache_clear()
