@@ -57,7 +57,9 @@ def run(words: Sequence[str]) -> int:
     if options.training:
         speeds = _measure_training(options)
         say(_training(speeds, options.threads), options.json)
-        write_json(options.json, [dataclasses.asdict(speed) for speed in speeds])
+        write_json(
+            options.json, {"training": [dataclasses.asdict(speed) for speed in speeds], "threads": options.threads}
+        )
         return 0
     with progress("benchmark") as advance:
         figures = _measure(options, advance)
