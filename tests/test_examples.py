@@ -5,6 +5,7 @@ import pathlib
 import re
 import runpy
 import sys
+import time
 
 import nbclient
 import nbformat
@@ -13,6 +14,7 @@ import pytest
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.onnx_export import export_onnx
 from hugwbc.robot import load_robot
+from hugwbc.viz.live import LivePage
 
 EXAMPLES = pathlib.Path(__file__).parents[1] / "examples"
 
@@ -120,8 +122,17 @@ def test_replay_a_motion(run):
     assert "stayed up for 2.0 s" in out
 
 
-def test_drive_live(run):
+def test_drive_live(run, monkeypatch):
+    speeds, show = [], LivePage.show
+
+    def slow(page, simulation, **told):
+        time.sleep(0.1)  # a picture shows 0.04 s
+        speeds.append(told.get("speed", 1.0))
+        show(page, simulation, **told)
+
+    monkeypatch.setattr(LivePage, "show", slow)
     out = run("09_drive_live.py", "--duration", "0.5")
+    assert 0.4 < speeds[-1] < 0.9, "the page tells how slow it is"
     assert re.search(r"drive at http://127\.0\.0\.1:\d+", out)
     assert "stayed up for 0.5 s" in out
 
