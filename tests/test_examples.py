@@ -11,6 +11,8 @@ import nbclient
 import nbformat
 import pytest
 
+from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.gait import Gait
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.onnx_export import export_onnx
 from hugwbc.robot import load_robot
@@ -180,6 +182,16 @@ def test_onnx_only(tmp_path, start):
     assert "hugwbc" not in re.findall(
         r"^\s*(?:import|from) (\w+)", (EXAMPLES / "11_onnx_only.py").read_text(), re.MULTILINE
     )
+
+
+def test_the_network_alone_reads_no_higher_swing_than_commands_are():
+    example = runpy.run_path(str(EXAMPLES / "11_onnx_only.py"))
+    highest = command_ranges(Gait.WALKING, load_robot())["l"].finishing[1]
+    contract = {"command": [{"term": "command", "scale": 1.0}]}
+    for swing, read in ((0.2, 0.2), (highest + 0.3, highest)):
+        row = example["command_row"](contract, example["NEUTRAL"] | {"l": swing}, 0.0)
+        assert row[0, COMMAND_NAMES.index("l")] == pytest.approx(read)
+    assert tuple(example["NEUTRAL"]) == COMMAND_NAMES
 
 
 @pytest.mark.slow
