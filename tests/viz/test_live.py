@@ -310,13 +310,16 @@ class Driven:
         self.told = []
         self._running = True
         self._disturb, self.page.disturb = self.page.disturb, self._disturb_or_end
-        options = {"perform": lambda name: "", "tell": self.told.append}
-        self._thread = threading.Thread(target=drive, args=(self.loop, self.page, np.inf), kwargs=options, daemon=True)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def _run(self):
+        with contextlib.suppress(KeyboardInterrupt):
+            drive(self.loop, self.page, np.inf, perform=lambda name: "", tell=self.told.append)
 
     def _disturb_or_end(self, simulation):
         if not self._running:
-            sys.exit()  # of the thread; a person would press Ctrl-C
+            raise KeyboardInterrupt  # as a person ends it
         self._disturb(simulation)
 
     def close(self):
