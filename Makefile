@@ -1,5 +1,5 @@
 # Every target sets up what it needs: a virtual environment in .venv with the pinned versions of constraints.txt.
-# The machine needs Python 3.11 or later, with its venv module, and access to a package index.
+# The machine needs Python 3.11 to 3.13, with its venv module, and access to a package index.
 
 PYTHON ?= python3
 VENV := .venv
@@ -42,8 +42,8 @@ help:
 install: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "hugwbc needs Python 3.11 or later; $(PYTHON) is older: run make PYTHON=/path/to/python3.11" >&2; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
+		{ echo "hugwbc needs Python 3.11 to 3.13, and $(PYTHON) is none of them: run make PYTHON=/path/to/python3.12" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[dev]"
 	@touch $@

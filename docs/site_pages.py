@@ -40,7 +40,6 @@ LAYERS = (
     "tasks",
     "gym",
     "evaluation",
-    "benchmarks",
     "report",
     "cli",
 )

@@ -10,9 +10,9 @@ import webbrowser
 import numpy as np
 
 from hugwbc import load_robot
-from hugwbc.runtime import Simulation, Snapshot, UpperBodySource, load_controller
+from hugwbc.runtime import Simulation, Snapshot, UpperBodySource, load_controller, rollout
 from hugwbc.viz.live import LivePage
-from hugwbc.viz.show import fate, run_script, watch
+from hugwbc.viz.show import RealTime, at_real_time, fate, keep_replay, run_script
 
 
 def main(controller: str = "qp", duration: float = 60.0, show: bool = False) -> None:
@@ -29,13 +29,16 @@ def main(controller: str = "qp", duration: float = 60.0, show: bool = False) -> 
     if show:
         webbrowser.open(page.address)
 
+    clock = RealTime()
+
     def draw(_: Snapshot) -> None:
         page.disturb(simulation)
-        page.show(simulation)
+        page.show(simulation, speed=clock.speed)
 
-    hands = UpperBodySource(load_robot())
-    trace = watch(robot, page.source, simulation, hands, duration=duration, live=draw, replay="out/09.html")
+    hands, in_time = UpperBodySource(load_robot()), at_real_time(draw, simulation, clock)
+    trace = rollout(robot, page.source, simulation, hands, duration=duration, on_snapshot=in_time)
     page.close()
+    keep_replay("out/09.html", [trace])
     way = np.sum(np.linalg.norm(np.diff(trace.qpos[:, :2], axis=0), axis=1))
     print(f"You drove the robot over {way:.2f} m, and it {fate(trace)}.")
 

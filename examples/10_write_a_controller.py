@@ -31,7 +31,6 @@ class Squatter:
     def __init__(self) -> None:
         self.robot = load_robot()
         self.kinematics = Kinematics(self.robot)
-        self.weight = GRAVITY * sum(inertia.mass for inertia in self.kinematics.model.inertias)
         self.hips, self.knees, self.ankles = (
             self.robot.indices([f"left_{part}_joint", f"right_{part}_joint"]) for part in ("hip_pitch", "knee", "ankle")
         )
@@ -59,7 +58,7 @@ class Squatter:
         capture = x + v * np.sqrt(max(z, 0.1) / GRAVITY)
         # Pressure beyond the capture point drives it back over the middle of the soles.
         pressure = np.clip(np.mean(self.robot.sole_x) + 2.0 * capture, HEEL, TOE)
-        tau[self.ankles] = 0.5 * self.weight * pressure
+        tau[self.ankles] = 0.5 * self.robot.weight * pressure
         return override_arms(JointCommand(q, np.zeros(19), self.kp, self.kd, tau), upper_body, self.robot)
 
 

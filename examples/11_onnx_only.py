@@ -16,12 +16,11 @@ import mujoco
 import numpy as np
 import onnxruntime
 
-LOWEST = 0.6  # [m], height of the pelvis below which the robot has fallen
-LEG = 0.8  # [m], from the hip to the ankle of a straight leg
+LOWEST, LEG = 0.6, 0.8  # [m], lowest pelvis of a robot that is up; from the hip to the ankle of a straight leg
+HIGHEST = 0.35  # [m], swing of the highest command: the legs take what curves ask for beyond it, the network does not
 SHANK, BENT, STRAIGHT = 0.856, 0.5224, 0.98  # [rad], lean of a shank where its ankle ends; shares of `LEG` of a knee
 LEFT_FOOT = 0.5  # of a walking cycle, by which the left foot is ahead of the right one
-COMMANDS = ("v_x", "v_y", "omega", "f", "l", "h", "p", "w")  # of the term "command"
-NEUTRAL = dict.fromkeys(COMMANDS, 0.0) | {"f": 2.0, "l": 0.15}
+NEUTRAL = {"v_x": 0.0, "v_y": 0.0, "omega": 0.0, "f": 2.0, "l": 0.15, "h": 0.0, "p": 0.0, "w": 0.0}  # command
 
 
 def scales(contract: dict, group: str) -> dict:
@@ -31,7 +30,8 @@ def scales(contract: dict, group: str) -> dict:
 
 def command_row(contract: dict, command: dict, phase: float) -> np.ndarray:
     """Return what the network reads of a walking command: scaled values, the gait, clocks of both feet, indicator."""
-    scaled = scales(contract, "command")["command"] * [command[name] for name in COMMANDS]
+    read = command | {"l": min(command["l"], HIGHEST)}
+    scaled = scales(contract, "command")["command"] * [read[name] for name in NEUTRAL]
     angle = 2.0 * math.pi * (phase + np.array([LEFT_FOOT, 0.0]))
     walking = [0.0, 1.0, 0.0, 0.0, 0.0]  # of standing, walking, jumping, hopping left, hopping right
     return np.array([[*scaled, *walking, *np.sin(angle), *np.cos(angle), 0.0]], dtype=np.float32)

@@ -30,9 +30,15 @@ PACKAGES = (
 """What programs import from."""
 FURTHER = {
     "Body": "hugwbc.learned.env.readings",
+    "CountedSettings": "hugwbc.evaluation.episode",
     "Curriculum": "hugwbc.learned.env.curriculum",
+    "Experiment": "hugwbc.evaluation.experiment",
+    "Figure": "hugwbc.evaluation.figures",
     "HandWrench": "hugwbc.hand_wrench",
+    "Knot": "hugwbc.evaluation.plans",
     "ObservationTerm": "hugwbc.learned.policy.terms",
+    "Plan": "hugwbc.evaluation.plans",
+    "Schedule": "hugwbc.evaluation.plans",
     "Sensed": "hugwbc.learned.policy.terms",
     "Transition": "hugwbc.learned.env.readings",
 }

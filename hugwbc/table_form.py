@@ -258,7 +258,6 @@ class Table:
     nominal: dict[str, float] = _OUT
     imu: Place | str = _OUT
     camera: Place | str = _OUT
-    lidar: Place = _OUT
     hand: Place | str = _OUT
     sole: Sole = _OUT
     drives: list[Drive] = dataclasses.field(default_factory=list)

@@ -5,14 +5,18 @@ import pathlib
 import re
 import runpy
 import sys
+import time
 
 import nbclient
 import nbformat
 import pytest
 
+from hugwbc.commands import COMMAND_NAMES, command_ranges
+from hugwbc.gait import Gait
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.onnx_export import export_onnx
 from hugwbc.robot import load_robot
+from hugwbc.viz.live import LivePage
 
 EXAMPLES = pathlib.Path(__file__).parents[1] / "examples"
 
@@ -120,8 +124,17 @@ def test_replay_a_motion(run):
     assert "stayed up for 2.0 s" in out
 
 
-def test_drive_live(run):
+def test_drive_live(run, monkeypatch):
+    speeds, show = [], LivePage.show
+
+    def slow(page, simulation, **told):
+        time.sleep(0.1)  # a picture shows 0.04 s
+        speeds.append(told.get("speed", 1.0))
+        show(page, simulation, **told)
+
+    monkeypatch.setattr(LivePage, "show", slow)
     out = run("09_drive_live.py", "--duration", "0.5")
+    assert 0.4 < speeds[-1] < 0.9, "the page tells how slow it is"
     assert re.search(r"drive at http://127\.0\.0\.1:\d+", out)
     assert "stayed up for 0.5 s" in out
 
@@ -169,6 +182,16 @@ def test_onnx_only(tmp_path, start):
     assert "hugwbc" not in re.findall(
         r"^\s*(?:import|from) (\w+)", (EXAMPLES / "11_onnx_only.py").read_text(), re.MULTILINE
     )
+
+
+def test_the_network_alone_reads_no_higher_swing_than_commands_are():
+    example = runpy.run_path(str(EXAMPLES / "11_onnx_only.py"))
+    highest = command_ranges(Gait.WALKING, load_robot())["l"].finishing[1]
+    contract = {"command": [{"term": "command", "scale": 1.0}]}
+    for swing, read in ((0.2, 0.2), (highest + 0.3, highest)):
+        row = example["command_row"](contract, example["NEUTRAL"] | {"l": swing}, 0.0)
+        assert row[0, COMMAND_NAMES.index("l")] == pytest.approx(read)
+    assert tuple(example["NEUTRAL"]) == COMMAND_NAMES
 
 
 @pytest.mark.slow

@@ -1,8 +1,8 @@
 """Which room may import which, and that no modules import each other in a circle.
 
-core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {tasks, viz, deploy} <- {evaluation, gym} <- benchmarks,
-report <- cli. Behaviours need scripts alone, and tasks are made of them. Evaluation is above tasks, because a protocol
-of it runs them; so is gym, whose environments are tasks. Nothing imports gym: it is for other people's learners.
+core <- scripts, sim <- {learned, mbc, upper_ik} <- runtime <- {tasks, viz, deploy} <- {evaluation, gym} <- report <-
+cli. Behaviours need scripts alone, and tasks are made of them. Evaluation is above tasks, because a protocol of it runs
+them; so is gym, whose environments are tasks. Nothing imports gym: it is for other people's learners.
 """
 
 import ast
@@ -31,9 +31,8 @@ MAY_IMPORT = {
     "tasks": RUNTIME | {"behaviours", "tasks"},
     "gym": RUNTIME | {"behaviours", "tasks", "gym"},
     "evaluation": RUNTIME | {"behaviours", "tasks", "viz", "evaluation"},
-    "benchmarks": RUNTIME | {"tasks", "evaluation", "benchmarks"},
     "report": RUNTIME | {"tasks", "viz", "evaluation", "report"},
-    "cli": RUNTIME | {"behaviours", "deploy", "tasks", "viz", "evaluation", "benchmarks", "report", "cli"},
+    "cli": RUNTIME | {"behaviours", "deploy", "tasks", "viz", "evaluation", "report", "cli"},
 }
 HEAVY = ("torch", "pinocchio", "placo", "proxsuite", "meshcat", "matplotlib")
 

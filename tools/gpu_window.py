@@ -92,7 +92,7 @@ def measure(out: pathlib.Path, counts: list[int], seconds: float, device: str, s
     """Measure by number of robots until the time is over."""
     import torch
 
-    from hugwbc.benchmarks.speed import training_speed
+    from hugwbc.evaluation.speed import training_speed
 
     begin = time.monotonic()
 

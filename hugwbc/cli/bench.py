@@ -11,7 +11,7 @@ from hugwbc.learned.config.training_settings import Device
 from hugwbc.settings import Count, Positive, settings
 
 if TYPE_CHECKING:
-    from hugwbc.benchmarks.speed import EpisodeSpeed, QpSpeed, TrainingSpeed
+    from hugwbc.evaluation.speed import EpisodeSpeed, QpSpeed, TrainingSpeed
 
 
 @settings
@@ -32,7 +32,7 @@ class BenchOptions:
 
 @dataclasses.dataclass(frozen=True)
 class BenchFigures:
-    """Figures of all benchmarks.
+    """Figures of all measurements.
 
     Attributes:
         training: speed of training and its parts, by number of robots.
@@ -57,7 +57,9 @@ def run(words: Sequence[str]) -> int:
     if options.training:
         speeds = _measure_training(options)
         say(_training(speeds, options.threads), options.json)
-        write_json(options.json, [dataclasses.asdict(speed) for speed in speeds])
+        write_json(
+            options.json, {"training": [dataclasses.asdict(speed) for speed in speeds], "threads": options.threads}
+        )
         return 0
     with progress("benchmark") as advance:
         figures = _measure(options, advance)
@@ -67,15 +69,15 @@ def run(words: Sequence[str]) -> int:
 
 
 def _measure_training(options: BenchOptions) -> list["TrainingSpeed"]:
-    from hugwbc.benchmarks.speed import training_speed  # loads torch
+    from hugwbc.evaluation.speed import training_speed  # loads torch
 
     o = options
     return [training_speed(count, o.control_steps, o.iterations, o.threads, o.device) for count in o.count]
 
 
 def _measure(options: BenchOptions, advance: Callable[[float], None]) -> BenchFigures:
-    """Run all benchmarks, and call `advance` with the fraction done."""
-    from hugwbc.benchmarks import speed
+    """Measure everything, and call `advance` with the fraction done."""
+    from hugwbc.evaluation import speed
     from hugwbc.learned.policy import load_policy
     from hugwbc.runtime.controllers import load_controller
 

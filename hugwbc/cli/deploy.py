@@ -168,11 +168,11 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot, float]:
     try:
         arena, limits, age = Arena(header["robot"]), Limits(**header["limits"]), float(header["age"])
         spec = ControllerSpec(header["controller"], header["policy"]).told(arena)
-        script, task = header["script"], header.get("task")  # which recordings from before tasks do not have
+        script, task, seed = header["script"], header["task"], header["seed"]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"the recording does not say what was run ({error}); record it again") from error
     robot = arena.known_robot
-    source = _source(script, task, header.get("seed", 0), robot)
+    source = _source(script, task, seed, robot)
     arms = UpperBodySource(robot=robot)
     pilot = Pilot(spec.build(), source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event)))
     return robot, pilot, age
@@ -206,4 +206,8 @@ def _replay(options: DeployOptions, path: pathlib.Path) -> int:
         raise ResultFileError(f"{path} has no commands to compare: it was cut off; record it again with --record")
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
     say(f"{result.states} states, {result.decisions} commands: {same}")
+    if result.last is not None:
+        say("joints in the last state, and in the nominal pose [rad]:")
+        for name, q, nominal in zip(robot.joint_names, result.last.q, robot.nominal, strict=True):
+            say(f"  {name:<26} {q:7.3f} {nominal:7.3f}")
     return FAULT if result.different else 0

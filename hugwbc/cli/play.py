@@ -36,7 +36,6 @@ from hugwbc.viz.show import SETTLE, RealTime, at_real_time, mean_velocities, ope
 
 UNWATCHED_DURATION = 10.0  # [s]
 WHOLE_BODY = ".bvh"  # ending of the motion files that command more than the arms
-NO_BROWSER = "this machine has no browser; open the address in one that reaches this machine's own network"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -222,7 +221,8 @@ def _drive(options: PlayOptions) -> int:
     loop = ControlLoop(controller, page.source, simulation, UpperBodySource(robot=arena.known_robot))
     say(f"drive at {page.address} with the keys W A S D Q E; Ctrl-C stops")
     if not webbrowser.open(page.address):
-        say(NO_BROWSER)
+        tunnel = f"ssh -L {port}:127.0.0.1:{port} THIS_MACHINE"
+        say(f"this machine has no browser; on yours: {tunnel}, then open the address there")
 
     def perform(name: str) -> str:
         """Do a task of the suite on the page; the person may stop it."""

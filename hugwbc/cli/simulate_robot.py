@@ -24,7 +24,6 @@ from hugwbc.tasks.record import TaskWatch
 class SimulateRobotOptions:
     """Simulate a robot that is read and driven by messages alone, on this machine; Ctrl-C stops."""
 
-    net: str = LOOPBACK  # Network interface; only lo, because on a real network it would answer for a real robot
     domain: int = 1  # DDS domain
     # What its remote control and its hoist do, and when, from the first sound command on [s]: "1 Start, 4 lower, 7 A, 8
     # release, 9 ly=0.5, 30 Select"
@@ -46,8 +45,6 @@ def run(words: Sequence[str]) -> int:
     """Parse the options and simulate; return the exit code."""
     options = parse_settings(SimulateRobotOptions, words, "simulate-robot")
     say_arena(options.arena)
-    if options.net != LOOPBACK:
-        raise ConfigError(f"a simulated robot on '{options.net}' could be taken for a real one; use --net {LOOPBACK}")
     schedule = Schedule.parse(options.schedule)
     if options.task is not None and options.scene is not None:
         raise ConfigError("--task has a scene of its own; leave --scene out")
@@ -56,7 +53,8 @@ def run(words: Sequence[str]) -> int:
     simulation = options.arena.simulation(latency=0.0, seed=options.seed, scene=scene)
     judge = None if task is None else Judge(task, simulation)
     package = Messages(simulation.robot).package
-    endpoint = DdsEndpoint(package=package, robot=True, net=options.net, domain=options.domain)
+    # Never on a real network, where it could be taken for a real robot.
+    endpoint = DdsEndpoint(package=package, robot=True, net=LOOPBACK, domain=options.domain)
     robot = SimulatedRobot(
         simulation,
         endpoint,
@@ -68,9 +66,7 @@ def run(words: Sequence[str]) -> int:
         tell=say,
         watch=judge or (lambda command: None),
     )
-    say(
-        f"simulating {simulation.robot.name} on {options.net}, domain {options.domain}; words: {', '.join(HOIST_WORDS)}"
-    )
+    say(f"simulating {simulation.robot.name} on {LOOPBACK}, domain {options.domain}; words: {', '.join(HOIST_WORDS)}")
     listen(lambda line: schedule.add(Happening(max(robot.scheduled, 0.0), line)) if line in HOIST_WORDS else None)
     try:
         robot.run(options.duration or math.inf, slower=options.slower, lockstep=options.lockstep)

@@ -21,11 +21,12 @@ from hugwbc.deploy.remote import Request
 from hugwbc.deploy.watchdogs import Intake
 from hugwbc.errors import ResultFileError
 from hugwbc.files import writing
+from hugwbc.state import RobotState
 
 FORMAT = "hugwbc deployment 1"
 # Kinds of entries: a state that the pilot took; one that was refused; a request; a fault; the pilot's command (empty
-# while nothing is to be sent); a published command (empty if it is the pilot's last one); what a motion capture saw;
-# that the next state was not the newest one.
+# while nothing is to be sent); a published command; what a motion capture saw; that the next state was not the newest
+# one.
 STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND = b"S", b"X", b"R", b"F", b"D", b"P", b"O", b"B"
 _KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND)
 _ENTRY = struct.Struct("<cdI")
@@ -147,6 +148,7 @@ class ReplayResult:
     decisions: int  # its commands
     different: int  # commands that differ in any bit
     first: float | None  # time of the first one that does [s]; None if none does
+    last: RobotState | None  # the last state that the pilot took; None if it took none
 
 
 def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -> ReplayResult:
@@ -160,7 +162,7 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
     behind = False
     command = b""
     states = decisions = different = 0
-    first = None
+    first, last = None, None
     for entry in recording.entries():
         if entry.kind == REQUEST:
             requests.append(Request(entry.content.decode()))
@@ -173,7 +175,7 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
         elif entry.kind == STATE:
             state = intake.accept(entry.content, entry.time)
             if state is not None:
-                states += 1
+                states, last = states + 1, state.state
                 decided = pilot.observe(state, requests, fault, behind=behind).command
                 command = b"" if decided is None else messages.pack_command(decided)
                 requests, fault, behind = [], None, False
@@ -182,4 +184,4 @@ def replay(recording: Recording, pilot: Pilot, messages: Messages, age: float) -
             if entry.content != command:
                 different += 1
                 first = entry.time if first is None else first
-    return ReplayResult(states, decisions, different, first)
+    return ReplayResult(states, decisions, different, first, last)

@@ -99,6 +99,9 @@ class RobotSide(Line):
         """Control the robot until the duration is over, or the operator ends it.
 
         Ctrl-C is raised after the joints have been damped.
+
+        Raises:
+            DeploymentError: if in lockstep the robot falls silent while its joints are driven.
         """
         with real_time():
             if self.settings.lockstep:
@@ -249,12 +252,24 @@ class RobotSide(Line):
             while not self._end.is_set() and time.perf_counter() < last:
                 if self.answer(POLL) and self._start is not None:
                     last = time.perf_counter() + _PATIENCE
+            if not self._end.is_set():
+                self._miss_robot()
         except KeyboardInterrupt as interrupt:  # damp, then end
             self._failure = interrupt
             self.ask(Request.STOP)
             end = time.perf_counter() + FADE
             while time.perf_counter() < end:
                 self.answer(POLL)
+
+    def _miss_robot(self) -> None:
+        """Say that the robot has ended first, which is a failure if its joints are driven."""
+        words = f"the robot has sent nothing for {_PATIENCE:g} s"
+        if self.pilot.machine.active:
+            self._failure = DeploymentError(
+                f"{words}, and was in the mode {self.pilot.mode.value}; let the simulated robot run for longer"
+            )
+        else:
+            self._tell(f"{words}: the end")
 
     def _deadline(self) -> float:
         """Return when to end by the wall clock even if the robot sends nothing [s]."""
@@ -278,8 +293,9 @@ class RobotSide(Line):
         if not raws:
             return False
         if self._sent_decision and not self.settings.dry_run:
-            self._endpoint.send(self._messages.answering(self._sent_decision, raws[-1]))
+            message = self._messages.answering(self._sent_decision, raws[-1])
+            self._endpoint.send(message)
             self.sent += 1
-            self._record(recording.PUBLISHED, self._sent_decision)
+            self._record(recording.PUBLISHED, message, self._messages.tick(raws[-1]) * TICK)
         self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.control.period)
         return True

@@ -9,7 +9,7 @@ from hugwbc.gait import Gait
 SPEED = {"v_x": 0.6, "v_y": 0.3, "omega": 0.8}  # of a held key [m/s, m/s, rad/s]
 FAST_SPEED = {"v_x": 1.2, "v_y": 0.5, "omega": 1.0}  # with shift
 BACKWARD = 0.4  # [m/s], of a held key
-FULL_TILT = {"v_x": 1.2, "v_y": 0.5, "omega": 1.0}  # of a stick pushed all the way
+FULL_TILT = FAST_SPEED  # of a stick pushed all the way
 DEAD_ZONE = 0.15  # share of a stick's way that counts as rest; worn sticks do not return to the middle
 DEEPEST = -0.3  # [m], of the left trigger
 
@@ -50,7 +50,7 @@ HELP = (
     ("Shift", "faster"),
     ("1 to 5", "gait"),
     ("Z X", "lower, higher"),
-    ("Space", "stop and stand"),
+    ("Space", "stop and stand, also if another program drives"),
     ("R", "reset"),
     ("C", "camera: follow, turn along, let go"),
     ("P", "push"),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hugwbc.robot import SIDES
 from hugwbc.viz.framing import LABEL_COLOURS
 from hugwbc.viz.plots import INK, Panel, picture
 
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
 _POLAR_HEIGHT = 5.0  # [in]
-FEET = ("left", "right")
 
 
 def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[float | None]], unit: str) -> Panel:
@@ -53,7 +53,7 @@ def gait_diagram(
         for foot, lane in enumerate((1.0, 0.0)):
             axes.broken_barh(spans(time, contact[:, foot]), (lane - 0.36, 0.72), facecolors=colour, alpha=0.35)
             axes.plot(time, lane + 0.36 * clock[:, foot], color=INK, linewidth=1.1)
-        axes.set_yticks([1.0, 0.0], FEET)
+        axes.set_yticks([1.0, 0.0], SIDES)
         axes.set_ylim(-0.6, 1.6)
         axes.set_xlim(time[0], time[0] + length)
         axes.set_xlabel("s")

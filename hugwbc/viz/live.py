@@ -235,11 +235,6 @@ class LivePage:
         left, right = (np.array(self._handles[side].position, dtype=float) for side in SIDES)
         self.source.hands = HandTargets(left, right, "heading", whole_body=bool(self._body_on.value)) if on else None
 
-    def stop(self) -> None:
-        """Ask for zero velocities; a robot that a velocity made walk stands again."""
-        self.source.stop()
-        self._show_sliders()
-
     def take(self, action: str) -> bool:
         """Return whether an action, such as "reset", was requested since the last call."""
         requested = action in self._actions
@@ -267,7 +262,11 @@ class LivePage:
             self.source.ask_gait(Gait.parse(action))
             self._show_sliders()
         elif action in ("stop", HIDE):
-            self.stop()
+            if action == "stop":
+                self.source.stop()
+            else:
+                self.source.halt(f"{ENDS[HIDE]}: the robot was stopped")
+            self._show_sliders()
             self._actions.add(action)
         elif action == "camera":
             self._camera = CAMERA_MODES[(CAMERA_MODES.index(self._camera) + 1) % len(CAMERA_MODES)]
@@ -291,8 +290,8 @@ class LivePage:
                 self.source.ask(name, value)
                 self._moved.add(name)
             self._driven = driven
-            if not driven and all(getattr(self.source.requested, name) == 0.0 for name in VELOCITY_NAMES):
-                self.source.stop()
+            if not driven:
+                self.source.let_go()
         silence, gone = self.link.silence(), not self._attended
         # Whatever asks for a motion while no page is there is stopped too.
         if gone and (not self._abandoned or self.source.requested.gait is not Gait.STANDING):

@@ -9,7 +9,7 @@ import numpy as np
 from hugwbc.commands import COMMAND_NAMES, VELOCITY_NAMES, Command, command_ranges, default_command
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
-from hugwbc.scripts.socket_source import SocketSource
+from hugwbc.scripts.socket_source import SILENCE, SocketSource
 from hugwbc.targets import HandTargets
 
 # How fast commands follow the sliders, in the command's unit per second, in the order of COMMAND_NAMES.
@@ -23,12 +23,14 @@ class LiveSource:
 
     A stand is asked for at once, because every control loop brakes before it (`hugwbc.runtime.braking`).
 
-    Several threads may ask for values at any time. While another program's messages come, they count instead.
+    Several threads may ask for values at any time. While another program's messages come, they count instead, until the
+    person says stop.
     """
 
     def __init__(self, robot: Robot, stream: SocketSource | None = None) -> None:
         self.robot = robot  # whose ranges count
         self._stream, self.following = stream, False  # whether another program gives the commands now
+        self._stopped = False  # whether the person stopped that program, which has not been silent since
         self.requested = default_command(Gait.STANDING, robot)  # what the person asks for
         self.hands: HandTargets | None = None  # None leaves the arms to the controller
         self.notice, self.noticed = "", -np.inf  # what was done with the last request, for people; shown until then
@@ -77,12 +79,21 @@ class LiveSource:
             if changes:
                 self.tell(f"{gait.label}: {'; '.join(map(str, changes))}")
 
-    def stop(self) -> None:
-        """Request rest; a robot that walks only because a velocity was requested stands again."""
+    def let_go(self) -> None:
+        """Request a stand if the robot walks only because a velocity was requested, and none is any more."""
+        if self.following:
+            return
         with self._asking:
-            gait = Gait.STANDING if self._walks_by_itself else self.requested.gait
-            self.requested = dataclasses.replace(self.requested, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=gait)
-            self._walks_by_itself = False
+            if self._walks_by_itself and not any(getattr(self.requested, name) for name in VELOCITY_NAMES):
+                self._stand_still()
+
+    def stop(self) -> None:
+        """Request a stand, whoever drives; another program counts again once it has been silent."""
+        with self._asking:
+            if self.following:
+                self.following, self._stopped = False, True
+                self.tell(f"stopped: the other program drives again once it has sent nothing for {SILENCE:g} s")
+            self._stand_still()
 
     def pause(self, *, on: bool) -> None:
         """Stand and wait, or continue with the command, by the usual ramps."""
@@ -93,11 +104,13 @@ class LiveSource:
         if self.following:
             return
         with self._asking:
-            self.requested = dataclasses.replace(
-                self.requested, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING
-            ).clamp(self.robot)[0]
-            self._walks_by_itself = False
+            self._stand_still()
             self.tell(reason)
+
+    def _stand_still(self) -> None:
+        """Replace the request by a stand with the same posture, as far as a stand admits it."""
+        at_rest = dataclasses.replace(self.requested, **dict.fromkeys(VELOCITY_NAMES, 0.0), gait=Gait.STANDING)
+        self.requested, self._walks_by_itself = at_rest.clamp(self.robot)[0], False
 
     def command_at(self, t: float) -> Command:
         """Return the command at time t [s], as far as the ramps have come; time that goes back starts from rest."""
@@ -131,7 +144,8 @@ class LiveSource:
         if self._stream is None:
             return False
         command = self._stream.command_at(0.0)
-        if self._stream.driven:
+        self._stopped = self._stopped and self._stream.driven
+        if self._stream.driven and not self._stopped:
             self.following, self.requested, self._command = True, command, command
         elif self.following:
             self.following = False

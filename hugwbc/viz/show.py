@@ -114,7 +114,6 @@ def watch(
     *,
     duration: float,
     show: bool = False,
-    live: Draw | None = None,
     replay: str | pathlib.Path | None = None,
     forces: Sequence[Force] = (),
     tell: Tell = print,
@@ -128,7 +127,6 @@ def watch(
         upper_body: turns hand targets into arm targets; without it hand targets are ignored.
         duration: how long to run [s]; a fall ends the run early.
         show: show the run live in the browser.
-        live: another way to show the run live, called every `FRAME_PERIOD`.
         replay: path of the replay page to write; None for no page.
         forces: forces that disturb the robot.
         tell: receives the addresses of the live page and the replay.
@@ -137,7 +135,7 @@ def watch(
         The record of the run.
     """
     simulation = simulation or Simulation()
-    draw = open_view(controller.name, simulation.robot, scene=simulation.scene, tell=tell) if show else live
+    draw = open_view(controller.name, simulation.robot, scene=simulation.scene, tell=tell) if show else None
     in_time = None if draw is None else at_real_time(draw, simulation)
     trace = rollout(controller, source, simulation, upper_body, duration=duration, forces=forces, on_snapshot=in_time)
     if replay is not None:

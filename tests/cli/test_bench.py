@@ -33,5 +33,5 @@ def test_the_speed_of_training_is_measured_by_number_of_robots(capsys):
     words = ["bench", "--training", "--count", "4", "8", "--control-steps", "3", "--iterations", "1", "--json"]
     assert main([*words, "--device", "cpu"]) == 0
     printed = capsys.readouterr()
-    assert [speed["count"] for speed in json.loads(printed.out)] == [4, 8]
+    assert [speed["count"] for speed in json.loads(printed.out)["training"]] == [4, 8]
     assert "bare physics" in printed.err and "tick [ms]" not in printed.err

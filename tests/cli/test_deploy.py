@@ -2,14 +2,21 @@ import dataclasses
 import json
 import sys
 
+import numpy as np
 import pytest
 
 from hugwbc.cli import deploy, main
 from hugwbc.deploy import wire
-from hugwbc.deploy.recording import FORMAT
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.recording import DECISION, FORMAT, STATE, Recorder
+from hugwbc.deploy.remote import Remote
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import DeploymentError
 from hugwbc.robot import load_robot
+from hugwbc.sim import Simulation
+
+HEADER = {"controller": "hold", "policy": None, "robot": "h1", "script": None, "task": None, "seed": 0, "age": 0.01}
+HEADER |= {"limits": dataclasses.asdict(Limits()), "format": FORMAT}
 
 
 @pytest.mark.parametrize(
@@ -70,6 +77,8 @@ def test_a_deployment_that_cannot_begin_leaves_the_last_recording(tmp_path, caps
     [
         '{"format": "hugwbc deployment 1"}',
         '{"format": "hugwbc deployment 1", "robot": "h1", "controller": 3, "policy": 4}',
+        json.dumps({name: value for name, value in HEADER.items() if name != "task"}),
+        json.dumps({name: value for name, value in HEADER.items() if name != "seed"}),
     ],
 )
 def test_a_recording_that_does_not_say_what_was_run_is_refused(header, tmp_path, capsys) -> None:
@@ -91,12 +100,25 @@ def test_a_recording_that_does_not_say_what_was_run_is_refused(header, tmp_path,
     ],
 )
 def test_a_replay_runs_nothing_that_only_the_recording_names(changes, words, message, tmp_path, capsys) -> None:
-    header = {"controller": "hold", "policy": None, "robot": "h1", "script": None, "task": None, "seed": 0, "age": 0.01}
-    header |= {"limits": dataclasses.asdict(Limits()), "format": FORMAT}
     path = tmp_path / "run.bin"
-    path.write_text(json.dumps(header | changes) + "\n")
+    path.write_text(json.dumps(HEADER | changes) + "\n")
     assert main(["deploy", "--replay", str(path), *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_replay_prints_the_joints_of_the_last_state(tmp_path, capsys) -> None:
+    robot, path = load_robot("h1"), tmp_path / "run.bin"
+    count = len(robot.joint_names)
+    sensed = Simulation(robot=robot, latency=0.0).sense()
+    reading = dataclasses.replace(sensed, q=robot.nominal + 0.1 * np.arange(count))
+    recorder = Recorder(path, HEADER)
+    recorder.add(STATE, 1.0, Messages(robot).pack_state(reading, 1000, np.full(count, 30.0), Remote()))
+    recorder.add(DECISION, 1.0)
+    recorder.close()
+    main(["deploy", "--replay", str(path)])
+    lines = capsys.readouterr().out.splitlines()
+    joint = robot.joint_names[2]
+    assert f"  {joint:<26} {robot.nominal[2] + 0.2:7.3f} {robot.nominal[2]:7.3f}" in lines
 
 
 def test_the_extra_is_named_where_it_is_missing(monkeypatch, capsys) -> None:
@@ -106,7 +128,7 @@ def test_the_extra_is_named_where_it_is_missing(monkeypatch, capsys) -> None:
     wire.idl_class.cache_clear()
     wire.layout.cache_clear()
     try:
-        assert main(["simulate-robot", "--duration", "0.01", "--net", "lo", "--domain", "231"]) == 2
+        assert main(["simulate-robot", "--duration", "0.01", "--domain", "231"]) == 2
         assert "pip install 'hugwbc[deploy]'" in capsys.readouterr().err
     finally:
         wire.idl_class.cache_clear()

@@ -11,7 +11,7 @@ from hugwbc import reference as documents
 from hugwbc.behaviours import walk_to
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.reference import PACKAGES, document, document_names, document_title, exported, reference
+from hugwbc.reference import FURTHER, PACKAGES, document, document_names, document_title, exported, reference
 from hugwbc.scripts import SCRIPT_NAMES
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -77,6 +77,20 @@ def test_every_name_that_programs_import_is_in_the_reference(package):
         entry = reference(f"{package}.{name}")
         assert entry.startswith(f"from {package} import {name}\n") and len(entry.splitlines()) >= 3
         assert not re.search(r"Annotated\[|FieldInfo|<function|<class", entry)
+
+
+@pytest.mark.parametrize("name", sorted(FURTHER))
+def test_what_ones_own_functions_are_given_is_in_the_reference(name):
+    entry = reference(name)
+    assert f"from {FURTHER[name]} import {name}\n\n{name}(" in entry
+    assert not re.search(r"Annotated\[|FieldInfo|<function|<class", entry)
+
+
+def test_a_name_with_two_meanings_has_both():
+    entry = reference("Schedule")
+    assert "from hugwbc.learned.config import Schedule\n" in entry
+    assert "from hugwbc.evaluation.plans import Schedule\n" in entry
+    assert reference("hugwbc.evaluation.plans.Schedule") in entry
 
 
 def test_a_step_shows_its_types_by_name_with_their_ranges(capsys):

@@ -180,7 +180,8 @@ def test_without_a_browser_the_address_and_why_are_printed(monkeypatch, capsys):
     monkeypatch.setattr("webbrowser.open", lambda address: False)
     assert main(["play", "--controller", "hold", "--duration", "0.1"]) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"drive at http://127\.0\.0\.1:\d+", printed) and "this machine has no browser" in printed
+    assert (port := re.search(r"drive at http://127\.0\.0\.1:(\d+)", printed))
+    assert f"no browser; on yours: ssh -L {port[1]}:127.0.0.1:{port[1]} THIS_MACHINE, then open" in printed
 
 
 def test_the_help_fits_one_screen_and_leaves_nothing_out(capsys, monkeypatch):

@@ -15,7 +15,6 @@ from hugwbc.tasks import Milestone, load_task
     ("words", "message"),
     [
         (["--schedule", "1 Strat"], "'1 Strat' in the schedule is not valid"),
-        (["--net", "eth0"], "could be taken for a real one; use --net lo"),
         (["--domain", "-1"], "DDS domain is -1"),
         (["--slower", "0.1"], "slower is 0.1; it should be greater than or equal to 1"),
         (["--duration", "0"], "duration is 0"),

@@ -8,12 +8,15 @@ import zlib
 
 import pytest
 from deploy_bench import RecordedSide, Standing, make_pilot
+from local_endpoint import local_pair
 
 from hugwbc import load_robot
 from hugwbc.deploy import recording
 from hugwbc.deploy.capture import LONGEST
-from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.messages import TICK, Messages
 from hugwbc.deploy.recording import Recorder, Recording, replay
+from hugwbc.deploy.relay import Settings
+from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.state_machine import Mode
 from hugwbc.errors import ConfigError, ResultFileError
 
@@ -44,6 +47,7 @@ def test_a_replay_gives_the_same_commands_bit_for_bit(tmp_path, standing, fault,
     result = replay(Recording(path), pilot, Messages(H1), 0.0)
     assert result.states == result.decisions == 82 + fault
     assert result.different == 0 and result.first is None
+    assert result.last is not None and abs(result.last.q - standing.reading.q).max() < 1e-4
     assert pilot.mode is (Mode.DAMPING if fault else Mode.RUN)
 
 
@@ -72,6 +76,18 @@ def test_every_message_is_recorded(tmp_path, standing, jumping_pilot) -> None:
     assert kinds.count(recording.REFUSED) == 1 and kinds.count(recording.PUBLISHED) == 83
     assert [entry.content for entry in entries if entry.kind == recording.REQUEST] == [b"start", b"run"]
     assert Recording(path).header["controller"] == "test"
+
+
+def test_in_lockstep_the_message_that_was_sent_is_recorded_at_the_time_of_the_robot(tmp_path, standing) -> None:
+    path, (robot_end, end) = tmp_path / "run.bin", local_pair()
+    recorder = Recorder(path, {"controller": "test"})
+    side = RobotSide(make_pilot(), H1, end, Settings(lockstep=True), recorder)
+    robot_end.send(standing.raw())
+    side.answer(0.0)
+    recorder.close()
+    (entry,) = [entry for entry in Recording(path).entries() if entry.kind == recording.PUBLISHED]
+    assert [entry.content] == robot_end.receive(0.0)
+    assert entry.time == standing.tick * TICK
 
 
 def test_a_recording_that_was_cut_off_can_be_read_up_to_there(tmp_path, standing, jumping_pilot) -> None:

@@ -16,6 +16,7 @@ from hugwbc.deploy.relay import DECISION, PERIOD, Relay, Settings
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.state_machine import DAMPING_GAIN, Mode
+from hugwbc.errors import DeploymentError
 
 H1 = load_robot()
 TRIALS = 20
@@ -318,3 +319,20 @@ def test_a_relay_that_is_killed_is_told_at_once_and_this_process_damps(standing,
     assert told_after[0] < 0.1 and "process that reads and publishes has ended: damping" in bench.told[0]
     assert all(map(is_damping, bench.robot_end.receive(0.0)))
     assert "gets no commands" in str(bench.side._failure) and bench.side._end.is_set()
+
+
+@pytest.mark.parametrize("mode", [Mode.RUN, Mode.DAMPING])
+def test_a_robot_that_is_gone_in_lockstep_is_told_and_fails_a_run(standing, monkeypatch, mode) -> None:
+    monkeypatch.setattr(robot_side, "_PATIENCE", 0.1)
+    monkeypatch.setattr(robot_side, "POLL", 0.02)
+    robot_end, end = local_pair()
+    pilot, told = make_pilot(), []
+    bring_to(mode, pilot, standing)
+    side = RobotSide(pilot, H1, end, Settings(lockstep=True), tell=told.append)
+    robot_end.send(standing.raw())  # its last word
+    if mode is Mode.RUN:
+        with pytest.raises(DeploymentError, match=r"sent nothing for 0\.1 s, and was in the mode run; let"):
+            side.run()
+    else:
+        side.run()
+        assert told == ["the robot has sent nothing for 0.1 s: the end"]

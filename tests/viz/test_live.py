@@ -188,6 +188,23 @@ def test_a_page_that_falls_silent_stops_the_robot_within_half_a_second():
     page.close()
 
 
+@pytest.mark.parametrize(("press", "said"), [("Space", ""), ("hide", "the page was hidden or closed: the robot was ")])
+def test_stop_and_a_hidden_page_end_a_walk_that_was_chosen(press, said):
+    simulation = Simulation(sensing="exact")
+    page = opened_page(simulation)
+    page.link.clock = lambda: 100.0  # the page is never silent
+    page.link._hear(1, '{"presses": ["Digit2"]}')
+    page.show(simulation)
+    page._sliders["v_x"].value = 0.5
+    assert page.source.requested == Command(v_x=0.5, gait=Gait.WALKING)
+    page.link._hear(1, json.dumps({"presses": [press]}))
+    page.show(simulation)
+    assert page.source.requested == Command() and page._sliders["v_x"].value == 0.0
+    assert page.source.command_at(0.02).gait is Gait.STANDING
+    assert page.source.notice.startswith(said)
+    page.close()
+
+
 def test_sliders_follow_another_program_and_cannot_be_moved_meanwhile():
     simulation, now = Simulation(sensing="exact"), [10.0]
     with contextlib.closing(SocketSource(clock=lambda: now[0])) as stream:
@@ -292,9 +309,18 @@ class Driven:
         )
         self.told = []
         self._running = True
-        options = {"stop": lambda: not self._running, "tell": self.told.append}
-        self._thread = threading.Thread(target=drive, args=(self.loop, self.page, np.inf), kwargs=options, daemon=True)
+        self._disturb, self.page.disturb = self.page.disturb, self._disturb_or_end
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def _run(self):
+        with contextlib.suppress(KeyboardInterrupt):
+            drive(self.loop, self.page, np.inf, perform=lambda name: "", tell=self.told.append)
+
+    def _disturb_or_end(self, simulation):
+        if not self._running:
+            raise KeyboardInterrupt  # as a person ends it
+        self._disturb(simulation)
 
     def close(self):
         self._running = False

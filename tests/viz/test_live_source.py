@@ -92,7 +92,20 @@ def test_a_velocity_makes_a_standing_robot_walk_and_a_stop_makes_it_stand_again(
     source.ask_gait(Gait.WALKING)
     source.ask("v_x", 0.3)
     source.stop()
-    assert source.requested == Command(h=-0.1, gait=Gait.WALKING), "the gait was chosen"
+    assert source.requested == Command(h=-0.1), "also where the gait was chosen"
+
+
+def test_a_velocity_that_is_let_go_ends_only_a_walk_that_it_began():
+    source = LiveSource(load_robot())
+    source.ask("v_x", 0.3)
+    source.let_go()
+    assert source.requested == Command(v_x=0.3, gait=Gait.WALKING), "a slider still asks for it"
+    source.ask("v_x", 0.0)
+    source.let_go()
+    assert source.requested == Command()
+    source.ask_gait(Gait.WALKING)
+    source.let_go()
+    assert source.requested == Command(gait=Gait.WALKING), "the gait was chosen"
 
 
 def test_a_halt_and_a_pause_ask_for_a_stand_at_once():
@@ -134,3 +147,31 @@ def test_another_programs_commands_count_while_they_come():
         assert not source.following and source.hands_at(2.0) is None and "silent" in source.notice
         source.ask("w", 0.2)
         assert play(source, 2.0, start=2.04)[-1].w == pytest.approx(0.2), "the person may drive"
+
+
+def test_a_stop_takes_the_robot_from_another_program_until_that_is_silent():
+    now = [10.0]
+    with (
+        contextlib.closing(SocketSource(clock=lambda: now[0])) as stream,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+    ):
+        source = LiveSource(load_robot(), stream=stream)
+
+        def hear():
+            client.sendto(b'{"command": {"v_x": 0.4, "h": -0.1}}', ("127.0.0.1", stream.port))
+
+        hear()
+        (driven,) = play(source, DT)
+        assert driven == Command(v_x=0.4, h=-0.1, gait=Gait.WALKING)
+        source.stop()
+        assert source.requested == Command(h=-0.1) and "the other program drives again once" in source.notice
+        for tick in range(1, 51):  # it goes on sending
+            now[0] += DT
+            hear()
+            assert source.command_at(tick * DT).gait is Gait.STANDING and not source.following
+        source.ask("w", 0.2)
+        assert source.requested.w == 0.2, "the person may drive"
+        now[0] += 0.4
+        play(source, DT, start=1.0)
+        hear()
+        assert play(source, DT, start=1.02) == [driven] and source.following

@@ -33,14 +33,11 @@ def test_the_clock_keeps_real_time_and_slows_evenly_where_the_computer_is_slow(m
     assert np.ptp(times[-50:]) < 0.01 and 0.5 < speed < 0.6
 
 
-def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path):
+def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path, monkeypatch):
     told, drawn, simulation = [], [], Simulation(sensing="exact")
     page = tmp_path / "out" / "hold.html"
-    outputs = {
-        "live": lambda shown: drawn.append((simulation.data.time, shown)),
-        "replay": page,
-        "tell": told.append,
-    }
+    monkeypatch.setattr(show, "open_view", lambda *_, **__: lambda shown: drawn.append((simulation.data.time, shown)))
+    outputs = {"show": True, "replay": page, "tell": told.append}
     trace = show.watch(HoldController(load_robot()), Constant(Command(w=0.3)), simulation, duration=0.4, **outputs)
     times = np.array([time for time, _ in drawn])
     assert times == pytest.approx(np.arange(0.0, 0.4, show.FRAME_PERIOD), abs=1e-6)
