@@ -44,11 +44,12 @@ class _Steps:
         self._landings, self._height_error, self._impact = (torch.zeros(shape) for _ in range(3))
         self._down, self._samples = torch.zeros(len(gait)), torch.zeros(len(gait))
 
-    def add(self, step: int, readings: Readings, upright: torch.Tensor) -> None:
-        """Add a control step of the robots that are upright, shape (n,), bool."""
+    def add(self, readings: Readings, upright: torch.Tensor) -> None:
+        """Add the next control step of the robots that are upright, shape (n,), bool; who has fallen stays down."""
+        self._samples += upright
         on_ground = feet_on_ground(readings.foot_force)
         landed = on_ground & (self._airborne >= _SHORTEST_FLIGHT) & self._swings & upright[:, None]
-        time = torch.full_like(self._first, step * self._dt)
+        time = (self._samples * self._dt)[:, None].expand_as(self._first)
         self._first = torch.where(landed & self._first.isnan(), time, self._first)
         self._last = torch.where(landed, time, self._last)
         self._landings += landed
@@ -59,20 +60,27 @@ class _Steps:
         self._apex = torch.where(on_ground, 0.0, torch.maximum(self._apex, readings.clearance))
         self._descent = -readings.foot_velocity[..., 2]
         self._down += held_foot_down(readings, self._gait) & upright
-        self._samples += upright
 
     def errors(self, robots: torch.Tensor) -> dict[str, float]:
-        """Return the figures of `GAIT_SCALES` that some robots, (n,), bool, have; without a stride f is wrong by f."""
+        """Return the figures of `GAIT_SCALES` that some robots, (n,), bool, have: means over the feet that step.
+
+        In a cycle that a foot misses, f is wrong by f and l by l, as they are for a foot without a stride or a landing.
+        """
         swings = self._swings & robots[:, None]
         if not bool(swings.any()):
             return {}
-        stride = (self._landings - 1.0) / (self._last - self._first)
-        wanted = self._command[:, [_F]].expand_as(stride)
-        frequency = torch.where(self._landings > 1.0, (stride - wanted).abs(), wanted)
+        cycles, wanted, high = self._landings - 1.0, self._command[:, [_F]], self._command[:, [_L]]
+        # As in `hugwbc.evaluation.metrics`: n periods without a touch-down, at an end, have missed all but one.
+        gaps = torch.stack((self._first, (self._samples * self._dt)[:, None] - self._last))
+        missed = ((gaps * wanted + _ROUNDING).floor() - 1.0).clamp(min=0.0).sum(0)
+        error = (cycles / (self._last - self._first) - wanted).abs() * cycles + missed * wanted
+        frequency = torch.where(cycles > 0.0, error / (cycles + missed), wanted)
+        error = self._height_error + missed * high
+        height = torch.where(self._landings > 0.0, error / (self._landings + missed), high)
         landings = self._landings[swings].sum().clamp(min=1.0)
         figures = {
             "f": float(frequency[swings].mean()),
-            "l": float(self._height_error[swings].sum() / landings),
+            "l": float(height[swings].mean()),
             "impact": float(self._impact[swings].sum() / landings),
         }
         if bool(hopping(self._gait[robots]).all()):
@@ -158,7 +166,7 @@ class Evaluator:
                 error = (tracked(env.readings, env.robot.waist) - command[:, _COLUMNS]).abs()
                 sums += torch.where(upright[:, None], error, 0.0)
                 samples += upright
-                steps.add(step, env.readings, upright)
+                steps.add(env.readings, upright)
         env.statistics.pop()
         steps_of_gaits = {
             one: {"falls": float((~upright[gait == one]).float().mean())} | steps.errors(gait == one)
