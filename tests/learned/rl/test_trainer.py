@@ -25,7 +25,8 @@ from hugwbc.learned.config import (
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
-from hugwbc.learned.policy.records import LOG_NAME
+from hugwbc.learned.policy.records import LOG_NAME, settings_record
+from hugwbc.learned.rl.continuation import differences
 from hugwbc.learned.rl.evaluator import Evaluator
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer, train
 
@@ -147,6 +148,24 @@ def test_another_feed_forward_than_that_of_the_start_is_told(tmp_path: pathlib.P
     assert Trainer(config(tmp_path / "rising", 2, resume=True, **rising)).remark == ""
     start = {"start_from": tmp_path / "rising" / SNAPSHOT_FILE}
     assert "with --env.swing-gain 0.5;" in Trainer(config(tmp_path / "other", 2, **start)).remark
+
+
+def test_all_that_changes_how_a_policy_moves_is_told() -> None:
+    metadata = {"config": settings_record(TrainConfig()), "steps": 0}
+    path = pathlib.Path("mine")
+    assert differences(metadata, dataclasses.replace(ENV, ground="soft"), path) == ""
+    other = EnvConfig(
+        timestep=0.004,
+        substeps=5,
+        action_scale=0.3,
+        yaw_action_factor=1,
+        yaw_damping_factor=1,
+        waist_rate=0,
+        squat_gain=1,
+        swing_gain=1,
+    )
+    said = differences(metadata, other, path)
+    assert said.count("--env.") == 8 and "--env.substeps 4" in said and "--env.timestep 0.005" in said
 
 
 def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
