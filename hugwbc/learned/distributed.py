@@ -5,7 +5,9 @@ A single process exchanges nothing. Ctrl-C and SIGTERM ask for a stop, and the w
 
 import contextlib
 import ctypes
+import glob
 import importlib.util
+import logging
 import math
 import os
 import pathlib
@@ -22,7 +24,10 @@ from hugwbc.errors import ConfigError
 
 LEAST_SPREAD = 0.25
 _AGAIN = 0.2  # [s] after a signal, within which others are the same request
+_GPU_FILES = "/dev/nvidia[0-9]*"  # one for each GPU, whether torch is built for it or not
 _PR_SET_PDEATHSIG = 1  # of Linux: the signal that comes when the parent process ends
+
+_log = logging.getLogger(__name__)
 
 
 @contextlib.contextmanager
@@ -50,7 +55,10 @@ def local_rank() -> int:
 
 
 def claim_device(wish: str) -> str:
-    """Return the device of this process for a wish of `TrainConfig.device`, and select it if it is a GPU."""
+    """Return the device of this process for a wish of `TrainConfig.device`, and select it if it is a GPU.
+
+    A warning says what auto lacks to use a GPU that is there.
+    """
     if wish not in ("auto", "cuda"):
         return wish
     gpus, on_this_machine = torch.cuda.device_count(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
@@ -59,10 +67,13 @@ def claim_device(wish: str) -> str:
         "MuJoCo Warp: pip install 'hugwbc[gpu]'": importlib.util.find_spec("mujoco_warp") is None,
     }
     needed = [need for need, lacks in lacking.items() if lacks]
+    lack = f"device cuda needs {' and '.join(needed)}; found {gpus} GPUs"
     if needed and wish == "auto":
+        if rank() == 0 and (gpus or glob.glob(_GPU_FILES)):
+            _log.warning("%s. This training uses the processor alone", lack)
         return "cpu"
     if needed:
-        raise ConfigError(f"device cuda needs {' and '.join(needed)}; found {gpus} GPUs. Or use --device cpu")
+        raise ConfigError(f"{lack}. Or use --device cpu")
     torch.cuda.set_device(local_rank())
     return f"cuda:{local_rank()}"
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from hugwbc.errors import ConfigError
 from hugwbc.learned import distributed
 from hugwbc.learned.distributed import Stop, StoppedError, stopped_by_signals
 from hugwbc.learned.policy import checkpoint, load_policy
@@ -174,6 +175,22 @@ def test_values_far_from_their_groups_mean_are_cut_off() -> None:
     for group in range(2):
         assert cut[groups == group].mean().item() == pytest.approx(0.0, abs=1e-5)
     assert torch.equal(distributed.standardised(values, groups, 2, clip=float("inf")), plain)
+
+
+@pytest.mark.parametrize("gpus", [0, 1])
+def test_a_gpu_that_stays_idle_is_told(monkeypatch, tmp_path: pathlib.Path, caplog, gpus: int) -> None:
+    """Also one that torch does not see."""
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: gpus)
+    monkeypatch.setattr("importlib.util.find_spec", lambda *_: None)
+    monkeypatch.setattr(distributed, "_GPU_FILES", str(tmp_path / "nvidia[0-9]*"))
+    assert distributed.claim_device("cpu") == distributed.claim_device("auto") == "cpu"
+    assert len(caplog.messages) == gpus
+    (tmp_path / "nvidia0").touch()
+    caplog.clear()
+    assert distributed.claim_device("auto") == "cpu"
+    assert len(caplog.messages) == 1 and "hugwbc[gpu]" in caplog.text and f"found {gpus} GPUs" in caplog.text
+    with pytest.raises(ConfigError, match="--device cpu"):
+        distributed.claim_device("cuda")
 
 
 def test_each_process_but_the_first_has_files_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
