@@ -314,6 +314,9 @@ class Trainer:
                 self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
         if not self.config.resume:
             self.ppo.bound_std(self.steps)
+            if groups["env"]:  # whose generators go on with the other run's seed
+                self.env.generator.manual_seed(self._seed)
+                self.generator.manual_seed(self._seed + 1)
 
     def _restore_robots(
         self, state: dict[str, torch.Tensor], tensors: dict[str, torch.Tensor], path: pathlib.Path

@@ -306,6 +306,16 @@ def test_another_number_of_robots_is_refused(finished: pathlib.Path, tmp_path: p
         Trainer(other)
 
 
+def test_a_run_that_starts_from_a_checkpoint_has_the_draws_of_its_own_seed(finished, tmp_path: pathlib.Path) -> None:
+    start = config(tmp_path, 2, start_from=finished / CHECKPOINT_NAME)
+    one, other = (Trainer(dataclasses.replace(start, seed=seed)) for seed in (2001, 2002))
+    assert torch.equal(one.env.simulation.qpos, other.env.simulation.qpos)
+    assert not torch.equal(one.env.generator.get_state(), other.env.generator.get_state())
+    assert not torch.equal(one.generator.get_state(), other.generator.get_state())
+    again = Trainer(dataclasses.replace(start, seed=2001))
+    assert again.iterate()["reward"] == one.iterate()["reward"] != other.iterate()["reward"]
+
+
 def test_a_run_is_resumed_with_its_own_settings(finished: pathlib.Path) -> None:
     same = config(finished, 2, resume=True)
     assert Trainer(dataclasses.replace(same, threads=2, save_interval=7)).iteration == 1
