@@ -54,7 +54,7 @@ class Trainer:
             of the run that this one starts from included.
         begin: iteration and steps at which this run began.
         evaluation: figures of the last evaluation and its iteration; empty before the first.
-        best: the same of the best evaluation, whose policy is in the folder `best`.
+        best: the same of the best evaluation whose policy is in the folder `best`.
         product: the networks that are evaluated and given out: the learner's, averaged over `config.average_steps`.
         leads: whether this is the first process.
         device: where it computes.
@@ -128,6 +128,7 @@ class Trainer:
         while self.run_steps < self.config.steps and not distributed.anywhere(
             self.stop.requested or time.monotonic() - start >= 3600.0 * hours
         ):
+            best = self.best
             row = self.iterate() | self._evaluate()
             if self.leads:
                 with writing(self.config.out):
@@ -135,7 +136,8 @@ class Trainer:
                 by_steps = (self.run_steps - first) / (self.config.steps - first)
                 by_hours = (time.monotonic() - start) / (3600.0 * hours)
                 report(row | {"progress": min(1.0, max(by_steps, by_hours))}, self.env.curriculum.gates)
-            if self.iteration % self.config.save_interval == 0:
+            # With a new best policy too: a run that is cut off would go on with the figures of an earlier one.
+            if self.iteration % self.config.save_interval == 0 or distributed.anywhere(self.best is not best):
                 self.save()
         self.save()
 
@@ -311,7 +313,8 @@ class Trainer:
             self.ppo.skipped = int(metadata["skipped"])
             self.remark = _ANEW.format(path) if anew else differences(metadata, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
-                self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
+                kept = (self.config.out / BEST_FOLDER / POLICY_FILE).exists()
+                self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"] if kept else {})
         if not self.config.resume:
             self.ppo.bound_std(self.steps)
             if groups["env"]:  # whose generators go on with the other run's seed

@@ -5,6 +5,7 @@ import itertools
 import json
 import os
 import pathlib
+import shutil
 import signal
 import weakref
 
@@ -181,6 +182,24 @@ def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: 
     assert load_policy(tmp_path).training["iteration"] == 7
     other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_FILE))
     assert other.iteration == 4 and other.best == {}
+
+
+def test_a_run_that_is_cut_off_agrees_with_its_best_policy(tmp_path: pathlib.Path, monkeypatch) -> None:
+    scores = iter([1.0, 5.0, 3.0])
+    monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
+
+    def cut_off(row: dict[str, float], gates: dict[str, str]) -> None:
+        if row["iteration"] == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config(tmp_path, 9, **EVALUATE), cut_off)
+    resume = config(tmp_path, 4, resume=True, **EVALUATE)
+    trainer = Trainer(resume)
+    assert trainer.iteration == trainer.best["iteration"] == 2 and trainer.best["evaluation/score"] == 1.0
+    shutil.rmtree(tmp_path / "best")
+    assert run(resume).best["iteration"] == 4, "any policy is better than none"
+    assert load_policy(tmp_path / "best").training["iteration"] == 4
 
 
 def test_a_training_that_is_over_gives_its_robots_back_at_once(tmp_path: pathlib.Path) -> None:
