@@ -40,6 +40,7 @@ class Statistics:
         self.tracking = torch.zeros(len(agile), 2, device=agile.device)
         self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2, device=agile.device) for name in GATES}
         self._sums: dict[tuple[str, ...], torch.Tensor] = {}  # totals, numbers of samples: shape (2, number of names)
+        self._not_finite: dict[tuple[str, ...], torch.Tensor] = {}  # numbers of rewards, by their names
 
     def add(
         self,
@@ -59,7 +60,10 @@ class Statistics:
             diverged: whether the physics of each robot failed, shape (n,), bool.
         """
         self.tracking = TRACKING_MEMORY * self.tracking + (1.0 - TRACKING_MEMORY) * torch.nan_to_num(tracking)
-        terms = torch.stack(tuple(rewards.values())).double().mean(1)
+        values, names = torch.stack(tuple(rewards.values())), tuple(rewards)
+        wrong = (~values.isfinite() & ~diverged).sum(1)
+        self._not_finite[names] = self._not_finite[names] + wrong if names in self._not_finite else wrong
+        terms = values.double().mean(1)
         self._average([f"reward/{name}" for name in rewards], terms, torch.ones_like(terms))
         errors = (tracked(t, self._waist) - t.command[:, _COLUMNS]).abs()
         known = errors.isfinite().all(1)
@@ -97,6 +101,19 @@ class Statistics:
         for name, value in known.items():
             if value is not None:
                 self._gates[name] = self._gates[name].new_tensor(value)
+
+    def faults(self) -> str:
+        """Return in words which rewards were not finite since the last call; empty if none. A GPU is waited for.
+
+        Those of robots whose physics failed do not count.
+        """
+        counts: dict[str, int] = {}
+        for names, numbers in self._not_finite.items():
+            for name, number in zip(names, numbers.tolist(), strict=True):
+                counts[name] = counts.get(name, 0) + number
+        self._not_finite = {}
+        found = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
+        return f"not finite, counted as 0: {found}" if found else ""
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return the running averages."""

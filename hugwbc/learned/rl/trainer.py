@@ -170,6 +170,8 @@ class Trainer:
         levels = self.env.curriculum
         if fault := self.env.simulation.faults():
             levels.gates["physics"] = fault
+        if fault := self.env.statistics.faults():
+            levels.gates["rewards"] = fault
         return {
             "iteration": self.iteration,
             "steps": self.steps,

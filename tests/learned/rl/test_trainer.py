@@ -3,6 +3,7 @@ import dataclasses
 import gc
 import itertools
 import json
+import math
 import os
 import pathlib
 import shutil
@@ -19,6 +20,7 @@ from hugwbc.learned.config import (
     LoadConfig,
     PPOConfig,
     RandomizationConfig,
+    RewardTerm,
     Schedule,
     TerrainConfig,
     TrainConfig,
@@ -233,6 +235,17 @@ def test_a_bad_minibatch_is_skipped_and_the_run_goes_on(tmp_path: pathlib.Path) 
     trainer.env.step = step
     row = trainer.iterate()
     assert row["skipped"] == 4 and not torch.equal(weight, before)
+
+
+def test_a_reward_of_the_users_that_becomes_infinite_is_told(tmp_path: pathlib.Path) -> None:
+    mine = torch.ones(ENV.count)
+    env = dataclasses.replace(ENV, terms={"mine": RewardTerm(lambda t, body: mine, 1.0)})
+    trainer = Trainer(dataclasses.replace(config(tmp_path, 2), env=env))
+    trainer.iterate()
+    assert "rewards" not in trainer.env.curriculum.gates
+    mine[:3] = math.inf
+    trainer.iterate()
+    assert trainer.env.curriculum.gates["rewards"] == "not finite, counted as 0: 12 of mine", "3 robots, 4 steps"
 
 
 def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) -> None:
