@@ -238,11 +238,9 @@ class EnvConfig:
     """Folder of motion files (.npz, .csv) for the motion intervention; motions are generated if it is not given."""
     flip_probability: Share = 0.005
     """Probability per control step that the intervention indicator I(t) flips."""
-    noise_interval: Count = 90
-    """Control steps between two draws of the arm noise."""
     noise_paired: Share = 0.0
-    """Share of these draws that are mirror-symmetric. With independent arms, a load in both hands ahead of a stand,
-    which tips it forward, is hardly ever practised."""
+    """Share of the draws of the arm noise that are mirror-symmetric. With independent arms, a load in both hands ahead
+    of a stand, which tips it forward, is hardly ever practised."""
     observations: tuple[str, ...] = ()
     """Observation terms (`hugwbc.learned.policy.terms.TERMS`) that the policy reads besides the paper's, by name;
     docs/how-to/add-an-observation.md."""

@@ -140,7 +140,6 @@ class HumanoidEnv:
             config.intervention,
             self.robot,
             self.count,
-            interval=config.noise_interval,
             motions=config.motions,
             motions_seed=GENERATED_MOTIONS_SEED,
             generator=self.generator,
