@@ -38,7 +38,6 @@ _BUILT_ONCE = (
     "ppo.learning_rate",
     "ppo.critic_learning_rate",
 )  # settings of networks, optimiser, clock, drives and the beginning of curricula
-CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all commands whose execution is measured
 
 
 @settings
