@@ -5,13 +5,12 @@ from collections.abc import Sequence
 
 import torch
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import MEASURED_NAMES
 from hugwbc.gait import Gait, hopping
 from hugwbc.learned import distributed
-from hugwbc.learned.env.readings import TRACKED, Transition, held_foot_down, tracked
+from hugwbc.learned.env.readings import Transition, command_errors, held_foot_down
 
 TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the tracking rewards
-_COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
 GATES = ("alpha", "speed")
 _MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
 _GAITS = {  # first and last value of `Gait`
@@ -65,12 +64,12 @@ class Statistics:
         self._not_finite[names] = self._not_finite[names] + wrong if names in self._not_finite else wrong
         terms = values.double().mean(1)
         self._average([f"reward/{name}" for name in rewards], terms, torch.ones_like(terms))
-        errors = (tracked(t, self._waist) - t.command[:, _COLUMNS]).abs()
+        errors = command_errors(t, t.command, self._waist)
         known = errors.isfinite().all(1)
         for label, (first, last) in _GAITS.items():
             robots = known & (t.gait >= first) & (t.gait <= last)
             totals = torch.where(robots[:, None], errors, 0.0).double().sum(0)
-            self._average([f"{label}_error/{name}" for name in TRACKED], totals, robots.sum().expand(len(TRACKED)))
+            self._average([f"{label}_error/{name}" for name in MEASURED_NAMES], totals, robots.sum().expand_as(totals))
         happened = (finished_age.new_tensor(finished_age.numel()), t.fallen.sum(), diverged.sum(), finished_age.sum())
         self._average([*_EVENTS, _LENGTH], torch.stack(happened).double(), torch.ones_like(happened[1]).expand(4))
         self._average(["held_foot_down"], held_foot_down(t, t.gait).sum()[None].double(), hopping(t.gait).sum()[None])

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 
 import torch
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import COMMAND_NAMES, MEASURED_NAMES
 from hugwbc.gait import Gait, held, hopping
 from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, held_foot_down, tracked
+from hugwbc.learned.env.readings import Readings, command_errors, feet_on_ground, held_foot_down
 from hugwbc.settings import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
-ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
+ERROR_SCALES = dict(zip(MEASURED_NAMES, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
 # Likewise of a gait: stride frequency [Hz], swing height [m], share of the time with the held foot down, speed of
 # descent of a sole before it touches the ground [m/s].
 GAIT_SCALES = {"f": 0.1, "l": 0.05, "held_foot": 0.05, "impact": 1.0}
@@ -26,7 +26,6 @@ _SHORTEST_FLIGHT = 2  # control steps off the ground before a contact counts as 
 _NEVER = 2**30  # control steps
 _ROUNDING = 1e-6  # of a number of time steps
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
-_COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
 
 
 class _Steps:
@@ -155,7 +154,7 @@ class Evaluator:
         env.load_state_dict(self._start)
         command, gait = env.command.clone(), env.gait.clone()
         upright = torch.ones(env.count, dtype=torch.bool)
-        sums, samples = torch.zeros(env.count, len(_COLUMNS)), torch.zeros(env.count)
+        sums, samples = torch.zeros(env.count, len(ERROR_SCALES)), torch.zeros(env.count)
         steps = _Steps(command, gait, env.dt)
         for step in range(self._steps):
             observation = env.observe()
@@ -163,7 +162,7 @@ class Evaluator:
             upright &= ~env.step(action).done
             if step >= self._settle:
                 # A robot that fell has restarted under another command: it no longer counts.
-                error = (tracked(env.readings, env.robot.waist) - command[:, _COLUMNS]).abs()
+                error = command_errors(env.readings, command, env.robot.waist)
                 sums += torch.where(upright[:, None], error, 0.0)
                 samples += upright
                 steps.add(env.readings, upright)
