@@ -119,8 +119,8 @@ class TrainConfig:
     save_interval: Count = 50
     """Iterations between two checkpoints."""
     average_steps: NotNegative = 0.0
-    """Environment steps over which the weights of the networks that are evaluated and given out are averaged, while
-    the learner goes on with its own; 0 for the learner's. The errors of single updates cancel (docs/log/signal.md)."""
+    """Time constant, in environment steps, of the exponential moving average (EMA) of the learner's weights that is
+    evaluated and given out; 0 for the weights themselves. The errors of single updates cancel (docs/log/signal.md)."""
     evaluation_steps: NotNegative = 1e6
     """Environment steps between two evaluations, whose best policy is kept in `out`/best; 0 for none."""
     evaluation_robots: Count = 128

@@ -55,7 +55,8 @@ class Trainer:
         begin: iteration and steps at which this run began.
         evaluation: figures of the last evaluation and its iteration; empty before the first.
         best: the same of the best evaluation whose policy is in the folder `best`.
-        product: the networks that are evaluated and given out: the learner's, averaged over `config.average_steps`.
+        product: the networks that are evaluated and given out: an exponential moving average (EMA) of the learner's,
+            with the time constant `config.average_steps`.
         leads: whether this is the first process.
         device: where it computes.
         stop: the wish to stop; it is looked at after every iteration.
@@ -203,7 +204,7 @@ class Trainer:
 
     @torch.no_grad()
     def _average(self, steps: int) -> None:
-        """Let the weights of the product follow the learner's for a number of environment steps."""
+        """Let the product, the EMA of the learner's weights, follow them for a number of environment steps."""
         share = min(1.0, steps / max(self.config.average_steps, 1.0))
         for mean, learnt in zip(self.product.parameters(), self.ppo.network.parameters(), strict=True):
             mean.lerp_(learnt, share)
