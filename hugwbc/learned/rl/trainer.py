@@ -316,8 +316,8 @@ class Trainer:
             self.ppo.skipped = int(metadata["skipped"])
             self.remark = _ANEW.format(path) if anew else differences(metadata, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
-                kept = (self.config.out / BEST_FOLDER / POLICY_FILE).exists()
-                self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"] if kept else {})
+                self.evaluation, best = dict(metadata["evaluation"]), dict(metadata["best"])
+                self.best = best if (self.config.out / BEST_FOLDER / POLICY_FILE).exists() else {}
         if not self.config.resume:
             self.ppo.bound_std(self.steps)
             if groups["env"]:  # whose generators go on with the other run's seed
