@@ -14,6 +14,8 @@ from hugwbc.robot import Robot
 
 COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "m", "h": "m", "p": "rad", "w": "rad"}
 VELOCITY_NAMES = ("v_x", "v_y", "omega")
+MEASURED_NAMES = (*VELOCITY_NAMES, "h", "p", "w")
+"""The commands that are measured at all times, in the order of the columns of a record; f and l take whole steps."""
 COMMAND_SIGNS = np.array([-1.0 if name in ("v_y", "omega", "w") else 1.0 for name in COMMAND_NAMES])  # of a reflection
 # [m Hz^2], largest l f^2: the reaction of a swing grows with it, and the narrow feet cannot hold more.
 SWING_REACTION = 1.9

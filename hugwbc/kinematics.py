@@ -14,9 +14,6 @@ from hugwbc import rotations
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 
-MEASURED_NAMES = ("v_x", "v_y", "omega", "h", "p", "w")
-"""The commands that are measured at all times, in the order of the columns of a record."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Measured:

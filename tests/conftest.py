@@ -10,10 +10,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from hugwbc import Command, Gait, JointCommand, Robot, RobotState, UpperBody, load_robot, rotations
-from hugwbc.commands import COMMAND_SIGNS
+from hugwbc.commands import COMMAND_SIGNS, MEASURED_NAMES
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
-from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import Mirror
 from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 from hugwbc.runtime.control_period import ControlPeriod

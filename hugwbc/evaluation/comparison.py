@@ -9,11 +9,10 @@ import numpy as np
 
 from hugwbc.behaviours import Behaviour, BehaviourSource
 from hugwbc.behaviours.source import LONGEST
-from hugwbc.commands import COMMAND_UNITS
+from hugwbc.commands import COMMAND_UNITS, MEASURED_NAMES
 from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.tables import Cell, Table
-from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.script import Script

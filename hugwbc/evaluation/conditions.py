@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from hugwbc.learned.env.arm_intervention import ArmTargets
 
 INTERVENTIONS = ("none", "noise", "motion")
-NOISE_INTERVAL = 90  # control steps between two targets of the noise, as in the paper
 GENERATED_MOTIONS_SEED = 1  # not the seed of the training's motions
 _PERIOD = 1.0 / MOTION_FPS  # [s] between two postures of moved arms
 _START_RADIUS = 0.6  # [m], radius of plane ground around the start
@@ -179,7 +178,6 @@ class Conditions:
             self.intervention,
             robot,
             1,
-            interval=NOISE_INTERVAL,
             motions=None if self.motions is None else pathlib.Path(self.motions),
             motions_seed=GENERATED_MOTIONS_SEED,
             generator=generator,

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import COMMAND_NAMES, MEASURED_NAMES
 from hugwbc.gait import Gait
-from hugwbc.kinematics import MEASURED_NAMES, Kinematics
+from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES, load_robot
 from hugwbc.runtime.trace import RECORD_PERIOD, Trace
 from hugwbc.state import GRAVITY, RobotState

@@ -5,8 +5,9 @@ A single process exchanges nothing. Ctrl-C and SIGTERM ask for a stop, and the w
 
 import contextlib
 import ctypes
+import glob
 import importlib.util
-import math
+import logging
 import os
 import pathlib
 import signal
@@ -20,9 +21,11 @@ from torch import distributed as dist
 
 from hugwbc.errors import ConfigError
 
-LEAST_SPREAD = 0.25
 _AGAIN = 0.2  # [s] after a signal, within which others are the same request
+_GPU_FILES = "/dev/nvidia[0-9]*"  # one for each GPU, whether torch is built for it or not
 _PR_SET_PDEATHSIG = 1  # of Linux: the signal that comes when the parent process ends
+
+_log = logging.getLogger(__name__)
 
 
 @contextlib.contextmanager
@@ -50,7 +53,10 @@ def local_rank() -> int:
 
 
 def claim_device(wish: str) -> str:
-    """Return the device of this process for a wish of `TrainConfig.device`, and select it if it is a GPU."""
+    """Return the device of this process for a wish of `TrainConfig.device`, and select it if it is a GPU.
+
+    A warning says what auto lacks to use a GPU that is there.
+    """
     if wish not in ("auto", "cuda"):
         return wish
     gpus, on_this_machine = torch.cuda.device_count(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
@@ -59,10 +65,13 @@ def claim_device(wish: str) -> str:
         "MuJoCo Warp: pip install 'hugwbc[gpu]'": importlib.util.find_spec("mujoco_warp") is None,
     }
     needed = [need for need, lacks in lacking.items() if lacks]
+    lack = f"device cuda needs {' and '.join(needed)}; found {gpus} GPUs"
     if needed and wish == "auto":
+        if rank() == 0 and (gpus or glob.glob(_GPU_FILES)):
+            _log.warning("%s. This training uses the processor alone", lack)
         return "cpu"
     if needed:
-        raise ConfigError(f"device cuda needs {' and '.join(needed)}; found {gpus} GPUs. Or use --device cpu")
+        raise ConfigError(f"{lack}. Or use --device cpu")
     torch.cuda.set_device(local_rank())
     return f"cuda:{local_rank()}"
 
@@ -109,33 +118,6 @@ def average_gradients(parameters: Iterable[torch.nn.Parameter]) -> None:
     means = mean(torch.cat([gradient.flatten() for gradient in gradients]))
     for gradient, part in zip(gradients, means.split([gradient.numel() for gradient in gradients]), strict=True):
         gradient.copy_(part.view_as(gradient))
-
-
-def standardised(values: torch.Tensor, groups: torch.Tensor, count: int, clip: float = math.inf) -> torch.Tensor:
-    """Standardise values by the mean and the standard deviation of their groups over all processes.
-
-    Args:
-        values: the values of this process, as many as in every other, shape (n,).
-        groups: group of each value, from 0 to `count` - 1, shape (n,). Its standard deviation counts as at least
-            `LEAST_SPREAD` of that of all values together: in a group where nothing is left to learn, the rest is noise.
-        count: number of groups.
-        clip: how many mean absolute deviations of its group a value may be away from the group's mean; what is farther
-            is cut off first.
-    """
-
-    def sums(numbers: torch.Tensor) -> torch.Tensor:
-        return total(numbers.new_zeros(count).index_add_(0, groups, numbers))
-
-    members = sums(torch.ones_like(values)).clamp(min=1.0)
-    centred = values - (sums(values) / members)[groups]
-    if math.isfinite(clip):
-        bound = clip * (sums(centred.abs()) / members)[groups]
-        values = torch.maximum(torch.minimum(centred, bound), -bound)
-        centred = values - (sums(values) / members)[groups]
-    whole = values - mean(values.mean())
-    spread = (total(whole.square().sum()) / (size() * values.numel() - 1)).sqrt()
-    spreads = (sums(centred.square()) / members).sqrt()
-    return centred / (torch.maximum(spreads, LEAST_SPREAD * spread)[groups] + 1e-8)
 
 
 class StoppedError(Exception):

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from hugwbc.commands import Command
+from hugwbc.commands import MEASURED_NAMES, Command
 from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError
-from hugwbc.kinematics import MEASURED_NAMES, Kinematics
+from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop

@@ -12,10 +12,10 @@ import pathlib
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.commands import Command, command_ranges
+from hugwbc.commands import MEASURED_NAMES, Command, command_ranges
 from hugwbc.errors import MotionFileError
 from hugwbc.gait import Gait
-from hugwbc.kinematics import MEASURED_NAMES, Kinematics
+from hugwbc.kinematics import Kinematics
 from hugwbc.numeric import smooth_step
 from hugwbc.robot import Robot
 from hugwbc.scripts.bvh import BodyClip, load_bvh

@@ -85,9 +85,14 @@ class HeightField:
 
 def interpolated(heights: Array, size: tuple[float, float], xy: Array) -> Array:
     """Return `HeightField.height_at` for heights and points in arrays or tensors."""
-    xp, (rows, columns) = namespace(xy), heights.shape
-    column = ((xy[..., 0] / size[0] + 0.5) * (columns - 1)).clip(0, columns - 1)
-    row = ((xy[..., 1] / size[1] + 0.5) * (rows - 1)).clip(0, rows - 1)
+    rows, columns = heights.shape
+    return on_grid(heights, (xy[..., 0] / size[0] + 0.5) * (columns - 1), (xy[..., 1] / size[1] + 0.5) * (rows - 1))
+
+
+def on_grid(heights: Array, column: Array, row: Array) -> Array:
+    """Return the height at places between the points of a grid, counted in columns and rows from its first point."""
+    xp, (rows, columns) = namespace(column), heights.shape
+    column, row = column.clip(0, columns - 1), row.clip(0, rows - 1)
     c, r = whole(column).clip(0, columns - 2), whole(row).clip(0, rows - 2)
     u, v = column - c, row - r
     near, far = heights[r, c], heights[r + 1, c + 1]

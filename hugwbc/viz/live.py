@@ -12,10 +12,10 @@ import numpy as np
 import viser
 
 from hugwbc import rotations
-from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, VELOCITY_NAMES, command_ranges
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, MEASURED_NAMES, VELOCITY_NAMES, command_ranges
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
-from hugwbc.kinematics import MEASURED_NAMES, Kinematics
+from hugwbc.kinematics import Kinematics
 from hugwbc.robot import SIDES
 from hugwbc.runtime.command_chain import feasible
 from hugwbc.scripts.socket_source import SocketSource

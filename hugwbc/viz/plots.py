@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, MEASURED_NAMES
 from hugwbc.gait import Gait
-from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter, chapter_spans

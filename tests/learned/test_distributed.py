@@ -12,6 +12,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from hugwbc.errors import ConfigError
 from hugwbc.learned import distributed
 from hugwbc.learned.distributed import Stop, StoppedError, stopped_by_signals
 from hugwbc.learned.policy import checkpoint, load_policy
@@ -154,26 +155,20 @@ def test_one_process_exchanges_nothing() -> None:
     assert distributed.anywhere(True) and not distributed.anywhere(False)
 
 
-def test_standardised_has_mean_zero_and_deviation_one() -> None:
-    torch.manual_seed(0)
-    values = distributed.standardised(5.0 + 3.0 * torch.randn(1000), torch.zeros(1000, dtype=torch.long), 1)
-    assert values.mean().item() == pytest.approx(0.0, abs=1e-5)
-    assert values.std(correction=0).item() == pytest.approx(1.0, rel=1e-5)
-
-
-def test_values_far_from_their_groups_mean_are_cut_off() -> None:
-    torch.manual_seed(0)
-    values, groups = torch.randn(2000), torch.arange(2000) % 2
-    values[groups == 1] *= 0.5
-    values[:20:2] = -60.0
-    plain = distributed.standardised(values, groups, 2)
-    cut = distributed.standardised(values, groups, 2, clip=2.0)
-    usual = slice(20, None)
-    assert plain[usual][groups[usual] == 0].std() < 0.2, "the tail makes all others small"
-    assert cut[usual][groups[usual] == 0].std() > 0.8 and cut[:20:2].max() < -1.5
-    for group in range(2):
-        assert cut[groups == group].mean().item() == pytest.approx(0.0, abs=1e-5)
-    assert torch.equal(distributed.standardised(values, groups, 2, clip=float("inf")), plain)
+@pytest.mark.parametrize("gpus", [0, 1])
+def test_a_gpu_that_stays_idle_is_told(monkeypatch, tmp_path: pathlib.Path, caplog, gpus: int) -> None:
+    """Also one that torch does not see."""
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: gpus)
+    monkeypatch.setattr("importlib.util.find_spec", lambda *_: None)
+    monkeypatch.setattr(distributed, "_GPU_FILES", str(tmp_path / "nvidia[0-9]*"))
+    assert distributed.claim_device("cpu") == distributed.claim_device("auto") == "cpu"
+    assert len(caplog.messages) == gpus
+    (tmp_path / "nvidia0").touch()
+    caplog.clear()
+    assert distributed.claim_device("auto") == "cpu"
+    assert len(caplog.messages) == 1 and "hugwbc[gpu]" in caplog.text and f"found {gpus} GPUs" in caplog.text
+    with pytest.raises(ConfigError, match="--device cpu"):
+        distributed.claim_device("cuda")
 
 
 def test_each_process_but_the_first_has_files_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,6 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
-from hugwbc.learned import distributed
 from hugwbc.learned.rl import ppo
 
 ROBOTS, HORIZON, ACTIONS = 16, 12, 5
@@ -67,7 +66,7 @@ def test_advantages_and_returns(oracle: algorithms.PPO) -> None:
     assert done.any() and not done.all()
     torch.testing.assert_close(advantage + value, storage.returns.squeeze(-1), atol=1e-6, rtol=0)
     count = advantage.numel()
-    scaled = distributed.standardised(advantage.flatten(), torch.zeros(count, dtype=torch.long), 1)
+    scaled = ppo.standardised(advantage.flatten(), torch.zeros(count, dtype=torch.long), 1)
     scaled *= ((count - 1) / count) ** 0.5  # rsl_rl divides by the deviation of a sample
     torch.testing.assert_close(scaled, storage.advantages.flatten(), atol=1e-6, rtol=0)
 

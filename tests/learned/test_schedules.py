@@ -1,7 +1,7 @@
 import pytest
 
 from hugwbc.errors import HugwbcError
-from hugwbc.learned.config import Schedule, TrainConfig
+from hugwbc.learned.config import CurriculumConfig, EnvConfig, Schedule, TrainConfig
 
 
 def test_a_value_is_linear_between_points_and_stays_outside() -> None:
@@ -47,9 +47,30 @@ def test_settings_that_depend_on_each_other_change_together() -> None:
         ("ppo.entropy_weight", {0.0: 0.1, 5.0: -1.0}, "linear", "entropy_weight"),
         ("ppo.critic_learning_rate", {0.0: 1e-3, 5.0: 1e-4}, "linear", "cannot change during a training"),
         ("env.curriculum.agile_fraction", {0.0: 0.5, 5.0: 0.2}, "linear", "cannot change during a training"),
+        *(
+            (f"env.{name}", {0.0: 1.0, 5.0: 0.5}, "steps", "cannot change during a training")
+            for name in ("action_scale", "yaw_action_factor", "yaw_damping_factor", "waist_rate")
+        ),
+        ("env.randomization.push_velocity", {0.0: 0.1, 5.0: 0.5}, "linear", "rebuild all robots .* the shape steps"),
+        ("env.terrain.roughness", {0.0: 0.01, 5.0: 0.05}, "geometric", "rebuild all robots .* the shape steps"),
         ("average_steps", {0.0: 0.0, 5.0: 1.0}, "linear", "give settings of env and ppo"),
     ],
 )
 def test_what_cannot_be_is_refused_before_the_training(name: str, points: dict, shape: str, said: str) -> None:
     with pytest.raises(HugwbcError, match=said):
         TrainConfig(schedules={name: Schedule(points, shape)})  # type: ignore[arg-type]
+
+
+def test_what_the_robots_are_rebuilt_for_may_change_in_steps_or_not_at_all() -> None:
+    name = "env.randomization.push_velocity"
+    in_steps = TrainConfig(schedules={name: Schedule({0: 0.1, 5: 0.5}, "steps")})
+    assert in_steps.at(5).env.randomization.push_velocity == 0.5
+    assert TrainConfig(schedules={name: Schedule({0: 0.1})}).at(5).env.randomization.push_velocity == 0.1
+
+
+def test_a_setting_has_a_schedule_or_a_rule() -> None:
+    ruled = EnvConfig(curriculum=CurriculumConfig(rules={"loads.payload": lambda value, curriculum: value}))
+    rising = Schedule({0: 0.0, 5: 1.0})
+    assert TrainConfig(env=ruled, schedules={"env.loads.hand_force": rising}).at(5).env.loads.hand_force == 1.0
+    with pytest.raises(HugwbcError, match=r"'env.loads.payload' has a schedule, and a rule .* one of the two"):
+        TrainConfig(env=ruled, schedules={"env.loads.payload": rising})

@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from hugwbc import Command, Gait, UpperBody, load_robot, rotations
+from hugwbc.commands import MEASURED_NAMES
 from hugwbc.errors import ConfigError
-from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc

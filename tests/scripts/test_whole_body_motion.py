@@ -6,9 +6,9 @@ import pytest
 from bvh_helpers import SKELETON, write_bvh
 
 from hugwbc import rotations
+from hugwbc.commands import MEASURED_NAMES
 from hugwbc.errors import MotionFileError
 from hugwbc.gait import Gait
-from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.robot import load_robot
 from hugwbc.scripts.bvh import JOINTS, find_joints, load_bvh
 from hugwbc.scripts.whole_body_motion import MotionScore, load_whole_body_motion

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 
-from hugwbc.commands import Command, command_ranges
+from hugwbc.commands import MEASURED_NAMES, Command, command_ranges
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
@@ -20,7 +20,6 @@ from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.paper import real_robot_errors
 from hugwbc.evaluation.plans import Knot, Plan, Schedule
-from hugwbc.kinematics import MEASURED_NAMES
 from hugwbc.settings import Count, NotNegative, Positive, settings
 from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel

@@ -11,15 +11,9 @@ from hugwbc.learned.config.environment import (
 )
 from hugwbc.learned.config.robot_settings import LoadConfig, RandomizationConfig
 from hugwbc.learned.config.schedules import Schedule
-from hugwbc.learned.config.training_settings import (
-    CALIBRATED_COMMANDS,
-    CalibrationConfig,
-    PPOConfig,
-    TrainConfig,
-)
+from hugwbc.learned.config.training_settings import CalibrationConfig, PPOConfig, TrainConfig
 
 __all__ = [
-    "CALIBRATED_COMMANDS",
     "CalibrationConfig",
     "CommandConfig",
     "CurriculumConfig",

@@ -55,17 +55,18 @@ class CommandConfig:
 class CurriculumConfig:
     """Curricula of penalty scale, arm noise and speed; gates compare tracking rewards relative to their maxima.
 
-    They move after every so many environment steps, called an iteration here, whatever the length of the learner's own.
+    They move after every so many environment steps, whatever the length of the learner's iterations; the settings count
+    these moves.
     """
 
     steps: Count = 24_576
     """Environment steps between two moves: 24 control steps of 1,024 robots."""
     warm_up_iterations: Annotated[int, Field(ge=0)] = 120
-    """Number of iterations before any of the three moves."""
+    """Number of moves at the start at which all three rest."""
     penalty_start: Positive = 0.2
     """Initial factor on the regularisation rewards."""
     penalty_growth: Positive = 1.002
-    """Factor on the penalty scale per iteration, up to 1."""
+    """Factor on the penalty scale per move, up to 1."""
     linear_threshold: float = 0.7
     """Relative linear tracking reward of robots that move under intervention above which the noise level alpha rises;
     it falls below two thirds of it."""
@@ -74,18 +75,18 @@ class CurriculumConfig:
     alpha_step: NotNegative = 0.01
     """Change of the noise level per decision (the paper's)."""
     alpha_interval: Count = 3
-    """Iterations between two decisions on alpha, so that the averages reflect the new level."""
+    """Moves between two decisions on alpha, so that the averages reflect the new level."""
     speed_threshold: float = 0.7
     """Relative linear tracking reward of moving robots of the agile group above which its speed grows."""
     speed_step: NotNegative = 0.02
     """Growth of the largest forward speed of the agile group per decision [m/s]."""
     speed_interval: Count = 20
-    """Iterations between two decisions on the speed."""
+    """Moves between two decisions on the speed."""
     agile_fraction: Share = 0.5
     """Fraction of the robots that are in the agile group, which has higher speeds and no intervention."""
     rules: Annotated[dict[str, Callable[..., float]], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
-    """Functions of a setting's present value and the `Curriculum`, which return its new value after each iteration, by
-    the name of the setting, such as loads.payload; for settings written in Python."""
+    """Functions of a setting's present value and the `Curriculum`, which return its new value at each move, by the
+    name of the setting, such as loads.payload; for settings written in Python."""
 
 
 @settings
@@ -139,7 +140,8 @@ class ExtraWeights:
     """Weights of terms that the paper's table lacks; 0 switches a term off."""
 
     alive: float = 4.0
-    """Constant reward while the robot is up. It keeps early returns positive, so that falling never pays."""
+    """Constant reward while the robot is up. The sum of a step must be positive from the start, or robots fall on
+    purpose; with loads and full penalties that takes about 15 (recipes)."""
     body_roll_tracking: float = -10.0
     """Squared roll, which the authors' code has inside its pitch term."""
     joint_limits: float = -5.0
@@ -237,11 +239,9 @@ class EnvConfig:
     """Folder of motion files (.npz, .csv) for the motion intervention; motions are generated if it is not given."""
     flip_probability: Share = 0.005
     """Probability per control step that the intervention indicator I(t) flips."""
-    noise_interval: Count = 90
-    """Control steps between two draws of the arm noise."""
     noise_paired: Share = 0.0
-    """Share of these draws that are mirror-symmetric. With independent arms, a load in both hands ahead of a stand,
-    which tips it forward, is hardly ever practised."""
+    """Share of the draws of the arm noise that are mirror-symmetric. With independent arms, a load in both hands ahead
+    of a stand, which tips it forward, is hardly ever practised."""
     observations: tuple[str, ...] = ()
     """Observation terms (`hugwbc.learned.policy.terms.TERMS`) that the policy reads besides the paper's, by name;
     docs/how-to/add-an-observation.md."""

@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from hugwbc.errors import ConfigError
-from hugwbc.learned.config.environment import READ_ONCE, EnvConfig
+from hugwbc.learned.config.environment import ADOPTED, READ_ONCE, EnvConfig
 from hugwbc.learned.config.robot_settings import Range
 from hugwbc.learned.config.schedules import Schedule, scheduled
 from hugwbc.settings import (
@@ -30,11 +30,14 @@ _BUILT_ONCE = (
     "env.timestep",
     "env.substeps",
     "env.observations",
+    "env.action_scale",
+    "env.yaw_action_factor",
+    "env.yaw_damping_factor",
+    "env.waist_rate",
     *(f"env.{name}" for name in READ_ONCE),
     "ppo.learning_rate",
     "ppo.critic_learning_rate",
-)  # settings of networks, optimiser, clock and the beginning of curricula
-CALIBRATED_COMMANDS = ("v_x", "v_y", "omega", "h", "p", "w", "l")  # all commands whose execution is measured
+)  # settings of networks, optimiser, clock, drives and the beginning of curricula
 
 
 @settings
@@ -116,8 +119,8 @@ class TrainConfig:
     save_interval: Count = 50
     """Iterations between two checkpoints."""
     average_steps: NotNegative = 0.0
-    """Environment steps over which the weights of the networks that are evaluated and given out are averaged, while
-    the learner goes on with its own; 0 for the learner's. The errors of single updates cancel (docs/log/signal.md)."""
+    """Time constant, in environment steps, of the exponential moving average (EMA) of the learner's weights that is
+    evaluated and given out; 0 for the weights themselves. The errors of single updates cancel (docs/log/signal.md)."""
     evaluation_steps: NotNegative = 1e6
     """Environment steps between two evaluations, whose best policy is kept in `out`/best; 0 for none."""
     evaluation_robots: Count = 128
@@ -130,7 +133,8 @@ class TrainConfig:
     ppo: PPOConfig = dataclasses.field(default_factory=PPOConfig)
     schedules: Annotated[dict[str, Schedule], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
     """Settings by dotted name, such as ppo.horizon, that change with the steps of this run and replace the values
-    above. They have no options: recipes have them. What is built once cannot change (`_BUILT_ONCE`)."""
+    above. They have no options: recipes have them. What is built once cannot change (`_BUILT_ONCE`); what the robots
+    are rebuilt for (of env, all that is not in `ADOPTED`) changes in steps."""
 
     source: Annotated[str, tyro.conf.Suppress] = ""
     """Name and digest of the Python file that these settings come from, for the record."""
@@ -148,11 +152,25 @@ class TrainConfig:
                     f"{', '.join(_BUILT_ONCE)}",
                     at=("schedules", name),
                 )
+            if name.removeprefix("env.") in self.env.curriculum.rules:
+                raise ConfigError(
+                    f"'{name}' has a schedule, and a rule of env.curriculum.rules moves it; give one of the two",
+                    at=("schedules", name),
+                )
         for steps in sorted({place for schedule in self.schedules.values() for place in schedule.points}):
             try:
                 self.at(steps)
             except ConfigError as error:
                 raise ConfigError(f"the schedules give at {steps:g} steps: {error}", at=("schedules",)) from error
+        for name, schedule in self.schedules.items():
+            kind, _, setting = name.partition(".")
+            adopted = kind == "ppo" or setting.partition(".")[0] in ADOPTED
+            if not adopted and schedule.shape != "steps" and len(schedule.points) > 1:
+                raise ConfigError(
+                    f"a {schedule.shape} schedule of '{name}' would rebuild all robots in every iteration; give it the "
+                    f"shape steps. Other shapes are for settings of ppo and for {', '.join(ADOPTED)} of env",
+                    at=("schedules", name),
+                )
 
 
 @settings

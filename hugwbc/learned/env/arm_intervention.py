@@ -1,8 +1,8 @@
 """External control of the arms in training: when it happens, how it is blended in, its targets and the gains.
 
 The paper's section on intervention training: I(t) flips with probability p per step, and while I = 1 the arms follow
-alpha * target + (1 - alpha) * policy. The targets are the paper's noise (uniform, drawn every t_interval steps and
-approached linearly during the first two thirds of the interval) or motions, which each robot plays one after the
+alpha * target + (1 - alpha) * policy. The targets are the paper's noise (uniform, drawn every `NOISE_INTERVAL` steps
+and approached linearly during the first two thirds of the interval) or motions, which each robot plays one after the
 other, faded into each other.
 """
 
@@ -18,6 +18,7 @@ from hugwbc.robot import Robot, load_mirror
 from hugwbc.scripts.motion import ArmMotion, arm_noise_range, generate_motions, load_motions
 from hugwbc.sim.batch import RobotBatch
 
+NOISE_INTERVAL = 90  # control steps between two targets of the noise
 RAMP_FRACTION = 2.0 / 3.0
 FADE_STEPS = 25  # control steps over which a motion takes over from the posture before it
 
@@ -151,7 +152,6 @@ def make_arm_targets(
     robot: Robot,
     count: int,
     *,
-    interval: int,
     motions: pathlib.Path | None,
     motions_seed: int,
     generator: torch.Generator,
@@ -160,7 +160,7 @@ def make_arm_targets(
 ) -> ArmTargets:
     """Build the source of arm targets: motions, of a folder or generated with a seed, or else the paper's noise."""
     if kind != "motion":
-        return NoiseTargets(robot, count, interval, generator, paired)
+        return NoiseTargets(robot, count, NOISE_INTERVAL, generator, paired)
     clips = generate_motions(robot, motions_seed) if motions is None else load_motions(motions, robot)
     return MotionTargets(robot, count, clips, generator, period)
 

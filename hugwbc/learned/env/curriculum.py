@@ -24,12 +24,12 @@ _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w
 
 @dataclasses.dataclass
 class Curriculum:
-    """Levels of the training that move once per iteration.
+    """Levels of the training; their moves are those of `CurriculumConfig`.
 
     Attributes:
         config: thresholds and steps.
         robot: whose ranges of commands count.
-        iteration: number of iterations so far.
+        iteration: number of moves so far.
         penalty_scale: factor on the regularisation rewards.
         alpha: noise level of the intervention.
         max_speed: largest v_x of the agile group [m/s].
@@ -67,7 +67,7 @@ class Curriculum:
         return self.yaw_rates[0] + progress * (self.yaw_rates[1] - self.yaw_rates[0])
 
     def update(self, agile: tuple[float, float] | None, intervened: tuple[float, float] | None) -> None:
-        """Move the levels after an iteration.
+        """Move the levels once.
 
         Args:
             agile: mean linear and angular tracking reward of the agile group relative to their maxima; None if the
@@ -79,7 +79,8 @@ class Curriculum:
         # The running rewards start at zero, and the policy has only begun to learn.
         if self._warming_up:
             waiting = ("penalty", "alpha", "speed")
-            self.gates = dict.fromkeys(waiting, f"warm-up until {self.config.warm_up_iterations}")
+            end = self.config.warm_up_iterations * self.config.steps
+            self.gates = dict.fromkeys(waiting, f"warm-up until {end:.3g} steps")
             return
         self.penalty_scale = min(1.0, self.penalty_scale * self.config.penalty_growth)
         self.gates["penalty"] = f"{self.penalty_scale:.3f}"
@@ -97,7 +98,7 @@ class Curriculum:
         return self.iteration <= self.config.warm_up_iterations
 
     def apply_rules(self, config: EnvConfig) -> None:
-        """Let the rules of the settings move the values of those that they are for, after an iteration."""
+        """Let the rules of the settings move the values of those that they are for, at a move."""
         if self._warming_up:
             return
         for name, rule in self.config.rules.items():

@@ -140,7 +140,6 @@ class HumanoidEnv:
             config.intervention,
             self.robot,
             self.count,
-            interval=config.noise_interval,
             motions=config.motions,
             motions_seed=GENERATED_MOTIONS_SEED,
             generator=self.generator,
@@ -277,7 +276,7 @@ class HumanoidEnv:
     # Curricula ------------------------------------------------------------------------------------------------------
 
     def update_curriculum(self) -> None:
-        """Move the curricula after an iteration, based on the tracking rewards of moving robots of both groups."""
+        """Move the curricula once, based on the tracking rewards of moving robots of both groups."""
         self.curriculum.update(
             self.statistics.gate("speed") if bool(self.agile.any()) else None,
             self.statistics.gate("alpha") if bool(self._intervenable.any()) else None,

@@ -8,6 +8,7 @@ import dataclasses
 import numpy as np
 import torch
 
+from hugwbc.commands import COMMAND_NAMES, MEASURED_NAMES
 from hugwbc.gait import held
 from hugwbc.learned.env.rough_ground import RoughGround
 from hugwbc.learned.policy.critic_observations import Observation
@@ -15,9 +16,9 @@ from hugwbc.robot import Robot
 from hugwbc.sim.batch import RobotBatch
 from hugwbc.sim.engine import FALL_HEIGHT, FALL_PITCH, FALL_ROLL
 
-TRACKED = ("v_x", "v_y", "omega", "h", "p", "w")  # the commands whose execution shows in a single state
 BIAS_TIME = 0.5  # [s], time constant of the filter of velocity errors
 CONTACT_THRESHOLD = 5.0  # [N], above which a foot counts as on the ground
+_MEASURED_COLUMNS = [COMMAND_NAMES.index(name) for name in MEASURED_NAMES]
 
 
 def tensor(values: np.ndarray | torch.Tensor, device: torch.device | None = None) -> torch.Tensor:
@@ -227,9 +228,10 @@ def to_heading(vector: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
     return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=-1)
 
 
-def tracked(s: Readings, waist: int) -> torch.Tensor:
-    """Return what the robots execute of the commands `TRACKED`, shape (n, 6)."""
-    return torch.stack((s.velocity[:, 0], s.velocity[:, 1], s.yaw_rate, s.height, s.pitch, s.q[:, waist]), dim=1)
+def command_errors(s: Readings, command: torch.Tensor, waist: int) -> torch.Tensor:
+    """Return the absolute errors of `MEASURED_NAMES`, shape (n, 6), under commands, (n, 8), given the waist's index."""
+    measured = s.velocity[:, 0], s.velocity[:, 1], s.yaw_rate, s.height, s.pitch, s.q[:, waist]
+    return (torch.stack(measured, dim=1) - command[:, _MEASURED_COLUMNS]).abs()
 
 
 def feet_on_ground(foot_force: torch.Tensor) -> torch.Tensor:

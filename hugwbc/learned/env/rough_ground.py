@@ -12,7 +12,7 @@ from hugwbc.learned.config import TerrainConfig
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.terms import LENGTH_SCALE
 from hugwbc.sim.batch import RobotBatch
-from hugwbc.sim.terrain import level_terrain
+from hugwbc.sim.terrain import level_terrain, on_grid
 
 _LATE = 0.25  # [m], hysteresis: a robot is moved by a period this far beyond half of it, and so not moved to and fro
 _FOOTPRINT = torch.cartesian_prod(torch.linspace(-0.2, 0.3, 6), torch.linspace(-0.25, 0.25, 6))  # of a stand [m]
@@ -38,9 +38,9 @@ class RoughGround:
         self._config = config
         self._period = ground.period
         self._centres = torch.tensor(ground.centres, dtype=torch.float32, device=device)
-        self._heights = torch.tensor(ground.field.heights, dtype=torch.float32, device=device).flatten()
-        self._rows, self._columns = ground.field.heights.shape
-        last = torch.tensor([self._columns - 1, self._rows - 1])
+        self._heights = torch.tensor(ground.field.heights, dtype=torch.float32, device=device)
+        rows, columns = ground.field.heights.shape
+        last = torch.tensor([columns - 1, rows - 1])
         self._middle, self._scale = (0.5 * last).to(device), (last / torch.tensor(ground.field.size)).to(device)
         self._points, self._footprint = obs.terrain_points().to(device), _FOOTPRINT.to(device)
         # Robots that moved up, fell back and were held, and the sum of the latter's rewards, since the last report.
@@ -48,16 +48,9 @@ class RoughGround:
 
     def height_at(self, xy: torch.Tensor) -> torch.Tensor:
         """Return the height of the ground [m] at points (..., 2), as `HeightField.height_at`; NaN is the origin."""
-        # A diverged robot may be anywhere; clamp its index to the grid.
-        cell = torch.nan_to_num(xy) * self._scale + self._middle
-        column, row = cell[..., 0].clamp(0.0, self._columns - 1.001), cell[..., 1].clamp(0.0, self._rows - 1.001)
-        # MuJoCo splits each cell into two triangles along one diagonal: interpolate linearly on the one that is hit.
-        left, below = column.long(), row.long()
-        u, v = column - left, row - below
-        index = below * self._columns + left
-        near, far = self._heights[index], self._heights[index + self._columns + 1]
-        corner = self._heights[index + torch.where(u > v, 1, self._columns)]
-        return near + torch.maximum(u, v) * (corner - near) + torch.minimum(u, v) * (far - corner)
+        # A diverged robot may be anywhere.
+        column, row = (torch.nan_to_num(xy) * self._scale + self._middle).unbind(-1)
+        return on_grid(self._heights, column, row)
 
     def samples(self, xy: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
         """Return the heights at the critic's sample points around robots [m], shape (k, 221)."""

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 
 import torch
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import MEASURED_NAMES
 from hugwbc.gait import Gait, hopping
 from hugwbc.learned import distributed
-from hugwbc.learned.env.readings import TRACKED, Transition, held_foot_down, tracked
+from hugwbc.learned.env.readings import Transition, command_errors, held_foot_down
 
 TRACKING_MEMORY = 0.99  # per control step, of the exponential averages of the tracking rewards
-_COLUMNS = [COMMAND_NAMES.index(name) for name in TRACKED]
 GATES = ("alpha", "speed")
 _MOVING = 0.1  # [m/s] and [rad/s] of a command, above which a robot counts as moving
 _GAITS = {  # first and last value of `Gait`
@@ -40,6 +39,7 @@ class Statistics:
         self.tracking = torch.zeros(len(agile), 2, device=agile.device)
         self._gates: dict[str, torch.Tensor] = {name: torch.zeros(2, device=agile.device) for name in GATES}
         self._sums: dict[tuple[str, ...], torch.Tensor] = {}  # totals, numbers of samples: shape (2, number of names)
+        self._not_finite: dict[tuple[str, ...], torch.Tensor] = {}  # numbers of rewards, by their names
 
     def add(
         self,
@@ -59,14 +59,17 @@ class Statistics:
             diverged: whether the physics of each robot failed, shape (n,), bool.
         """
         self.tracking = TRACKING_MEMORY * self.tracking + (1.0 - TRACKING_MEMORY) * torch.nan_to_num(tracking)
-        terms = torch.stack(tuple(rewards.values())).double().mean(1)
+        values, names = torch.stack(tuple(rewards.values())), tuple(rewards)
+        wrong = (~values.isfinite() & ~diverged).sum(1)
+        self._not_finite[names] = self._not_finite[names] + wrong if names in self._not_finite else wrong
+        terms = values.double().mean(1)
         self._average([f"reward/{name}" for name in rewards], terms, torch.ones_like(terms))
-        errors = (tracked(t, self._waist) - t.command[:, _COLUMNS]).abs()
+        errors = command_errors(t, t.command, self._waist)
         known = errors.isfinite().all(1)
         for label, (first, last) in _GAITS.items():
             robots = known & (t.gait >= first) & (t.gait <= last)
             totals = torch.where(robots[:, None], errors, 0.0).double().sum(0)
-            self._average([f"{label}_error/{name}" for name in TRACKED], totals, robots.sum().expand(len(TRACKED)))
+            self._average([f"{label}_error/{name}" for name in MEASURED_NAMES], totals, robots.sum().expand_as(totals))
         happened = (finished_age.new_tensor(finished_age.numel()), t.fallen.sum(), diverged.sum(), finished_age.sum())
         self._average([*_EVENTS, _LENGTH], torch.stack(happened).double(), torch.ones_like(happened[1]).expand(4))
         self._average(["held_foot_down"], held_foot_down(t, t.gait).sum()[None].double(), hopping(t.gait).sum()[None])
@@ -97,6 +100,19 @@ class Statistics:
         for name, value in known.items():
             if value is not None:
                 self._gates[name] = self._gates[name].new_tensor(value)
+
+    def faults(self) -> str:
+        """Return in words which rewards were not finite since the last call; empty if none. A GPU is waited for.
+
+        Those of robots whose physics failed do not count.
+        """
+        counts: dict[str, int] = {}
+        for names, numbers in self._not_finite.items():
+            for name, number in zip(names, numbers.tolist(), strict=True):
+                counts[name] = counts.get(name, 0) + number
+        self._not_finite = {}
+        found = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
+        return f"not finite, counted as 0: {found}" if found else ""
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return the running averages."""

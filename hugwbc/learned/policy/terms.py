@@ -39,7 +39,8 @@ class Part:
         sides: whether they are those of the left side, then those of the right one: in a mirror image the two change
             places, and `signs` are those of one side.
         scale: factor that brings them to about 1, one for all or one for each.
-        noise: half-width of the noise in training, in physical units, on a term that is read besides the paper's.
+        noise: half-width of the noise in training on a term that is read besides the paper's, in physical units; it
+            comes on top of the errors of the sensors.
     """
 
     about: str
@@ -216,7 +217,6 @@ TERMS: dict[str, ObservationTerm] = {
         size=3,
         signs=_AXIAL,
         scale=0.25,
-        noise=0.2,
         read=lambda s: s.angular_velocity,
     ),
     "linear_velocity": _term(
@@ -229,14 +229,11 @@ TERMS: dict[str, ObservationTerm] = {
         about="unit vector of gravity in the pelvis frame",
         size=3,
         signs=_VECTOR,
-        noise=0.05,
         read=lambda s: s.gravity,
     ),
-    "joint_position": _term(
-        about="q minus the pose at action 0", size="joints", signs="joints", noise=0.01, read=_joint_position
-    ),
+    "joint_position": _term(about="q minus the pose at action 0", size="joints", signs="joints", read=_joint_position),
     "absolute_joint_position": _term(about="q", size="joints", signs="joints", read=lambda s: s.q),
-    "joint_velocity": _term(about="dq", size="joints", signs="joints", scale=0.05, noise=1.5, read=lambda s: s.dq),
+    "joint_velocity": _term(about="dq", size="joints", signs="joints", scale=0.05, read=lambda s: s.dq),
     "last_action": _term(about="last action", size="joints", signs="joints", read=lambda s: s.action),
     "command": _term(
         about="commands: " + ", ".join(COMMAND_NAMES),

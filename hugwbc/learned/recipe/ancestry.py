@@ -35,7 +35,7 @@ class StageRecord:
 
     Attributes:
         stage, kind: name of the stage, and what it did.
-        recipe, settings: name of the recipe, and digest of all settings of the stage.
+        recipe, settings: name of the recipe, and digest of those settings of the stage that differ from the defaults.
         seed: seed of its random numbers.
         commits: commits of the source tree, in the order of the sessions; "+": with other changes.
         versions: versions of Python, machine and packages.

@@ -114,7 +114,8 @@ class _Work:
         self.stage: Stage = self.recipe.stages[self.name]
         self.folder = self.out / self.name
         self.seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}  # a calibration has its own
-        settings = TypeAdapter(Stage).dump_python(self.stage, mode="json")
+        # Without the defaults: a setting that a newer version adds changes no recipe.
+        settings = TypeAdapter(Stage).dump_python(self.stage, mode="json", exclude_defaults=True)
         self.digest = digest(json.dumps(settings | self.seed, sort_keys=True))
         self.inputs = {
             setting: self.out / str(path) / TAKEN[setting] if str(path) in self.recipe.stages else path

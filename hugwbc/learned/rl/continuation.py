@@ -15,6 +15,17 @@ from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
 from hugwbc.learned.policy.records import settings_record
 
 _OF_A_SESSION = ("resume", "start_from", "steps", "hours", "threads", "device", "save_interval")  # settings
+# Settings of the environment without which a policy moves differently: its clock, its drives and its feed-forward.
+_OF_THE_MOTION = (
+    "action_scale",
+    "squat_gain",
+    "substeps",
+    "swing_gain",
+    "timestep",
+    "waist_rate",
+    "yaw_action_factor",
+    "yaw_damping_factor",
+)
 _MOST_NAMED = 5  # settings in an error
 
 
@@ -86,10 +97,10 @@ def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> str:
-    """Return what a user should know: another feed-forward of the legs."""
+    """Return what a user should know: another clock, other drives or another feed-forward than in a checkpoint."""
     settings = metadata["config"]
     before: dict[str, float] = {}
-    for name in {"squat_gain", "swing_gain"} & settings["env"].keys():
+    for name in settings["env"].keys() & _OF_THE_MOTION:
         schedule = settings.get("schedules", {}).get(f"env.{name}")
         ran = metadata["steps"] - metadata.get("begin", {}).get("steps", 0)
         before[name] = settings["env"][name] if schedule is None else Schedule(**schedule).at(ran)

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 
 import torch
 
-from hugwbc.commands import COMMAND_NAMES
+from hugwbc.commands import COMMAND_NAMES, MEASURED_NAMES
 from hugwbc.gait import Gait, held, hopping
 from hugwbc.learned.config import EnvConfig, LoadConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
-from hugwbc.learned.env.readings import TRACKED, Readings, feet_on_ground, held_foot_down, tracked
+from hugwbc.learned.env.readings import Readings, command_errors, feet_on_ground, held_foot_down
 from hugwbc.settings import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
-ERROR_SCALES = dict(zip(TRACKED, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
+ERROR_SCALES = dict(zip(MEASURED_NAMES, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
 # Likewise of a gait: stride frequency [Hz], swing height [m], share of the time with the held foot down, speed of
 # descent of a sole before it touches the ground [m/s].
 GAIT_SCALES = {"f": 0.1, "l": 0.05, "held_foot": 0.05, "impact": 1.0}
@@ -26,7 +26,6 @@ _SHORTEST_FLIGHT = 2  # control steps off the ground before a contact counts as 
 _NEVER = 2**30  # control steps
 _ROUNDING = 1e-6  # of a number of time steps
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
-_COLUMNS = [COMMAND_NAMES.index(name) for name in ERROR_SCALES]
 
 
 class _Steps:
@@ -44,11 +43,12 @@ class _Steps:
         self._landings, self._height_error, self._impact = (torch.zeros(shape) for _ in range(3))
         self._down, self._samples = torch.zeros(len(gait)), torch.zeros(len(gait))
 
-    def add(self, step: int, readings: Readings, upright: torch.Tensor) -> None:
-        """Add a control step of the robots that are upright, shape (n,), bool."""
+    def add(self, readings: Readings, upright: torch.Tensor) -> None:
+        """Add the next control step of the robots that are upright, shape (n,), bool; who has fallen stays down."""
+        self._samples += upright
         on_ground = feet_on_ground(readings.foot_force)
         landed = on_ground & (self._airborne >= _SHORTEST_FLIGHT) & self._swings & upright[:, None]
-        time = torch.full_like(self._first, step * self._dt)
+        time = (self._samples * self._dt)[:, None].expand_as(self._first)
         self._first = torch.where(landed & self._first.isnan(), time, self._first)
         self._last = torch.where(landed, time, self._last)
         self._landings += landed
@@ -59,20 +59,27 @@ class _Steps:
         self._apex = torch.where(on_ground, 0.0, torch.maximum(self._apex, readings.clearance))
         self._descent = -readings.foot_velocity[..., 2]
         self._down += held_foot_down(readings, self._gait) & upright
-        self._samples += upright
 
     def errors(self, robots: torch.Tensor) -> dict[str, float]:
-        """Return the figures of `GAIT_SCALES` that some robots, (n,), bool, have; without a stride f is wrong by f."""
+        """Return the figures of `GAIT_SCALES` that some robots, (n,), bool, have: means over the feet that step.
+
+        In a cycle that a foot misses, f is wrong by f and l by l, as they are for a foot without a stride or a landing.
+        """
         swings = self._swings & robots[:, None]
         if not bool(swings.any()):
             return {}
-        stride = (self._landings - 1.0) / (self._last - self._first)
-        wanted = self._command[:, [_F]].expand_as(stride)
-        frequency = torch.where(self._landings > 1.0, (stride - wanted).abs(), wanted)
+        cycles, wanted, high = self._landings - 1.0, self._command[:, [_F]], self._command[:, [_L]]
+        # As in `hugwbc.evaluation.metrics`: n periods without a touch-down, at an end, have missed all but one.
+        gaps = torch.stack((self._first, (self._samples * self._dt)[:, None] - self._last))
+        missed = ((gaps * wanted + _ROUNDING).floor() - 1.0).clamp(min=0.0).sum(0)
+        error = (cycles / (self._last - self._first) - wanted).abs() * cycles + missed * wanted
+        frequency = torch.where(cycles > 0.0, error / (cycles + missed), wanted)
+        error = self._height_error + missed * high
+        height = torch.where(self._landings > 0.0, error / (self._landings + missed), high)
         landings = self._landings[swings].sum().clamp(min=1.0)
         figures = {
             "f": float(frequency[swings].mean()),
-            "l": float(self._height_error[swings].sum() / landings),
+            "l": float(height[swings].mean()),
             "impact": float(self._impact[swings].sum() / landings),
         }
         if bool(hopping(self._gait[robots]).all()):
@@ -147,7 +154,7 @@ class Evaluator:
         env.load_state_dict(self._start)
         command, gait = env.command.clone(), env.gait.clone()
         upright = torch.ones(env.count, dtype=torch.bool)
-        sums, samples = torch.zeros(env.count, len(_COLUMNS)), torch.zeros(env.count)
+        sums, samples = torch.zeros(env.count, len(ERROR_SCALES)), torch.zeros(env.count)
         steps = _Steps(command, gait, env.dt)
         for step in range(self._steps):
             observation = env.observe()
@@ -155,10 +162,10 @@ class Evaluator:
             upright &= ~env.step(action).done
             if step >= self._settle:
                 # A robot that fell has restarted under another command: it no longer counts.
-                error = (tracked(env.readings, env.robot.waist) - command[:, _COLUMNS]).abs()
+                error = command_errors(env.readings, command, env.robot.waist)
                 sums += torch.where(upright[:, None], error, 0.0)
                 samples += upright
-                steps.add(step, env.readings, upright)
+                steps.add(env.readings, upright)
         env.statistics.pop()
         steps_of_gaits = {
             one: {"falls": float((~upright[gait == one]).float().mean())} | steps.errors(gait == one)

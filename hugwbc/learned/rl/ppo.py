@@ -21,6 +21,7 @@ from hugwbc.learned.policy.networks import POLICY_HIDDEN, ActorCritic
 from hugwbc.learned.policy.terms import Part
 from hugwbc.robot import Robot
 
+LEAST_SPREAD = 0.25
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LOSSES = ("value_loss", "policy_loss", "estimation_loss", "kl")
 _GROUPS = torch.tensor([min(gait, gait.mirrored()) for gait in Gait])  # of advantages: hops on either leg are alike
@@ -86,6 +87,33 @@ def surrogate_loss(
 def explained_variance(value: torch.Tensor, returns: torch.Tensor) -> float:
     """Return 1 - var(R - V) / var(R): 1 for a critic that knows the returns, 0 for one that says the same of all."""
     return float(1.0 - (returns - value).var() / returns.var().clamp(min=1e-12))
+
+
+def standardised(values: torch.Tensor, groups: torch.Tensor, count: int, clip: float = math.inf) -> torch.Tensor:
+    """Standardise values by the mean and the standard deviation of their groups over all processes.
+
+    Args:
+        values: the values of this process, as many as in every other, shape (n,).
+        groups: group of each value, from 0 to `count` - 1, shape (n,). Its standard deviation counts as at least
+            `LEAST_SPREAD` of that of all values together: in a group where nothing is left to learn, the rest is noise.
+        count: number of groups.
+        clip: how many mean absolute deviations of its group a value may be away from the group's mean; what is farther
+            is cut off first.
+    """
+
+    def sums(numbers: torch.Tensor) -> torch.Tensor:
+        return distributed.total(numbers.new_zeros(count).index_add_(0, groups, numbers))
+
+    members = sums(torch.ones_like(values)).clamp(min=1.0)
+    centred = values - (sums(values) / members)[groups]
+    if math.isfinite(clip):
+        bound = clip * (sums(centred.abs()) / members)[groups]
+        values = torch.maximum(torch.minimum(centred, bound), -bound)
+        centred = values - (sums(values) / members)[groups]
+    whole = values - distributed.mean(values.mean())
+    spread = (distributed.total(whole.square().sum()) / (distributed.size() * values.numel() - 1)).sqrt()
+    spreads = (sums(centred.square()) / members).sqrt()
+    return centred / (torch.maximum(spreads, LEAST_SPREAD * spread)[groups] + 1e-8)
 
 
 @dataclasses.dataclass(eq=False)
@@ -239,9 +267,7 @@ class PPO:
         batch["returns"] = advantage.flatten() + batch["value"]
         explained = explained_variance(batch["value"], batch["returns"])
         # By gait: over all, the rare falls of a hard gait would hide the small errors of an easy one.
-        batch["advantage"] = distributed.standardised(
-            advantage.flatten(), batch.pop("group"), len(_GROUPS), c.advantage_clip
-        )
+        batch["advantage"] = standardised(advantage.flatten(), batch.pop("group"), len(_GROUPS), c.advantage_clip)
         old_log_std = self.network.exploration().detach().clone()
         sums: dict[str, float] = {}
         count = 0

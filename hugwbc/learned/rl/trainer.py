@@ -54,8 +54,9 @@ class Trainer:
             of the run that this one starts from included.
         begin: iteration and steps at which this run began.
         evaluation: figures of the last evaluation and its iteration; empty before the first.
-        best: the same of the best evaluation, whose policy is in the folder `best`.
-        product: the networks that are evaluated and given out: the learner's, averaged over `config.average_steps`.
+        best: the same of the best evaluation whose policy is in the folder `best`.
+        product: the networks that are evaluated and given out: an exponential moving average (EMA) of the learner's,
+            with the time constant `config.average_steps`.
         leads: whether this is the first process.
         device: where it computes.
         stop: the wish to stop; it is looked at after every iteration.
@@ -128,6 +129,7 @@ class Trainer:
         while self.run_steps < self.config.steps and not distributed.anywhere(
             self.stop.requested or time.monotonic() - start >= 3600.0 * hours
         ):
+            best = self.best
             row = self.iterate() | self._evaluate()
             if self.leads:
                 with writing(self.config.out):
@@ -135,7 +137,8 @@ class Trainer:
                 by_steps = (self.run_steps - first) / (self.config.steps - first)
                 by_hours = (time.monotonic() - start) / (3600.0 * hours)
                 report(row | {"progress": min(1.0, max(by_steps, by_hours))}, self.env.curriculum.gates)
-            if self.iteration % self.config.save_interval == 0:
+            # With a new best policy too: a run that is cut off would go on with the figures of an earlier one.
+            if self.iteration % self.config.save_interval == 0 or distributed.anywhere(self.best is not best):
                 self.save()
         self.save()
 
@@ -168,6 +171,8 @@ class Trainer:
         levels = self.env.curriculum
         if fault := self.env.simulation.faults():
             levels.gates["physics"] = fault
+        if fault := self.env.statistics.faults():
+            levels.gates["rewards"] = fault
         return {
             "iteration": self.iteration,
             "steps": self.steps,
@@ -199,7 +204,7 @@ class Trainer:
 
     @torch.no_grad()
     def _average(self, steps: int) -> None:
-        """Let the weights of the product follow the learner's for a number of environment steps."""
+        """Let the product, the EMA of the learner's weights, follow them for a number of environment steps."""
         share = min(1.0, steps / max(self.config.average_steps, 1.0))
         for mean, learnt in zip(self.product.parameters(), self.ppo.network.parameters(), strict=True):
             mean.lerp_(learnt, share)
@@ -311,9 +316,13 @@ class Trainer:
             self.ppo.skipped = int(metadata["skipped"])
             self.remark = _ANEW.format(path) if anew else differences(metadata, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
-                self.evaluation, self.best = dict(metadata["evaluation"]), dict(metadata["best"])
+                self.evaluation, best = dict(metadata["evaluation"]), dict(metadata["best"])
+                self.best = best if (self.config.out / BEST_FOLDER / POLICY_FILE).exists() else {}
         if not self.config.resume:
             self.ppo.bound_std(self.steps)
+            if groups["env"]:  # whose generators go on with the other run's seed
+                self.env.generator.manual_seed(self._seed)
+                self.generator.manual_seed(self._seed + 1)
 
     def _restore_robots(
         self, state: dict[str, torch.Tensor], tensors: dict[str, torch.Tensor], path: pathlib.Path

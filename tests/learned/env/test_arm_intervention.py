@@ -7,6 +7,7 @@ import torch
 from hugwbc.errors import MotionFileError
 from hugwbc.learned.env.arm_intervention import (
     FADE_STEPS,
+    NOISE_INTERVAL,
     ArmGains,
     ArmTargets,
     Intervention,
@@ -143,10 +144,10 @@ def test_state_survives_a_round_trip_and_foreign_state_is_ignored(kind: str) -> 
 
 def test_a_source_by_name(tmp_path: pathlib.Path) -> None:
     def make(kind: str, motions: pathlib.Path | None = None) -> ArmTargets:
-        return make_arm_targets(kind, ROBOT, 2, interval=7, motions=motions, motions_seed=3, generator=generator())
+        return make_arm_targets(kind, ROBOT, 2, motions=motions, motions_seed=3, generator=generator())
 
     noise = make("noise")
-    assert isinstance(noise, NoiseTargets) and noise.interval == 7
+    assert isinstance(noise, NoiseTargets) and noise.interval == NOISE_INTERVAL
     generated = make("motion")
     expected = MotionTargets(ROBOT, 2, generate_motions(ROBOT, 3), generator())
     for _ in range(60):

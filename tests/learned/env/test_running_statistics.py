@@ -50,6 +50,17 @@ def test_a_robot_whose_physics_failed_spoils_no_average(small_env: HumanoidEnv) 
     assert figures["walking_error/omega"] == pytest.approx(0.4 / 3.0, abs=1e-6)
 
 
+def test_rewards_that_are_not_finite_are_told_but_for_robots_whose_physics_failed(small_env: HumanoidEnv) -> None:
+    statistics = Statistics(NOBODY, small_env.robot.waist)
+    transition, first = small_env._transition(small_env.readings, NOBODY), torch.arange(8) == 0
+    bad = torch.tensor([math.nan, math.inf, -math.inf, 1.0, 1.0, 1.0, 1.0, 1.0])
+    for diverged in (first, NOBODY):
+        terms = {"alive": torch.where(first, math.nan, 1.0), "mine": bad}
+        statistics.add(terms, torch.ones(8, 2), transition, torch.tensor([30]), diverged)
+    assert statistics.faults() == "not finite, counted as 0: 1 of alive, 5 of mine"
+    assert statistics.faults() == ""
+
+
 def test_events_are_counted_and_tracking_is_remembered(small_env: HumanoidEnv) -> None:
     statistics = Statistics(NOBODY, small_env.robot.waist)
     for _ in range(2):

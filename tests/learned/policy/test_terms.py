@@ -69,6 +69,12 @@ def test_training_and_deployment_read_the_same():
     np.testing.assert_allclose(seen.numpy(), observe(terms, arrays), atol=1e-6)
 
 
+def test_our_terms_have_the_errors_of_the_sensors_alone():
+    calm = EnvConfig(count=6, observations=FRAME_TERMS, randomization=RandomizationConfig(sensing=(0.0, 0.0)))
+    env = HumanoidEnv(calm, seed=1, threads=1)
+    torch.testing.assert_close(env.observe().command[:, 18:], env.history[:, -1], atol=1e-5, rtol=0.0)
+
+
 def test_a_clock_without_a_gait_has_no_mirror_image():
     with pytest.raises(ConfigError, match="'phase_sin' violates its mirror signs at 0"):
         check_term("phase_sin", ROBOT)

@@ -12,6 +12,7 @@ import pytest
 
 from hugwbc.cli import main
 from hugwbc.errors import HugwbcError, RecipeError
+from hugwbc.files import digest
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.distributed import Stop, StoppedError
 from hugwbc.learned.policy import checkpoint, load_policy
@@ -171,6 +172,16 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypa
             run_recipe(load_recipe(recipe), tmp_path / "a", in_arena)
     assert (tmp_path / "a/recipe.yaml").read_text() == RECIPE
     assert json.loads((tmp_path / "a" / "walk" / RECORD).read_text())["stage"] == "walk"
+
+
+def test_only_what_differs_from_the_defaults_tells_recipes_apart(recipe, tmp_path) -> None:
+    """A new setting with a default must not keep a run from going on."""
+    recipe.write_text(
+        "seed: 2001\nstages: {walk: {train: {steps: 64, env: {robot: h1, count: 8, extra: {alive: 4}}}}}\n"
+    )
+    work = _Work(load_recipe(recipe), "walk", tmp_path, in_arena, Stop(), lambda *_: None, lambda line: None)
+    given = {"train": {"steps": 64.0, "env": {"count": 8}}, "seed": 2001}
+    assert work.digest == digest(json.dumps(given, sort_keys=True))
 
 
 def test_only_the_first_process_gives_out_the_best_policy(recipe, tmp_path, monkeypatch) -> None:

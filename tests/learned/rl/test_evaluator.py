@@ -100,8 +100,8 @@ def test_steps_by_hand(evaluator: Evaluator) -> None:
     steps, upright = _Steps(command, gait, 0.02), torch.ones(count, dtype=torch.bool)
     upright[11] = False  # it has fallen and no longer counts
     cycle = [(0.0, 0.0)] * 10 + [(0.05, 1.0), (0.1, 1.0), (0.12, 0.0), (0.1, -1.0)] + [(0.05, -1.5)] * 6
-    for step, (height, speed) in enumerate(cycle * 3 + [(0.0, 0.0)]):
-        steps.add(step, readings_of(env, height, speed), upright)
+    for height, speed in [*cycle * 3, (0.0, 0.0)]:
+        steps.add(readings_of(env, height, speed), upright)
     jumping = gait == int(Gait.JUMPING)
     jumping[11] = False
     figures = steps.errors(jumping)
@@ -111,4 +111,30 @@ def test_steps_by_hand(evaluator: Evaluator) -> None:
     assert hopping["f"] == pytest.approx(0.5, abs=1e-4)
     assert hopping["held_foot"] == pytest.approx(31 / 61)  # it touches the ground as often as the other
     assert steps.errors(gait == int(Gait.STANDING)) == {}
-    assert steps.errors(~upright)["f"] == 2.0  # without a stride the frequency is wrong altogether
+    fallen = steps.errors(~upright)
+    assert fallen["f"] == 2.0 and fallen["l"] == pytest.approx(0.15)  # without a stride both are wrong altogether
+
+
+def walk(evaluator: Evaluator, landings: list[float], seconds: float) -> dict[str, float]:
+    """Return the errors of walks, told 2 Hz and 0.15 m, whose soles come down from 0.12 m at some times [s]."""
+    env, count = evaluator._env, 12
+    command = torch.zeros(count, 8)
+    command[:, COMMAND_NAMES.index("f")], command[:, COMMAND_NAMES.index("l")] = 2.0, 0.15
+    steps = _Steps(command, torch.full((count,), int(Gait.WALKING)), 0.02)
+    downs = {round(time / 0.02) for time in landings}
+    for step in range(1, round(seconds / 0.02) + 1):
+        flies = any(step + ahead in downs for ahead in range(1, 6))
+        steps.add(readings_of(env, 0.12 if flies else 0.0, 0.0), torch.ones(count, dtype=torch.bool))
+    return steps.errors(torch.ones(count, dtype=torch.bool))
+
+
+def test_cycles_that_a_foot_misses_count_as_in_the_arena(evaluator: Evaluator) -> None:
+    # 6.6 periods after the last step: five cycles without a touch-down, besides the one with 2 Hz.
+    shuffles = walk(evaluator, [0.2, 0.7], 4.0)
+    assert shuffles["f"] == pytest.approx(5 * 2.0 / 6, abs=1e-4)
+    assert shuffles["l"] == pytest.approx((2 * 0.03 + 5 * 0.15) / 7, abs=1e-4)
+    # Steps of 1 Hz are slow and miss nothing.
+    slow = walk(evaluator, [0.9, 1.9, 2.9, 3.9], 4.0)
+    assert slow["f"] == pytest.approx(1.0, abs=1e-4) and slow["l"] == pytest.approx(0.03, abs=1e-4)
+    still = walk(evaluator, [], 4.0)
+    assert still["f"] == 2.0 and still["l"] == pytest.approx(0.15)

@@ -25,6 +25,28 @@ def test_what_comes_from_outside_is_no_merit_of_an_action() -> None:
     assert advantage.flatten().tolist() == pytest.approx([1.0 + 0.9 * 0.4 - 0.5, 0.0, 3.0 + 0.9 * 49.0 - 50.0])
 
 
+def test_standardised_has_mean_zero_and_deviation_one() -> None:
+    torch.manual_seed(0)
+    values = ppo.standardised(5.0 + 3.0 * torch.randn(1000), torch.zeros(1000, dtype=torch.long), 1)
+    assert values.mean().item() == pytest.approx(0.0, abs=1e-5)
+    assert values.std(correction=0).item() == pytest.approx(1.0, rel=1e-5)
+
+
+def test_values_far_from_their_groups_mean_are_cut_off() -> None:
+    torch.manual_seed(0)
+    values, groups = torch.randn(2000), torch.arange(2000) % 2
+    values[groups == 1] *= 0.5
+    values[:20:2] = -60.0
+    plain = ppo.standardised(values, groups, 2)
+    cut = ppo.standardised(values, groups, 2, clip=2.0)
+    usual = slice(20, None)
+    assert plain[usual][groups[usual] == 0].std() < 0.2, "the tail makes all others small"
+    assert cut[usual][groups[usual] == 0].std() > 0.8 and cut[:20:2].max() < -1.5
+    for group in range(2):
+        assert cut[groups == group].mean().item() == pytest.approx(0.0, abs=1e-5)
+    assert torch.equal(ppo.standardised(values, groups, 2, clip=float("inf")), plain)
+
+
 def test_nothing_limits_how_far_a_value_moves_in_an_update() -> None:
     torch.manual_seed(0)
     config = PPOConfig(horizon=4, epochs=60, minibatches=1, critic_learning_rate=1e-3)

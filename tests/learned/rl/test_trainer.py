@@ -3,8 +3,10 @@ import dataclasses
 import gc
 import itertools
 import json
+import math
 import os
 import pathlib
+import shutil
 import signal
 import weakref
 
@@ -18,6 +20,7 @@ from hugwbc.learned.config import (
     LoadConfig,
     PPOConfig,
     RandomizationConfig,
+    RewardTerm,
     Schedule,
     TerrainConfig,
     TrainConfig,
@@ -25,7 +28,8 @@ from hugwbc.learned.config import (
 from hugwbc.learned.env.readings import StepResult
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
-from hugwbc.learned.policy.records import LOG_NAME
+from hugwbc.learned.policy.records import LOG_NAME, settings_record
+from hugwbc.learned.rl.continuation import differences
 from hugwbc.learned.rl.evaluator import Evaluator
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer, train
 
@@ -149,6 +153,24 @@ def test_another_feed_forward_than_that_of_the_start_is_told(tmp_path: pathlib.P
     assert "with --env.swing-gain 0.5;" in Trainer(config(tmp_path / "other", 2, **start)).remark
 
 
+def test_all_that_changes_how_a_policy_moves_is_told() -> None:
+    metadata = {"config": settings_record(TrainConfig()), "steps": 0}
+    path = pathlib.Path("mine")
+    assert differences(metadata, dataclasses.replace(ENV, ground="soft"), path) == ""
+    other = EnvConfig(
+        timestep=0.004,
+        substeps=5,
+        action_scale=0.3,
+        yaw_action_factor=1,
+        yaw_damping_factor=1,
+        waist_rate=0,
+        squat_gain=1,
+        swing_gain=1,
+    )
+    said = differences(metadata, other, path)
+    assert said.count("--env.") == 8 and "--env.substeps 4" in said and "--env.timestep 0.005" in said
+
+
 def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scores = iter([3.0, 4.0, 1.0, 2.0, 2.0])
     monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
@@ -162,6 +184,24 @@ def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: 
     assert load_policy(tmp_path).training["iteration"] == 7
     other = Trainer(config(tmp_path / "other", 8, start_from=tmp_path / "best" / SNAPSHOT_FILE))
     assert other.iteration == 4 and other.best == {}
+
+
+def test_a_run_that_is_cut_off_agrees_with_its_best_policy(tmp_path: pathlib.Path, monkeypatch) -> None:
+    scores = iter([1.0, 5.0, 3.0])
+    monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
+
+    def cut_off(row: dict[str, float], gates: dict[str, str]) -> None:
+        if row["iteration"] == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config(tmp_path, 9, **EVALUATE), cut_off)
+    resume = config(tmp_path, 4, resume=True, **EVALUATE)
+    trainer = Trainer(resume)
+    assert trainer.iteration == trainer.best["iteration"] == 2 and trainer.best["evaluation/score"] == 1.0
+    shutil.rmtree(tmp_path / "best")
+    assert run(resume).best["iteration"] == 4, "any policy is better than none"
+    assert load_policy(tmp_path / "best").training["iteration"] == 4
 
 
 def test_a_training_that_is_over_gives_its_robots_back_at_once(tmp_path: pathlib.Path) -> None:
@@ -195,6 +235,17 @@ def test_a_bad_minibatch_is_skipped_and_the_run_goes_on(tmp_path: pathlib.Path) 
     trainer.env.step = step
     row = trainer.iterate()
     assert row["skipped"] == 4 and not torch.equal(weight, before)
+
+
+def test_a_reward_of_the_users_that_becomes_infinite_is_told(tmp_path: pathlib.Path) -> None:
+    mine = torch.ones(ENV.count)
+    env = dataclasses.replace(ENV, terms={"mine": RewardTerm(lambda t, body: mine, 1.0)})
+    trainer = Trainer(dataclasses.replace(config(tmp_path, 2), env=env))
+    trainer.iterate()
+    assert "rewards" not in trainer.env.curriculum.gates
+    mine[:3] = math.inf
+    trainer.iterate()
+    assert trainer.env.curriculum.gates["rewards"] == "not finite, counted as 0: 12 of mine", "3 robots, 4 steps"
 
 
 def test_the_reward_in_the_log_is_what_the_robots_got(tmp_path: pathlib.Path) -> None:
@@ -285,6 +336,16 @@ def test_another_number_of_robots_is_refused(finished: pathlib.Path, tmp_path: p
     other = dataclasses.replace(start, env=dataclasses.replace(ENV, count=8))
     with pytest.raises(PolicyFileError, match=r"--env\.count 16"):
         Trainer(other)
+
+
+def test_a_run_that_starts_from_a_checkpoint_has_the_draws_of_its_own_seed(finished, tmp_path: pathlib.Path) -> None:
+    start = config(tmp_path, 2, start_from=finished / CHECKPOINT_NAME)
+    one, other = (Trainer(dataclasses.replace(start, seed=seed)) for seed in (2001, 2002))
+    assert torch.equal(one.env.simulation.qpos, other.env.simulation.qpos)
+    assert not torch.equal(one.env.generator.get_state(), other.env.generator.get_state())
+    assert not torch.equal(one.generator.get_state(), other.generator.get_state())
+    again = Trainer(dataclasses.replace(start, seed=2001))
+    assert again.iterate()["reward"] == one.iterate()["reward"] != other.iterate()["reward"]
 
 
 def test_a_run_is_resumed_with_its_own_settings(finished: pathlib.Path) -> None:
