@@ -156,12 +156,6 @@ class Robot:
         """
         return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
-    @functools.cached_property
-    def with_ideal_drives(self) -> "Robot":
-        """The robot with ideal drives, without friction and delay, as controllers are told it."""
-        none = frozen(np.zeros_like(self.friction))
-        return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
-
     def index(self, name: str) -> int:
         """Return the position of a joint in every joint vector."""
         try:

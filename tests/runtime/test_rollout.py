@@ -12,7 +12,7 @@ from hugwbc.evaluation import metrics
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.sim import Arena, Ground, Simulation
+from hugwbc.sim import Actuators, Arena, Ground, Simulation
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.scenes import Box, Scene, Uniform
 from hugwbc.targets import HandTargets
@@ -246,7 +246,7 @@ def test_names_stand_for_controller_robot_ground_and_scene():
     assert (trace.name, trace.robot, simulation.ground) == ("hold", "h1-2023", Ground.named("soft"))
     assert trace.scene is not None and "parcel" in simulation.objects.names
     ideal = ControlLoop("qp", Command(), Arena(drives="ideal").simulation())
-    assert ideal.control.guard.controller.robot is load_robot().with_ideal_drives
+    assert ideal.control.guard.controller.robot is Actuators.ideal().known_robot(load_robot())
     with pytest.raises(UnknownNameError, match=r"unknown scene 'parcl'\. Did you mean 'parcel'"):
         Simulation(scene="parcl")
     with pytest.raises(UnknownNameError, match=r"unknown controller 'qpp'\. Did you mean 'qp'"):
