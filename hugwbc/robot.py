@@ -179,6 +179,16 @@ class Robot:
         return (float(q[self.waist]), float(dq[self.waist])) if self.imu_link == self.trunk else (0.0, 0.0)
 
     @functools.cached_property
+    def target_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """The lowest and highest position target of each joint [rad], each of shape (n,).
+
+        A PD joint turns the distance to its target into torque. To give its full torque at a position limit, its target
+        must lie torque_limit / kp beyond that limit.
+        """
+        margin = self.torque_limit / self.kp
+        return frozen(self.lower - margin), frozen(self.upper + margin)
+
+    @functools.cached_property
     def held(self) -> np.ndarray:
         """Indices of the joints in no chain, which hold their nominal positions, shape (n,)."""
         return np.setdiff1d(np.arange(len(self.joint_names)), np.r_[self.legs, self.waist, self.arms])
