@@ -178,19 +178,19 @@ class ControlPeriod:
             return self._free_arms, command
         placed, last = self._source.placed, self._last
         commanded = None if last is None else last.q[self._robot.arms]
+
+        def answer() -> tuple[UpperBody, Command]:
+            arms, adapted = source.update(placed, self.hands, command, self.period, commanded)
+            return arms, adapted
+
         begin = time.perf_counter()
-        moved = self.log.ask(
-            "source_failures",
-            "the source of arm targets",
-            lambda: source.update(placed, self.hands, command, self.period, commanded),
-        )
+        moved = self.log.ask("source_failures", "the source of arm targets", answer)
         self.ik_s = time.perf_counter() - begin
         if moved is None:
             return self._free_arms, command
         if self.hands is not None and (refusal := getattr(source, "refusal", "")):  # not every source has it
             self.log.count("hands_refused", f"hand targets: {refusal}")
-        arms, adapted = moved
-        return arms, adapted
+        return moved
 
 
 def _refuse_another(part: object, robot: Robot, does: str, advice: str) -> None:

@@ -52,6 +52,16 @@ def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
     np.testing.assert_array_equal(period.act(state, Command(), UpperBody.none()).q, ROBOT.nominal)
 
 
+def test_a_source_of_arm_targets_that_gives_no_pair_is_counted_and_leaves_the_arms_to_the_controller():
+    period = ByHand(HoldController(ROBOT))
+    period.start(make_state())
+    period.update = lambda *_: UpperBody.targets(np.zeros(8))  # type: ignore[method-assign]
+    period.control.observe(make_state(), 0.0)
+    np.testing.assert_array_equal(period.control.decide(0.0).q, ROBOT.nominal)
+    report = period.report()
+    assert report.source_failures == 1 and "the source of arm targets raised TypeError" in report.messages[0]
+
+
 def test_arm_targets_and_estimates_for_another_robot_are_refused():
     message = r"moves the arms of h1, which has other joints than g1; give UpperBodySource\(load_robot\(\"g1\"\)\)"
     with pytest.raises(ConfigError, match=message):
