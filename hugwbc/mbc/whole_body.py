@@ -75,7 +75,7 @@ class WholeBodyController:
         name: "qp".
         robot: the robot that the controller was told.
         period: time between two calls of `act` [s].
-        params: gains, weights and limits for the size of the robot.
+        params: gains, weights and limits of an H1, as they were given.
         dynamics: robot model at the last state.
     """
 
@@ -94,8 +94,8 @@ class WholeBodyController:
             raise ConfigError(
                 f"period is {period} s; give a finite time above 0 s, up to {_LONGEST_PERIOD} s, such as 0.004 s"
             )
-        params = (params or ControllerParams()).of_size(robot)
-        self.robot, self.params, self.period = robot, params, period
+        self.robot, self.params, self.period = robot, params or ControllerParams(), period
+        self._params = params = self.params.of_size(robot)
         self.dynamics = Dynamics(robot)
         self._nominal_arms = robot.nominal[robot.arms]
         self._highest_torque = robot.torque_limit * params.torque_fraction
@@ -217,7 +217,7 @@ class WholeBodyController:
 
     def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> None:
         """Set the targets of waist and arms; arm joints under external control become prescribed motion."""
-        params, mask = self.params, upper_body.mask
+        params, mask = self._params, upper_body.mask
         # Without the acceleration the waist would lag and overshoot.
         self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
@@ -256,7 +256,7 @@ class WholeBodyController:
 
     def _free_arms(self) -> None:
         """Let the arms hold the nominal pose, with low priority."""
-        arms, params = self._arms, self.params
+        arms, params = self._arms, self._params
         arms.target[:] = self._nominal_arms
         arms.rate[:] = 0.0
         arms.acceleration[:] = 0.0
@@ -298,7 +298,7 @@ class WholeBodyController:
         self._fallbacks += 1
         self._held += 1
         self._predictor.record(np.zeros(self.dynamics.nv))  # what a fallback causes is not known
-        if self._last is not None and self._held * self.period <= self.params.hold_time:
+        if self._last is not None and self._held * self.period <= self._params.hold_time:
             self._outcome = Output.HELD, solution
             return self._last
         self._outcome = Output.DAMPING, solution

@@ -209,7 +209,7 @@ def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
     """Every tick of 60 s, standing, walking, turning, squatting, jumping, hopping and stopping in turn."""
     simulation, controller = Simulation(sensing="exact"), WholeBodyController(load_robot())
     controller.reset(simulation.reset())
-    params = controller.params
+    params = controller._params
     limit = params.torque_fraction * ROBOT.torque_limit
     stand = Command()
     commands = (
