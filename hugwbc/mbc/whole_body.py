@@ -113,8 +113,8 @@ class WholeBodyController:
         self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
         self._waist = PostureTask(np.array([robot.waist]), 10.0, params.waist_gains)
-        self._still = PostureTask(held, 10.0, params.waist_gains)
-        self._still.target[:] = robot.nominal[held]
+        self._held_joints = PostureTask(held, 10.0, params.waist_gains)
+        self._held_joints.target[:] = robot.nominal[held]
         self._arms = PostureTask(robot.arms, params.takeover_speed)
         # The right hip may turn about the opposite axis; about the same one, yaws are mirrored by the factor -1.
         self._hip_ways = np.array([1.0, -load_mirror(robot).joint_sign[robot.pair("hip_yaw")[1]]])
@@ -191,8 +191,8 @@ class WholeBodyController:
         smooth = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
         self._set_posture(smooth, upper_body)
-        still = [self._still] if self.robot.held.size else []
-        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *still, self._arms]
+        held = [self._held_joints] if self.robot.held.size else []
+        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *held, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
         if not self._arms_free:
             terms[-1] = self._attainable(terms[-1])
@@ -223,7 +223,7 @@ class WholeBodyController:
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
         leaps = bool(self._locomotion.plan.legs)
         self._waist.weight[0] = params.leap_waist_weight if leaps else params.waist_weight
-        self._still.weight[:] = params.leap_held_weight if leaps else params.held_weight
+        self._held_joints.weight[:] = params.leap_held_weight if leaps else params.held_weight
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()
