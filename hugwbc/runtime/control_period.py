@@ -116,6 +116,7 @@ class ControlPeriod:
         self._handover.reset()
         self.guard.reset(self._check.admit(self.estimate))
         self.hands, self.ik_s, self._last = None, 0.0, None
+        self._followed = self.chain.command  # by the controller in the last period
         if self.upper_body is not None:
             self.upper_body.reset()
 
@@ -155,7 +156,7 @@ class ControlPeriod:
         self.log.count("ticks")
         command, self.hands = self._source.ask(t, self.estimate, dt)
         arms, command = self._solve_arms(command)
-        command = self.chain(command, state, dt)
+        command = self._followed = self.chain(command, state, dt)
         for sensor in state.coasted:
             self.log.count_of("readings_refused", sensor, f"readings of {sensor} refused and replaced")
         lost = state.lost or (self.motors.dead and f"the motor of {self.motors.dead} is dead")
@@ -180,7 +181,7 @@ class ControlPeriod:
         commanded = None if last is None else last.q[self._robot.arms]
 
         def answer() -> tuple[UpperBody, Command]:
-            arms, adapted = source.update(placed, self.hands, command, self.period, commanded)
+            arms, adapted = source.update(placed, self.hands, command, self.period, commanded, self._followed)
             return arms, adapted
 
         begin = time.perf_counter()

@@ -76,7 +76,8 @@ class SteadyHands:
             targets: in the steady frame, usable (`HandTargets.is_usable`).
             hands: where the hands were at the reading, in the pelvis frame [m], shape (2, 3).
             state: the robot's reading. Without a position, only the rotation of the pelvis is learned.
-            command: gives the stride frequency; nothing is learned, and the correction fades, while it says to stand.
+            command: the one that the controller follows. It gives the stride frequency; nothing is learned, and the
+                correction fades, while it says to stand.
             dt: time since the last call [s].
         """
         dt = dt if 0.0 < dt < math.inf else 0.0

@@ -52,6 +52,19 @@ def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
     np.testing.assert_array_equal(period.act(state, Command(), UpperBody.none()).q, ROBOT.nominal)
 
 
+def test_the_source_of_arm_targets_is_told_the_command_that_is_followed():
+    """It steps faster than asked for, and walks on for a while before it stands."""
+    period, told = ByHand(HoldController(ROBOT)), []
+    update = period.update
+    period.update = lambda *given: told.append(given[-1]) or update(*given)  # type: ignore[method-assign]
+    period.start(make_state())
+    fast = Command(v_x=1.5, f=1.5, gait=Gait.WALKING)
+    for command in (fast, fast, Command(), Command()):
+        period.act(make_state(), command, UpperBody.none())
+    assert [command.gait for command in told] == [Gait.STANDING, Gait.WALKING, Gait.WALKING, Gait.WALKING]
+    assert [command.f for command in told[1:]] == [2.0, 2.0, 2.0]
+
+
 def test_a_source_of_arm_targets_that_gives_no_pair_is_counted_and_leaves_the_arms_to_the_controller():
     period = ByHand(HoldController(ROBOT))
     period.start(make_state())

@@ -34,7 +34,7 @@ class _Taken:
     def reset(self):
         self.ticks = 0
 
-    def update(self, state, hands, command, dt, commanded=None):
+    def update(self, state, hands, command, dt, commanded=None, followed=None):
         self.ticks += 1
         taken = self.ticks <= TAKEN
         return (UpperBody.targets(ROBOT.upper[ROBOT.arms]) if taken else UpperBody.none()), command

@@ -36,7 +36,7 @@ class FixedArms:
     def reset(self):
         self.commanded.clear()
 
-    def update(self, state, hands, command, dt, commanded=None):
+    def update(self, state, hands, command, dt, commanded=None, followed=None):
         self.commanded.append(commanded)
         q = np.full(8, 0.1)
         self.solution = hands and IKSolution(q, 0 * q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)

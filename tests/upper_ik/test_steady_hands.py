@@ -140,6 +140,15 @@ def test_the_source_takes_the_frame():
     assert np.isfinite(arms.q).all()
 
 
+def test_the_stride_is_that_of_the_command_that_is_followed(monkeypatch):
+    source, told = UpperBodySource(load_robot()), []
+    place = source._steady.place
+    monkeypatch.setattr(source._steady, "place", lambda *given: told.append(given[3]) or place(*given))
+    for followed in (WALK, None):
+        source.update(swaying(0.0), TARGETS, Command(), 0.01, None, followed)
+    assert told == [WALK, Command()]
+
+
 @pytest.mark.parametrize("between", [None, HandTargets(None, None, joints=np.zeros(8))], ids=["nothing", "joints"])
 def test_what_was_learned_before_a_pause_is_forgotten(between):
     """Nobody knows where in the stride the robot is when the targets come back."""
