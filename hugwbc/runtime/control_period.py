@@ -189,8 +189,11 @@ class ControlPeriod:
         self.ik_s = time.perf_counter() - begin
         if moved is None:
             return self._free_arms, command
-        if self.hands is not None and (refusal := getattr(source, "refusal", "")):  # not every source has it
+        # Not every source has these.
+        if self.hands is not None and (refusal := getattr(source, "refusal", "")):
             self.log.count("hands_refused", f"hand targets: {refusal}")
+        if not getattr(getattr(source, "solution", None), "ok", True):
+            self.log.count("hands_held", "no arm posture for the hand targets: the arms hold")
         return moved
 
 

@@ -104,7 +104,7 @@ class UpperBodySource:
 
     Attributes:
         robot: whose arms it moves.
-        ik: the solver, with its counts of rejected targets and failures.
+        ik: the solver.
         takeover: the hand-over of the arms, with its phase.
         watch: the watch on the stream of targets, with the counts of unusable ones.
         refusal: why the hand targets that arrived last were refused; empty if they were not.
@@ -142,7 +142,7 @@ class UpperBodySource:
     ) -> tuple[UpperBody, Command]:
         """Return the external control of the arms for this tick, and the command adapted to the hands.
 
-        Bad numbers never raise: the arms hold their position, and the event is counted. A stream of targets that ends,
+        Bad numbers never raise: the arms hold their position (`solution`, `refusal`). A stream of targets that ends,
         or that brings nothing usable any more, gives the arms back after `STALE_TIME`.
 
         Args:

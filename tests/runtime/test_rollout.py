@@ -335,3 +335,16 @@ def test_hand_targets_that_the_arms_cannot_follow_are_reported_and_end_a_strict_
     assert any("an arm of h1 has 4: left_shoulder_pitch_joint" in message for message in trace.safety.messages)
     with pytest.raises(ConfigError, match="left_orientation takes an arm of 5 joints"):
         rollout(HoldController(load_robot()), source, Simulation(), arms, duration=0.1)
+
+
+def test_periods_without_an_arm_posture_are_counted_and_far_targets_are_not(simulation, monkeypatch):
+    arms, far = UpperBodySource(load_robot()), Constant(Command(), HandTargets.of((1.2, 0.2, 0.15), None))
+    assert rollout(HoldController(load_robot()), far, simulation, arms, duration=0.2).safety.hands_held == 0
+
+    def fail(*_):
+        raise RuntimeError("infeasible")
+
+    monkeypatch.setattr(arms.ik._descent, "descend", fail)
+    safety = rollout(HoldController(load_robot()), far, simulation, arms, duration=0.2).safety
+    assert safety.hands_held == safety.ticks == 10 and safety.mistakes == 0
+    assert safety.messages == ("no arm posture for the hand targets: the arms hold",)
