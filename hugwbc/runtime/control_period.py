@@ -130,11 +130,12 @@ class ControlPeriod:
             behind: whether a newer reading waits.
         """
         if self.estimator is None:
-            self.estimate = reading
-            return
-        self._unseen.append(reading)
+            reading = self.estimate = self._check.admit(reading)
         if driven and not self.estimate.coasted:  # what was replaced tells nothing of the motors
             self.motors.see(reading, now, behind=behind)
+        if self.estimator is None:
+            return
+        self._unseen.append(reading)
         if self._update_due(now):
             planned = self.guard.planned_acceleration if driven else None
             self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)

@@ -240,6 +240,12 @@ def test_a_record_says_that_an_object_left_the_world():
     assert len(trace.problems) == 1 and trace.problems[0].startswith("object 'parcel' left the world at 0.3")
 
 
+def test_a_dead_motor_is_found_where_the_sensors_tell_the_state():
+    simulation = Simulation(sensing="exact", faults=(Fault.parse("motor-dead=left_knee_joint@0.1"),))
+    safety = rollout(HoldController(load_robot()), Command(), simulation, duration=0.6).safety
+    assert safety.lowered > 0 and "the motor of left_knee_joint is dead: kneeling down" in safety.messages
+
+
 def test_names_stand_for_controller_robot_ground_and_scene():
     simulation = Simulation(robot="h1-2023", ground="soft", scene="parcel")
     trace = rollout("hold", Command(), simulation, duration=0.1)
