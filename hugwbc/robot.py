@@ -44,7 +44,7 @@ class Robot:
         lower, upper: joint position limits [rad], shape (n,).
         velocity_limit: joint speed limits [rad/s], shape (n,).
         torque_limit: smaller of the maker's effort limit and the policy's torque clip [N*m], shape (n,).
-        kp, kd: PD gains of the paper [N*m/rad], [N*m*s/rad], shape (n,).
+        kp, kd: PD gains of the drives, as the table has them [N*m/rad], [N*m*s/rad], shape (n,).
         nominal: default joint positions [rad], shape (n,).
         axes: joint axes in the joint's own frame, shape (n, 3).
         armature: inertia of rotors and gears, reflected to the joints [kg*m^2], shape (n,).

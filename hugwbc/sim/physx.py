@@ -73,7 +73,7 @@ def _groups(pairs: list[list[str]], name: str, *, on_ground: bool = True) -> lis
 
 
 class PhysxSimulation(Engine):
-    """One robot in PhysX with PD joints, an IMU on the torso and foot sensors, on a level plane.
+    """One robot in PhysX with PD joints, an IMU on base or trunk, and foot sensors, on a level plane.
 
     The joint torques are explicit: the PD law of the joint state at each inner step, within the torque limits, is the
     torque in that step. Coulomb friction is a velocity drive of PhysX at speed 0 whose torque is limited to the
