@@ -174,8 +174,11 @@ class Controller(Protocol):
         """Forget the past and start from this state."""
         ...
 
-    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Return the joint command for the next period. Never raise on bad numbers: clamp, fall back, count."""
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand | None:
+        """Return the joint command for the next period, or None if there is none now. Never raise on bad numbers.
+
+        For want of a command the guard holds the last one for a while, then damps the joints, and counts both.
+        """
         ...
 
 

@@ -44,7 +44,7 @@ class Robot:
         lower, upper: joint position limits [rad], shape (n,).
         velocity_limit: joint speed limits [rad/s], shape (n,).
         torque_limit: smaller of the maker's effort limit and the policy's torque clip [N*m], shape (n,).
-        kp, kd: PD gains of the paper [N*m/rad], [N*m*s/rad], shape (n,).
+        kp, kd: PD gains of the drives, as the table has them [N*m/rad], [N*m*s/rad], shape (n,).
         nominal: default joint positions [rad], shape (n,).
         axes: joint axes in the joint's own frame, shape (n, 3).
         armature: inertia of rotors and gears, reflected to the joints [kg*m^2], shape (n,).
@@ -156,12 +156,6 @@ class Robot:
         """
         return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
-    @functools.cached_property
-    def with_ideal_drives(self) -> "Robot":
-        """The robot with ideal drives, without friction and delay, as controllers are told it."""
-        none = frozen(np.zeros_like(self.friction))
-        return dataclasses.replace(self, friction=none, viscous=none, command_delay=0.0)
-
     def index(self, name: str) -> int:
         """Return the position of a joint in every joint vector."""
         try:
@@ -183,6 +177,16 @@ class Robot:
     def imu_turn(self, q: np.ndarray, dq: np.ndarray) -> tuple[float, float]:
         """Return angle [rad] and speed [rad/s] by which the joints turn the IMU about the base's z axis."""
         return (float(q[self.waist]), float(dq[self.waist])) if self.imu_link == self.trunk else (0.0, 0.0)
+
+    @functools.cached_property
+    def target_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """The lowest and highest position target of each joint [rad], each of shape (n,).
+
+        A PD joint turns the distance to its target into torque. To give its full torque at a position limit, its target
+        must lie torque_limit / kp beyond that limit.
+        """
+        margin = self.torque_limit / self.kp
+        return frozen(self.lower - margin), frozen(self.upper + margin)
 
     @functools.cached_property
     def held(self) -> np.ndarray:

@@ -19,6 +19,9 @@ _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the ri
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
 _ALONG = 0.8  # part of an axis along its own
 _TILTED = 12.0  # [degrees], from which on an axis that is along its own enough is named
+# [degrees], of frames with all joints at 0: of the shanks, whose lean tells what the ankle has to make up for, and of
+# the trunk that carries the IMU, whose attitude becomes the base's.
+_LEANING, _TURNED_TRUNK = 12.0, 2.0
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of places
 _TOUCH = 0.01  # [m], of a sole above or below the ground, and of its height at heel and toe
 _ASIDE = 0.005  # [m], of a sole from the middle of its link
@@ -101,6 +104,7 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
                 f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; give one that "
                 f"turns about +{wanted}"
             )
+    yield from _leg_frames(table)
     for limb, end, top in (("leg", "foot", "base"), ("arm", "hand", "trunk"), ("waist", "trunk", "base")):
         joints, parts = chain(roles[end], roles[top]), list(roles[limb].values())
         if joints is not None and limb == "waist" and not joints:
@@ -120,6 +124,27 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         yield f"imu is on {imu}; give a frame of {roles['base']} or {roles['trunk']}"
     elif held:
         yield f"imu is on {imu}, behind {', '.join(held)}, which are held; give a frame of {roles['base']}"
+    elif (angle := _angle(placement(table["joints"], imu, roles["base"])[1])) > _TURNED_TRUNK:
+        yield (
+            f"the frame of {imu}, which carries the IMU, is turned by {angle:.0f} degrees from that of {roles['base']} "
+            "with all joints at 0; turn it back in the description, and its shapes, inertia and joints with it"
+        )
+
+
+def _leg_frames(table: Mapping[str, Any]) -> Iterator[str]:
+    """Check the frames in which thigh and shank are measured: across y, and, of the shank, from how it leans."""
+    roles, joints = table["roles"], {joint["name"]: joint for joint in table["joints"]}
+    for part in ("hip_pitch", "knee"):
+        for joint in (joints[side(roles["leg"][part])] for side in (str, other_side)):
+            link, axis = joint["child"], np.asarray(joint["axis"])
+            lean = math.degrees(math.asin(min(abs(placement(table["joints"], link, roles["base"])[1][2, 0]), 1.0)))
+            if not abs(axis[1]) > _ALONG:
+                found = f"{joint['name']} ({part}) turns about {axis.round(2).tolist()} of {link}, and not about its y"
+            elif part == "knee" and lean > _LEANING:
+                found = f"the x axis of {link} leans by {lean:.0f} degrees with all joints at 0"
+            else:
+                continue
+            yield f"{found}; turn the link's frame in the description, and its shapes, inertia and joints with it"
 
 
 def _bodies(table: Mapping[str, Any]) -> Iterator[str]:
@@ -204,8 +229,12 @@ def _askew(table: Mapping[str, Any], left: str, right: str) -> float:
     """Return by what angle a link's frame is turned from the mirror image of another one's, joints at 0 [degrees]."""
     joints, base, mirror = table["joints"], table["roles"]["base"], np.diag(_MIRROR)
     axes, others = (placement(joints, link, base)[1] for link in (left, right))
-    trace = float(np.trace(mirror @ axes @ mirror @ others.T))
-    return math.degrees(math.acos(min(max((trace - 1.0) / 2.0, -1.0), 1.0)))
+    return _angle(mirror @ axes @ mirror @ others.T)
+
+
+def _angle(turn: np.ndarray) -> float:
+    """Return the angle of a rotation, shape (3, 3) [degrees]."""
+    return math.degrees(math.acos(min(max((float(np.trace(turn)) - 1.0) / 2.0, -1.0), 1.0)))
 
 
 def _apart(table: Mapping[str, Any], joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:

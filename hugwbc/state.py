@@ -106,10 +106,10 @@ _OPTIONAL = tuple(field.name for field in dataclasses.fields(RobotState) if fiel
 _VECTORS = tuple(name for name, shape in _NUMBERS.items() if shape)
 
 
-def pelvis_from_torso_imu(
+def pelvis_from_imu(
     orientation: np.ndarray, gyro: np.ndarray, waist: float, waist_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pelvis orientation, (4,), and angular velocity, (3,), from the IMU, which the waist may turn.
+    """Return pelvis orientation, (4,), and angular velocity, (3,), from an IMU on base or trunk.
 
     Args:
         orientation: IMU to world, shape (4,).

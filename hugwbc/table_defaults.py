@@ -44,6 +44,12 @@ _PARTS = {
     "arm": ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"),
     "waist": ("yaw",),
 }
+# Contact shapes of every robot, alike in both engines.
+FRICTION = 0.8  # of soles and links
+# The spheres at the corners of a sole are small, so that the robot tips over within 5 mm of the sole's edges.
+SOLE_RADIUS = 0.005  # [m]
+FOOT_BOX_HALF, FOOT_BOX_MIDDLE = 0.02, 0.03  # [m], half height of the box on a sole, and height of its middle above it
+START_GAP = 0.002  # [m], between soles and ground at the start, free of penetration
 _COLOURS = {"dark": [0.11, 0.12, 0.14, 1], "light": [0.80, 0.82, 0.84, 1]}
 
 

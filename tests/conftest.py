@@ -106,7 +106,7 @@ class ByHand:
     def reset(self):
         pass
 
-    def update(self, state, hands, command, dt, commanded=None):
+    def update(self, state, hands, command, dt, commanded=None, followed=None):
         return self._asked
 
 

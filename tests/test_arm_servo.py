@@ -18,6 +18,7 @@ from tests.upper_ik.conftest import Hanging
 # Both arms forward, elbows slightly bent.
 REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
 DT = 0.02
+IDEAL = Actuators.ideal().known_robot(load_robot())
 
 
 def driven(servo, robot, q, state, dq=None):
@@ -163,7 +164,7 @@ def off_target(robot, servo, state, away):
 
 @pytest.mark.parametrize("gap", [-0.03, 0.0, 0.03])
 def test_a_hand_presses_with_the_wanted_force_wherever_it_meets_the_wall(robot, nominal_state, gap):
-    servo, wanted = ArmServo(robot=robot.with_ideal_drives), np.array([[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    servo, wanted = ArmServo(robot=IDEAL), np.array([[15.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     state = off_target(robot, servo, nominal_state, [[gap, 0.01, 0.0], [0.0, 0.0, 0.0]])
     force = hand_forces(
         servo, robot, state, dataclasses.replace(UpperBody.targets(REACHING), wrench=HandWrench(-wanted))
@@ -174,7 +175,7 @@ def test_a_hand_presses_with_the_wanted_force_wherever_it_meets_the_wall(robot, 
 
 
 def test_hands_that_squeeze_give_way_against_each_other_only(robot, nominal_state):
-    servo, wanted = ArmServo(robot=robot.with_ideal_drives), np.array([[0.0, -30.0, 0.0], [0.0, 30.0, 0.0]])
+    servo, wanted = ArmServo(robot=IDEAL), np.array([[0.0, -30.0, 0.0], [0.0, 30.0, 0.0]])
     body = dataclasses.replace(UpperBody.targets(REACHING), wrench=HandWrench(-wanted))
     for away, inner, outer in (((0.02, -0.02), 30.0, 0.0), ((0.02, 0.02), 30.0, -10.0)):
         state = off_target(robot, servo, nominal_state, [[0.0, away[0], 0.0], [0.0, away[1], 0.0]])
@@ -184,7 +185,7 @@ def test_hands_that_squeeze_give_way_against_each_other_only(robot, nominal_stat
 
 
 def test_a_pressing_hand_that_meets_nothing_stops(robot):
-    rig, servo = Hanging(actuators=Actuators.ideal()), ArmServo(robot=robot.with_ideal_drives)
+    rig, servo = Hanging(actuators=Actuators.ideal()), ArmServo(robot=IDEAL)
     rig.step(driven(servo, robot, REACHING, rig.state), 1.0)
     before, yaw = rig.hands(), rotations.rotation_z(rig.state.yaw)
     along = yaw @ [1.0, 0.0, 0.0]
@@ -199,7 +200,7 @@ def test_a_pressing_hand_that_meets_nothing_stops(robot):
 
 @pytest.mark.parametrize("stiffness", [150.0, 400.0])
 def test_a_soft_hand_is_a_spring_of_its_stiffness(robot, stiffness):
-    rig, servo = Hanging(actuators=Actuators.ideal()), ArmServo(robot=robot.with_ideal_drives)
+    rig, servo = Hanging(actuators=Actuators.ideal()), ArmServo(robot=IDEAL)
     body = dataclasses.replace(UpperBody.targets(REACHING), wrench=HandWrench(stiffness=stiffness))
     pull, places = HandPull(rig.simulation, np.array([0.0, 0.0, -12.0]), 1.5, 0.5), []
     for tick in range(250):

@@ -9,6 +9,7 @@ from hugwbc.errors import ModelError, UnknownNameError
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import load_robot
 from hugwbc.robot_tables import models_dir, robot_names, robot_table, table_file
+from hugwbc.sim import Actuators
 from hugwbc.state import RobotState
 
 LEG = ["hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle"]
@@ -134,8 +135,8 @@ def test_drives_by_joint(robot) -> None:
 
 
 def test_ideal_drives_have_no_friction_and_everything_else_is_the_same(robot) -> None:
-    ideal = robot.with_ideal_drives
-    assert ideal is robot.with_ideal_drives and (ideal.name, ideal.mass) == (robot.name, robot.mass)
+    ideal = Actuators.ideal().known_robot(robot)
+    assert ideal is Actuators.ideal().known_robot(robot) and (ideal.name, ideal.mass) == (robot.name, robot.mass)
     assert not ideal.friction_torque(np.ones(19)).any() and robot.friction_torque(np.ones(19)).all()
     assert ideal.command_delay == 0.0 < robot.command_delay
     np.testing.assert_array_equal(ideal.armature, robot.armature)

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import yaml
 
+from hugwbc import rotations
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError, ModelError
 from hugwbc.evaluation.installation import check_hands, check_walking
 from hugwbc.robot import load_robot
 from hugwbc.robot_check import problems, table_problems
 from hugwbc.robot_tables import robot_names, robot_table
-from hugwbc.table_defaults import placement
+from hugwbc.table_defaults import _turn, placement
 
 G1 = robot_table("g1")
 KNEES = LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
@@ -304,6 +305,60 @@ def test_what_is_wrong_is_named(edit, expected) -> None:
     assert len(found) == len(expected), found
     for text, part in zip(found, expected, strict=True):
         assert part in text
+
+
+def _angles(axes):
+    """Return URDF's angles of axes, shape (3, 3)."""
+    return [math.atan2(axes[2, 1], axes[2, 2]), math.asin(-axes[2, 0]), math.atan2(axes[1, 0], axes[0, 0])]
+
+
+def _turn_frame(table, name, about, angle):
+    """Turn the frame of what a left joint moves, and the right one's as its image, and leave all where it is."""
+    for joint, side in ((_row(table, name), 1.0), (_row(table, name.replace("left", "right")), -1.0)):
+        image = angle if about == [0, 1, 0] else side * angle
+        turn = rotations.to_matrix(rotations.from_axis_angle(np.array(about, dtype=float), image))
+        link = _row(table, joint["child"])
+        joint["rpy"] = _angles(_turn(*joint["rpy"]) @ turn)
+        joint["axis"], link["com"] = (turn.T @ joint["axis"]).tolist(), (turn.T @ link["com"]).tolist()
+        for below in table["joints"]:
+            if below["parent"] == joint["child"]:
+                below["xyz"], below["rpy"] = (turn.T @ below["xyz"]).tolist(), _angles(turn.T @ _turn(*below["rpy"]))
+
+
+@pytest.mark.parametrize(
+    ("name", "about", "angle", "found"),
+    [
+        ("left_hip_pitch_joint", [0, 0, 1], math.pi / 2, "turns about [1.0, 0.0, 0.0] of left_hip_pitch_link, and not"),
+        (LEFT_KNEE, [1, 0, 0], math.pi / 2, "turns about [0.0, 0.0, -1.0] of left_knee_link, and not about its y"),
+        (LEFT_KNEE, [0, 1, 0], 0.5, "the x axis of left_knee_link leans by 29 degrees with all joints at 0"),
+    ],
+)
+def test_frames_in_which_legs_are_not_measured_as_they_are_are_named(name, about, angle, found) -> None:
+    table = copy.deepcopy(G1)
+    _turn_frame(table, name, about, angle)
+    left, right = table_problems(table)
+    assert found in left and "right" in right
+    assert all("turn the link's frame in the description" in problem for problem in (left, right))
+
+
+def test_a_hip_whose_axis_is_tilted_with_its_frame_is_fine() -> None:
+    """As an R1's, by 25 degrees, and an H2's, by 30."""
+    table = copy.deepcopy(G1)
+    for side, roll in (("left", -0.5), ("right", 0.5)):
+        hip, below = (_row(table, f"{side}_hip_{part}_joint") for part in ("pitch", "roll"))
+        back = _turn(-roll, 0.0, 0.0)
+        hip["rpy"] = [roll, 0.0, 0.0]
+        below["xyz"], below["rpy"] = (back @ below["xyz"]).tolist(), _angles(back @ _turn(*below["rpy"]))
+    assert table_problems(table) == []
+
+
+def test_a_trunk_with_the_imu_that_is_turned_is_named() -> None:
+    table = robot_table("h1")
+    _row(table, "torso_joint")["rpy"] = [0.0, 0.1, 0.0]
+    (found,) = table_problems(table)
+    assert found.startswith(
+        "the frame of torso_link, which carries the IMU, is turned by 6 degrees from that of pelvis"
+    )
 
 
 @pytest.mark.parametrize(("edit", "message"), MALFORMED.values(), ids=MALFORMED)

@@ -1,4 +1,4 @@
-"""Robot state: gravity, heading, finiteness, and the carry-over from the torso IMU to the pelvis."""
+"""Robot state: gravity, heading, finiteness, and the carry-over from the IMU to the pelvis."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hugwbc import rotations
-from hugwbc.state import RobotState, pelvis_from_torso_imu
+from hugwbc.state import RobotState, pelvis_from_imu
 
 
 def _state(**changes: object) -> RobotState:
@@ -40,7 +40,7 @@ def test_torso_imu_agrees_with_the_simulated_truth(robot) -> None:
         data.qpos[7:] = rng.uniform(robot.lower, robot.upper)
         data.qvel[:] = rng.normal(size=25)
         mujoco.mj_forward(model, data)
-        orientation, rate = pelvis_from_torso_imu(
+        orientation, rate = pelvis_from_imu(
             data.sensor("imu_orientation").data,
             data.sensor("imu_gyro").data,
             data.joint("torso_joint").qpos[0],

@@ -71,7 +71,7 @@ def strange_states(ticks: int, seed: int) -> None:
             guard.act(state, command, UpperBody.none())
             times[tick] = 1e3 * (time.process_time() - begin)
             # The guard keeps most absurd states from the controller.
-            outputs[controller.diagnostics.output.value if guard.last_tick_s else "kept from it"] += 1
+            outputs[controller.diagnostics.status.value if guard.last_tick_s else "kept from it"] += 1
         median, p99, longest = np.percentile(times, [50.0, 99.0, 100.0])
         where = ", ".join(f"{name} {count}" for name, count in sorted(outputs.items()))
         print(

@@ -12,7 +12,7 @@ from hugwbc.deploy.wire import COMMAND, PACKAGES, STATE, check_sum, is_sealed, k
 from hugwbc.errors import ModelError
 from hugwbc.robot import Robot
 from hugwbc.robot_tables import robot_table
-from hugwbc.state import RobotState, pelvis_from_torso_imu
+from hugwbc.state import RobotState, pelvis_from_imu
 
 TICK = 1e-3  # [s]; the robot counts milliseconds, and the maker's simulator too
 TICKS = 2**32  # after which the count starts again
@@ -171,7 +171,7 @@ class Messages:
         length = math.sqrt(float(attitude @ attitude))
         # A quaternion of single precision is a unit one to 1e-7; what is far from that stays as it is, to be seen.
         attitude = attitude / length if 0.9 < length < 1.1 else attitude
-        orientation, rate = pelvis_from_torso_imu(attitude, gyro, *self._robot.imu_turn(q, dq))
+        orientation, rate = pelvis_from_imu(attitude, gyro, *self._robot.imu_turn(q, dq))
         tick = int(content["tick"])
         state = RobotState(
             q=q,

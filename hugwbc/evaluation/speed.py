@@ -133,13 +133,15 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
     controller = WholeBodyController(simulation.robot)
     state, arms = simulation.reset(), UpperBody.none()
     controller.reset(state)
+    joint_command = JointCommand.position(simulation.robot, state.q)
     wall, cpu = [], []
     for _ in range(max(1, round(duration / controller.period))):
         begin = time.perf_counter(), time.thread_time()
-        joint_command = controller.act(state, command, arms)
+        answer = controller.act(state, command, arms)
         end = time.perf_counter(), time.thread_time()
         wall.append(1e3 * (end[0] - begin[0]))
         cpu.append(1e3 * (end[1] - begin[1]))
+        joint_command = answer or joint_command
         state = simulation.step(joint_command, controller.period)
     counts = controller.diagnostics
     unsolved = (counts.fallbacks + counts.relaxed) / len(wall)

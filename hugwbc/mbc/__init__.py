@@ -2,6 +2,6 @@
 
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.qp import QpStatus
-from hugwbc.mbc.whole_body import Diagnostics, Output, WholeBodyController
+from hugwbc.mbc.whole_body import Diagnostics, WholeBodyController
 
-__all__ = ["ControllerParams", "Diagnostics", "Output", "QpStatus", "WholeBodyController"]
+__all__ = ["ControllerParams", "Diagnostics", "QpStatus", "WholeBodyController"]

@@ -93,7 +93,7 @@ class CommandFilter:
         self._velocity = (0.0, 0.0, 0.0)
         self._frequency: float | None = None
         self._posture = [h, p, w]
-        self._posed = h, p, w  # commanded before the gait changes
+        self._asked_posture = h, p, w  # commanded before the gait changes
         self._rate = [0.0, 0.0, 0.0]
         self._arrived: GaitState | None = None  # gait state for which the last result has stopped changing
 
@@ -144,8 +144,8 @@ class CommandFilter:
 
         # A posture that changes in the last leap turns the body in the air.
         if not changing or not limiting.flight:
-            self._posed = command.h, command.p, command.w
-        h, pitch, waist = self._posed
+            self._asked_posture = command.h, command.p, command.w
+        h, pitch, waist = self._asked_posture
         if legs.stepping or gait is not Gait.STANDING:
             h = self._stepping_height(h, speed, self._frequency, limiting, legs.stray)
         leaping = legs.running.flight and not legs.waiting

@@ -323,9 +323,6 @@ class ControllerParams:
     """Stiffness of the joint PD between two ticks, as a share of the robot's nominal kp."""
     joint_damping: NotNegative = 0.3
     """Damping of the joint PD between two ticks, as a share of the robot's nominal kd."""
-    hold_time: NotNegative = 0.06
-    """Time for which the last good command is held when no new one can be found, before the joints are only damped
-    [s]."""
 
     def of_size(self, robot: Robot) -> "ControllerParams":
         """Return the parameters for the size of a robot.

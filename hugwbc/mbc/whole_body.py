@@ -1,7 +1,6 @@
 """The `qp` controller: command filter, gait plan, tasks and whole-body QP behind the interface of every controller."""
 
 import dataclasses
-import enum
 import math
 
 import numpy as np
@@ -27,43 +26,31 @@ _STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of
 _ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
 
 
-class Output(enum.Enum):
-    """Where a joint command came from."""
-
-    SOLUTION = "solution"
-    HELD = "last good solution"
-    DAMPING = "damping"
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Diagnostics:
     """State of the controller after a tick.
 
     Attributes:
-        output: where the joint command came from.
-        status: outcome of the QP.
+        status: outcome of the QP; failed before the first tick, and with a state that is not usable.
         mode: mode of the gait plan.
         swing: side of the swinging foot of a walk, or None.
         contact_forces: force of the ground by contact point, world axes [N], each of shape (3,).
-        fallbacks: number of ticks since the reset whose command did not come from a solution.
+        fallbacks: number of ticks since the reset without a joint command.
         relaxed: number of ticks since the reset in which the joint limits had to be dropped.
         out_of_reach: number of ticks since the reset in which the foothold of a walk was further away than a step.
         failed_plans: number of force plans since the reset that were not solved; the feet pushed evenly instead.
         friction: coefficient that the contact forces may use; less than usual after a slip.
     """
 
-    output: Output = Output.DAMPING
-    status: QpStatus = QpStatus.FAILED
-    mode: Mode = Mode.STANDING
-    swing: str | None = None
-    contact_forces: dict[str, np.ndarray] = dataclasses.field(
-        default_factory=lambda: {name: np.zeros(3) for name in CONTACT_POINTS}
-    )
-    fallbacks: int = 0
-    relaxed: int = 0
-    out_of_reach: int = 0
-    failed_plans: int = 0
-    friction: float = math.nan
+    status: QpStatus
+    mode: Mode
+    swing: str | None
+    contact_forces: dict[str, np.ndarray]
+    fallbacks: int
+    relaxed: int
+    out_of_reach: int
+    failed_plans: int
+    friction: float
 
 
 class WholeBodyController:
@@ -75,7 +62,7 @@ class WholeBodyController:
         name: "qp".
         robot: the robot that the controller was told.
         period: time between two calls of `act` [s].
-        params: gains, weights and limits for the size of the robot.
+        params: gains, weights and limits of an H1, as they were given.
         dynamics: robot model at the last state.
     """
 
@@ -94,8 +81,8 @@ class WholeBodyController:
             raise ConfigError(
                 f"period is {period} s; give a finite time above 0 s, up to {_LONGEST_PERIOD} s, such as 0.004 s"
             )
-        params = (params or ControllerParams()).of_size(robot)
-        self.robot, self.params, self.period = robot, params, period
+        self.robot, self.params, self.period = robot, params or ControllerParams(), period
+        self._params = params = self.params.of_size(robot)
         self.dynamics = Dynamics(robot)
         self._nominal_arms = robot.nominal[robot.arms]
         self._highest_torque = robot.torque_limit * params.torque_fraction
@@ -113,8 +100,8 @@ class WholeBodyController:
         self._arm_columns, self._arm_block = in_place(arms), np.ix_(arms, arms)
         self._predictor = Predictor(self.dynamics, period)
         self._waist = PostureTask(np.array([robot.waist]), 10.0, params.waist_gains)
-        self._still = PostureTask(held, 10.0, params.waist_gains)
-        self._still.target[:] = robot.nominal[held]
+        self._held_joints = PostureTask(held, 10.0, params.waist_gains)
+        self._held_joints.target[:] = robot.nominal[held]
         self._arms = PostureTask(robot.arms, params.takeover_speed)
         # The right hip may turn about the opposite axis; about the same one, yaws are mirrored by the factor -1.
         self._hip_ways = np.array([1.0, -load_mirror(robot).joint_sign[robot.pair("hip_yaw")[1]]])
@@ -128,9 +115,7 @@ class WholeBodyController:
     def _clear(self) -> None:
         self._fallbacks = 0
         self._relaxed = 0
-        self._held = 0
-        self._last: JointCommand | None = None
-        self._outcome: tuple[Output, QpSolution] | None = None  # of the last tick
+        self._solution = self._unsolved  # of the last tick
         self._waist.rate[0] = 0.0
         self._hand_load.reset()
         self.dynamics.hand_force = self._hand_load.force
@@ -148,10 +133,9 @@ class WholeBodyController:
 
     @property
     def planned_acceleration(self) -> np.ndarray | None:
-        """Joint accelerations that the last command should cause [rad/s^2], shape (n,); None for a fallback."""
-        if self._outcome is None or self._outcome[0] is not Output.SOLUTION:
-            return None
-        return self._outcome[1].acceleration[self._columns]
+        """Joint accelerations that the last command should cause [rad/s^2], shape (n,); None without one."""
+        failed = self._solution.status is QpStatus.FAILED
+        return None if failed else self._solution.acceleration[self._columns]
 
     def reset(self, state: RobotState) -> None:
         """Forget the past and start from this state, which has position and velocity, standing."""
@@ -166,11 +150,11 @@ class WholeBodyController:
         height = float(pelvis.position[2]) - ground - self.robot.nominal_height
         self._filter.reset(height, pitch_of(pelvis.rotation), float(state.q[self.robot.waist]))
 
-    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand | None:
         """Return the joint command for the next period.
 
-        After an unsolved QP, or with a state that is not usable (`RobotState.is_usable`), the last good command is held
-        for a while, then the joints are damped. `diagnostics` counts both.
+        There is none after an unsolved QP, or with a state that is not usable (`RobotState.is_usable`): the guard holds
+        the last one for a while, then damps the joints. `diagnostics` counts both.
 
         Args:
             state: measured or estimated state, with position and velocity; foot forces may be missing.
@@ -179,7 +163,8 @@ class WholeBodyController:
         """
         position, velocity = _motion(state)
         if not state.is_usable:  # a NaN would stay in what the controller remembers
-            return self._fall_back(self._unsolved)
+            self._fail()
+            return None
         self._locomotion.follow_jumps(position, velocity, self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
         state = self._predictor.predict(state, self.robot.command_delay)
@@ -191,22 +176,21 @@ class WholeBodyController:
         smooth = self._filter.update(command, self.period, self._locomotion.state(self._slip.fastest))
         self._locomotion.update(self.dynamics, smooth, self.period)
         self._set_posture(smooth, upper_body)
-        still = [self._still] if self.robot.held.size else []
-        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *still, self._arms]
+        held = [self._held_joints] if self.robot.held.size else []
+        tasks: list[Task] = [*self._locomotion.tasks(), self._waist, *held, self._arms]
         terms = [task.evaluate(self.dynamics) for task in tasks]
         if not self._arms_free:
             terms[-1] = self._attainable(terms[-1])
         points = self._locomotion.contact_points(self.dynamics)
         solution = self._qp.solve(self.dynamics, terms, points, self._locomotion.leap.forces, state.yaw)
         if solution.status is QpStatus.FAILED:
-            return self._fall_back(solution)
+            self._fail()
+            return None
         self._relaxed += solution.status is QpStatus.RELAXED
-        self._held = 0
         # The next reading may be older than this command: the predictor has to know what happened in between.
         self._predictor.record(solution.acceleration)
-        self._last = self._joint_command(state, solution)
-        self._outcome = Output.SOLUTION, solution
-        return self._last
+        self._solution = solution
+        return self._joint_command(state, solution)
 
     def _watch_slips(self, state: RobotState) -> None:
         """Let the contact forces use as much friction as the standing soles have."""
@@ -217,13 +201,13 @@ class WholeBodyController:
 
     def _set_posture(self, command: SmoothCommand, upper_body: UpperBody) -> None:
         """Set the targets of waist and arms; arm joints under external control become prescribed motion."""
-        params, mask = self.params, upper_body.mask
+        params, mask = self._params, upper_body.mask
         # Without the acceleration the waist would lag and overshoot.
         self._waist.acceleration[0] = (command.w_rate - float(self._waist.rate[0])) / self.period
         self._waist.target[0], self._waist.rate[0] = command.w, command.w_rate
         leaps = bool(self._locomotion.plan.legs)
         self._waist.weight[0] = params.leap_waist_weight if leaps else params.waist_weight
-        self._still.weight[:] = params.leap_held_weight if leaps else params.held_weight
+        self._held_joints.weight[:] = params.leap_held_weight if leaps else params.held_weight
         if not upper_body.indicator:
             if not self._arms_free:
                 self._free_arms()
@@ -256,7 +240,7 @@ class WholeBodyController:
 
     def _free_arms(self) -> None:
         """Let the arms hold the nominal pose, with low priority."""
-        arms, params = self._arms, self.params
+        arms, params = self._arms, self._params
         arms.target[:] = self._nominal_arms
         arms.rate[:] = 0.0
         arms.acceleration[:] = 0.0
@@ -293,35 +277,21 @@ class WholeBodyController:
             tau=np.minimum(np.maximum(solution.torque + friction, -self._highest_torque), self._highest_torque),
         )
 
-    def _fall_back(self, solution: QpSolution) -> JointCommand:
-        """Return the last good command for up to `hold_time`, then one that only damps the joints."""
+    def _fail(self) -> None:
+        """Note a tick without a joint command."""
         self._fallbacks += 1
-        self._held += 1
-        self._predictor.record(np.zeros(self.dynamics.nv))  # what a fallback causes is not known
-        if self._last is not None and self._held * self.period <= self.params.hold_time:
-            self._outcome = Output.HELD, solution
-            return self._last
-        self._outcome = Output.DAMPING, solution
-        zero = np.zeros_like(self.robot.kp)
-        return JointCommand(
-            q=self.robot.nominal.copy(), dq=zero, kp=zero.copy(), kd=self.robot.kd.copy(), tau=zero.copy()
-        )
+        self._solution = self._unsolved
+        self._predictor.record(self._unsolved.acceleration)  # what the guard's command causes is not known
 
     @property
     def diagnostics(self) -> Diagnostics:
         """State after the last tick, assembled when it is read."""
-        if self._outcome is None:
-            return Diagnostics()
-        output, solution = self._outcome
-        plan = self._locomotion.plan
-        solved = solution.status is not QpStatus.FAILED
-        forces = solution.forces if solved else np.zeros((len(CONTACT_POINTS), 3))
+        plan, solution = self._locomotion.plan, self._solution
         return Diagnostics(
-            output=output,
             status=solution.status,
             mode=plan.mode,
             swing=None if plan.swing is None else SIDES[plan.swing],
-            contact_forces=dict(zip(CONTACT_POINTS, forces, strict=True)),
+            contact_forces=dict(zip(CONTACT_POINTS, solution.forces, strict=True)),
             fallbacks=self._fallbacks,
             relaxed=self._relaxed,
             out_of_reach=self._locomotion.walking.out_of_reach,

@@ -126,6 +126,8 @@ def _counts(report: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
 EVENTS = {
     "commands_clamped": "command outside its range",
     "commands_guarded": "command that the legs do not allow together with the others",
+    "hands_refused": "hand targets that are no numbers, or that the arms cannot follow",
+    "hands_held": "no arm posture for the hand targets: the arms held",
     "upper_body_rejected": "arm targets that are no numbers",
     "upper_body_limited": "arm targets outside the joint limits",
     "wrench_limited": "force, payload or stiffness of the hands beyond its range",

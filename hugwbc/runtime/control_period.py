@@ -116,6 +116,7 @@ class ControlPeriod:
         self._handover.reset()
         self.guard.reset(self._check.admit(self.estimate))
         self.hands, self.ik_s, self._last = None, 0.0, None
+        self._followed = self.chain.command  # by the controller in the last period
         if self.upper_body is not None:
             self.upper_body.reset()
 
@@ -129,11 +130,12 @@ class ControlPeriod:
             behind: whether a newer reading waits.
         """
         if self.estimator is None:
-            self.estimate = reading
-            return
-        self._unseen.append(reading)
+            reading = self.estimate = self._check.admit(reading)
         if driven and not self.estimate.coasted:  # what was replaced tells nothing of the motors
             self.motors.see(reading, now, behind=behind)
+        if self.estimator is None:
+            return
+        self._unseen.append(reading)
         if self._update_due(now):
             planned = self.guard.planned_acceleration if driven else None
             self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)
@@ -155,7 +157,7 @@ class ControlPeriod:
         self.log.count("ticks")
         command, self.hands = self._source.ask(t, self.estimate, dt)
         arms, command = self._solve_arms(command)
-        command = self.chain(command, state, dt)
+        command = self._followed = self.chain(command, state, dt)
         for sensor in state.coasted:
             self.log.count_of("readings_refused", sensor, f"readings of {sensor} refused and replaced")
         lost = state.lost or (self.motors.dead and f"the motor of {self.motors.dead} is dead")
@@ -178,19 +180,22 @@ class ControlPeriod:
             return self._free_arms, command
         placed, last = self._source.placed, self._last
         commanded = None if last is None else last.q[self._robot.arms]
+
+        def answer() -> tuple[UpperBody, Command]:
+            arms, adapted = source.update(placed, self.hands, command, self.period, commanded, self._followed)
+            return arms, adapted
+
         begin = time.perf_counter()
-        moved = self.log.ask(
-            "source_failures",
-            "the source of arm targets",
-            lambda: source.update(placed, self.hands, command, self.period, commanded),
-        )
+        moved = self.log.ask("source_failures", "the source of arm targets", answer)
         self.ik_s = time.perf_counter() - begin
         if moved is None:
             return self._free_arms, command
-        if self.hands is not None and (refusal := getattr(source, "refusal", "")):  # not every source has it
+        # Not every source has these.
+        if self.hands is not None and (refusal := getattr(source, "refusal", "")):
             self.log.count("hands_refused", f"hand targets: {refusal}")
-        arms, adapted = moved
-        return arms, adapted
+        if not getattr(getattr(source, "solution", None), "ok", True):
+            self.log.count("hands_held", "no arm posture for the hand targets: the arms hold")
+        return moved
 
 
 def _refuse_another(part: object, robot: Robot, does: str, advice: str) -> None:

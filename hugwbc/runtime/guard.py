@@ -19,9 +19,9 @@ HOLD_TIME = 0.1  # [s] for which the last good joint command is repeated without
 class Guard:
     """A controller, and what stands in for it.
 
-    A state that cannot be used (`StateCheck`), an exception, or what is no finite joint command makes the guard repeat
-    the last good joint command for `HOLD_TIME` and then damp the joints. After damping, the controller is reset on the
-    first good state.
+    A state that cannot be used (`StateCheck`), an exception, None, or what is no finite joint command makes the guard
+    repeat the last good joint command for `HOLD_TIME` and then damp the joints. After damping, the controller is reset
+    on the first good state.
 
     Attributes:
         last_tick_s: time that the last call of the controller took [s]; 0 where it was not called.
@@ -79,6 +79,8 @@ class Guard:
         if answer is None:
             return None
         (output,), joints = answer, self.robot.kp.size
+        if output is None:
+            return None
         if not isinstance(output, JointCommand):
             given = f"act of {self.name} returned a {type(output).__name__} instead of a JointCommand"
             self._log.count("failures", given)
@@ -103,7 +105,7 @@ class Guard:
     def _fallback(self, state: RobotState) -> JointCommand:
         self._missing_s += self.period
         if self._missing_s <= HOLD_TIME:
-            self._log.count("held")
+            self._log.count("held", f"no joint command from {self.name}: holding the last one, then damping")
             return self._last
         self._log.count("damped")
         zero = np.zeros_like(self.robot.kd)

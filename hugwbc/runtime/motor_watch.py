@@ -36,6 +36,9 @@ class _Asked:
 class MotorWatch:
     """A watch over the torques of the legs.
 
+    The thresholds are torques of an H1 in N*m, whatever the robot: on one whose legs need less than `ASKED`, a dead
+    motor is not found.
+
     Attributes:
         dead: name of the first joint whose motor was found dead; empty while all work.
     """

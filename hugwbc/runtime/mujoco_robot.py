@@ -112,7 +112,7 @@ class MujocoRobot:
             upper_body: turns hand targets into arm targets (`UpperBodySource(robot=...)`); None ignores them.
         """
         source = Constant(source) if isinstance(source, Command) else source
-        self._controller, self._given_at = controller, np.inf
+        self._controller, self._hold, self._given_at = controller, 0.0, np.inf
         sight = Sight(self, self.robot, noisy=False, drifting=False)
         return ControlPeriod(controller, source, sight, robot=self.robot, estimator=None, upper_body=upper_body)
 

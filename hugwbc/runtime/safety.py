@@ -14,16 +14,6 @@ from hugwbc.table_defaults import LEAST_ERROR, LEAST_SPEED
 _LIMITED = ("positions_limited", "speeds_limited", "gains_limited", "gains_limited", "torques_limited")
 
 
-def target_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest position target of each joint [rad], each of shape (n,).
-
-    A PD joint turns the distance to its target into torque. To give its full torque at a position limit, its target
-    must lie torque_limit / kp beyond that limit.
-    """
-    margin = robot.torque_limit / robot.kp
-    return robot.lower - margin, robot.upper + margin
-
-
 def gain_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return the highest stiffness [N*m/rad] and damping [N*m*s/rad] of each joint, each of shape (n,).
 
@@ -35,14 +25,14 @@ def gain_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 class SafetyFilter:
     """A limiter of joint commands.
 
-    Position targets are clamped to `target_limits`, velocity targets to the joints' highest speeds, gains to 0 and
-    `gain_limits`, and feed-forward torques to the torque limits. What is clamped is counted.
+    Position targets are clamped to `Robot.target_range`, velocity targets to the joints' highest speeds, gains to 0
+    and `gain_limits`, and feed-forward torques to the torque limits. What is clamped is counted.
     """
 
     def __init__(self, robot: Robot, log: SafetyLog) -> None:
         """Take the limits from a robot."""
         self._names, self._log = robot.joint_names, log
-        (lowest, highest), speed, torque = target_limits(robot), robot.velocity_limit, robot.torque_limit
+        (lowest, highest), speed, torque = robot.target_range, robot.velocity_limit, robot.torque_limit
         self._high = np.array((highest, speed, *gain_limits(robot), torque))
         self._low = np.array((lowest, -speed, *np.zeros((2, torque.size)), -torque))
         self._given: JointCommand | None = None

@@ -22,6 +22,8 @@ class SafetyReport:
         commands_clamped: periods in which a command value was out of range or NaN, by command name.
         commands_guarded: periods in which the other values did not allow a command value, by command name.
         hands_refused: hand targets that are not finite, or that the arms cannot follow (`HandTargets.check`).
+        hands_held: periods without an arm posture for the hand targets, in which the arms held: the inverse kinematics
+            failed, or the state did not tell where the targets are.
         upper_body_rejected: arm targets that were not a finite number for each joint: the last good ones stayed.
         upper_body_limited: external arm targets outside the joint limits, clamped to them.
         wrench_limited: wrenches on the hands beyond their ranges, limited to them (`HandWrench.limited`).
@@ -46,6 +48,7 @@ class SafetyReport:
     commands_clamped: dict[str, int] = dataclasses.field(default_factory=dict)
     commands_guarded: dict[str, int] = dataclasses.field(default_factory=dict)
     hands_refused: int = 0
+    hands_held: int = 0
     upper_body_rejected: int = 0
     upper_body_limited: int = 0
     wrench_limited: int = 0

@@ -60,9 +60,7 @@ class Actuators:
         The limit of the torque by speed stays that of the robot's table.
         """
         drives = self.friction, self.armature, robot.command_delay if self.delay is None else self.delay
-        if drives == (1.0, 1.0, robot.command_delay):
-            return robot
-        return robot.with_ideal_drives if drives == (0.0, 1.0, 0.0) else _told(robot, *drives)
+        return robot if drives == (1.0, 1.0, robot.command_delay) else _told(robot, *drives)
 
     def apply_to(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set friction and reflected inertia of the joints of a newly compiled model."""

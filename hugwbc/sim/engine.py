@@ -38,7 +38,7 @@ def check_seed(seed: int) -> None:
 
 
 class Engine(abc.ABC):
-    """One robot with PD joints, an IMU on the torso and foot sensors; it can be pushed and pulled.
+    """One robot with PD joints, an IMU on base or trunk, and foot sensors; it can be pushed and pulled.
 
     Subclasses build their model in `_build`, where they fill `external_force` and `link_names`, and call `_clear` in
     `reset`. Everything that a controller, a rollout or a page reads is on this class; what belongs to one engine stays

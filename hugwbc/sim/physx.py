@@ -22,11 +22,8 @@ from hugwbc.sim.scenes.scene import Scene
 from hugwbc.sim.sensors import Reading
 from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import GRAVITY, RobotState
+from hugwbc.table_defaults import FOOT_BOX_HALF, FOOT_BOX_MIDDLE, FRICTION, SOLE_RADIUS, START_GAP
 
-FRICTION = 0.8  # of the soles and links, as in h1.xml
-SOLE_RADIUS = 0.005  # [m], of the spheres at the corners of a sole, as in h1.xml
-_GAP = 0.002  # [m], between soles and ground at the start, as in the keyframe of h1.xml
-_ANKLE_BOX_HEIGHT = 0.02  # [m], half of it; this box collides with the other leg only
 _INNER_STEP = 0.001  # [s], longest step of PhysX; the joint torques are recomputed in each
 _POSITION_ITERATIONS, _VELOCITY_ITERATIONS = 16, 1
 _CONTACT_OFFSET = 0.002  # [m], distance at which contacts are prepared
@@ -76,7 +73,7 @@ def _groups(pairs: list[list[str]], name: str, *, on_ground: bool = True) -> lis
 
 
 class PhysxSimulation(Engine):
-    """One robot in PhysX with PD joints, an IMU on the torso and foot sensors, on a level plane.
+    """One robot in PhysX with PD joints, an IMU on base or trunk, and foot sensors, on a level plane.
 
     The joint torques are explicit: the PD law of the joint state at each inner step, within the torque limits, is the
     torque in that step. Coulomb friction is a velocity drive of PhysX at speed 0 whose torque is limited to the
@@ -110,7 +107,7 @@ class PhysxSimulation(Engine):
         self._range = np.stack([-self._torque_limit, self._torque_limit], axis=1)
         self._viscous = self.robot.damping + self.actuators.friction * self.robot.viscous
         self._table = robot_table(self.robot.name)
-        self._start_height = self.robot.nominal_height + _GAP
+        self._start_height = self.robot.nominal_height + START_GAP
         self._build_world()
         self.link_names = ("world", *self._links)
         self.external_force = np.zeros((len(self.link_names), 6))
@@ -170,8 +167,8 @@ class PhysxSimulation(Engine):
         for x in (x0, x1):
             for y in (y0, y1):
                 maker.add_sphere_collision(pose([x, y, z + SOLE_RADIUS]), SOLE_RADIUS, self._material)
-        half = [(x1 - x0) / 2.0, (y1 - y0) / 2.0, _ANKLE_BOX_HEIGHT]
-        maker.add_box_collision(pose([(x0 + x1) / 2.0, 0.0, z + 0.03]), half, self._material)
+        half = [(x1 - x0) / 2.0, (y1 - y0) / 2.0, FOOT_BOX_HALF]
+        maker.add_box_collision(pose([(x0 + x1) / 2.0, 0.0, z + FOOT_BOX_MIDDLE]), half, self._material)
 
     def _prepare_links(self) -> None:
         """Set what the builder does not: no damping, no speed limits, and the collision groups of the feet."""

@@ -1,4 +1,4 @@
-"""Sensor models: encoders, motor torques and the torso IMU, with noise, biases and latency."""
+"""Sensor models: encoders, motor torques and the IMU, with noise, biases and latency."""
 
 import dataclasses
 import math
@@ -11,7 +11,7 @@ from hugwbc import rotations
 from hugwbc.errors import UnknownNameError
 from hugwbc.robot import Robot
 from hugwbc.settings import NotNegative, settings
-from hugwbc.state import RobotState, pelvis_from_torso_imu
+from hugwbc.state import RobotState, pelvis_from_imu
 
 LONGEST_LATENCY = 1.0  # [s]
 _Latency = Annotated[float, Field(ge=0.0, le=LONGEST_LATENCY)]
@@ -194,7 +194,7 @@ class Sensors:
         turn = np.array([1.0, *(0.5 * (self._attitude_bias + self._of_attitude)).tolist()])
         # A constant error of roll and pitch is one about the world's axes.
         attitude = rotations.multiply(_unit(turn), reading.imu_orientation)
-        orientation, rate = pelvis_from_torso_imu(attitude, gyro, *self._robot.imu_turn(q, dq))
+        orientation, rate = pelvis_from_imu(attitude, gyro, *self._robot.imu_turn(q, dq))
         return RobotState(
             q=q,
             dq=dq,

@@ -91,17 +91,20 @@ class BodyReach:
             self._active = True
             q, nominal = state.q[self._robot.arms], self._robot.nominal[self._robot.arms]
             self.start(np.clip(np.where(np.isfinite(q), q, nominal), self._arms.lower, self._arms.upper), wanted)
+        ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
+        if usable:
+            # Another gait may have narrower ranges. A command beyond them passes: its clamp is counted elsewhere.
+            self.values = np.clip(self.values, np.minimum(ranges[:, 0], wanted), np.maximum(ranges[:, 1], wanted))
         if usable and not wants_body:
             self.values = _towards(self.values, wanted, dt)
             self._active = bool(np.any(self.values != wanted))
         elif usable and hands is not None and hands.is_usable:
-            self._follow(hands, state, command, wanted, dt)
+            self._follow(hands, state, ranges, wanted, dt)
         values = dict(zip(BODY_NAMES, self.values.tolist(), strict=True))
-        return dataclasses.replace(command, **values).clamp(self._robot)[0]
+        return dataclasses.replace(command, **values)
 
-    def _follow(self, hands: HandTargets, state: RobotState, command: Command, wanted: np.ndarray, dt: float) -> None:
+    def _follow(self, hands: HandTargets, state: RobotState, ranges: np.ndarray, wanted: np.ndarray, dt: float) -> None:
         """Take a step of `dt` [s] towards usable targets; what cannot help goes back towards its wanted value."""
-        ranges = np.array([command_ranges(command.gait, self._robot)[name].finishing for name in BODY_NAMES])
         low, high = ranges.T
         wanted, values = np.clip(wanted, low, high), np.clip(self.values, low, high)
         helping = _HELPING[hands.frame]
@@ -110,6 +113,7 @@ class BodyReach:
         if points is not None:
             self.allow(np.where(helping[:, None], ranges, values[:, None]))
             self.solve(points, hands.given, wanted, values, dt)
+            self.values = np.clip(self.values, low, high)  # the solver's ranges are a little wider
 
     def allow(self, ranges: np.ndarray) -> None:
         """Set the ranges of h, p and w, shape (3, 2)."""

@@ -35,7 +35,7 @@ class IKSolution:
         residual: distance of each hand at `q` to its target [m], shape (2,); NaN before the first usable target.
         reachable: False for a hand that is off its target and no longer gets nearer, so that `q` is the nearest pose
             found; shape (2,), bool.
-        ok: False if the targets or the state were unusable and `q` keeps its last value.
+        ok: False if the targets or the state were unusable, or the solver failed: the arms brake and hold.
     """
 
     q: np.ndarray
@@ -55,11 +55,6 @@ class ArmIK:
     of what was found.
 
     Attributes:
-        rejected: number of calls with unusable numbers: a target or waist angle that is not finite, a target in the
-            world frame without a pelvis position, or a time step that is not positive. Each kept the last
-            configuration.
-        failures: number of calls in which the solver failed. Each kept the last configuration or, if only the search
-            for a better posture failed, continued without the search.
         lower, upper: joint position limits of the solution [rad], shape (k,).
         velocity_limit: joint speed limits of the solution [rad/s], shape (k,).
         acceleration_limit: joint acceleration limit of the solution [rad/s^2].
@@ -69,8 +64,6 @@ class ArmIK:
         """Build the kinematics of a robot from its URDF, at the nominal arm posture."""
         self.config = config or ArmIKConfig()
         self.robot = robot
-        self.rejected = 0
-        self.failures = 0
         self._descent = Descent(self.config, self.robot)
         self._scout = Scout(self.config, self.robot)
         self._detours = Detours(self.config, self._descent, self.robot)
@@ -129,7 +122,8 @@ class ArmIK:
     def solve(self, targets: HandTargets, state: RobotState, dt: float) -> IKSolution:
         """Advance the arm configuration by one tick towards the targets.
 
-        Bad numbers never raise: the arms brake and hold, and the event is counted.
+        Bad numbers never raise: the arms brake and hold (`IKSolution.ok`). Bad are a target or waist angle that is not
+        finite, a target in the world frame without a pelvis position, and a time step that is not positive.
 
         Args:
             targets: hand positions; a hand without one goes to its rest position next to the body.
@@ -139,7 +133,6 @@ class ArmIK:
         dt = min(dt, LONGEST_TICK) if dt < np.inf else dt
         goal = goal_in_pelvis(targets, state, self._rest)
         if goal is None or not math.isfinite(state.q[self.robot.waist]) or not 0.0 < dt < np.inf:
-            self.rejected += 1
             return self._hold(dt)
         carried = self._carried(np.where(np.isfinite(state.q), state.q, self._body), dt)
         goal = dataclasses.replace(goal, speed=self._speed(goal.points, dt), carried=carried)
@@ -153,7 +146,6 @@ class ArmIK:
             self._ddq = self._path.update(targets.array(), smooth, turn, self._descent.jacobians(), dt)
             q = self._go_round(q, goal, dt)
         except RuntimeError:  # this is how placo reports an infeasible problem
-            self.failures += 1
             return self._hold(dt)
         moved = self._limiter.follow(q, (q - self._limiter.q) / dt, dt)
         if np.abs(moved - q).max() > 1e-9:
@@ -198,7 +190,6 @@ class ArmIK:
         try:
             self._scout.advance(goal.points, self._body)
         except RuntimeError:  # the real arms keep their step, and the next search starts from them
-            self.failures += 1
             for arm in range(2):
                 self._scout.rest(arm)
                 detours.forget(arm)

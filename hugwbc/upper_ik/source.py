@@ -104,7 +104,7 @@ class UpperBodySource:
 
     Attributes:
         robot: whose arms it moves.
-        ik: the solver, with its counts of rejected targets and failures.
+        ik: the solver.
         takeover: the hand-over of the arms, with its phase.
         watch: the watch on the stream of targets, with the counts of unusable ones.
         refusal: why the hand targets that arrived last were refused; empty if they were not.
@@ -138,10 +138,11 @@ class UpperBodySource:
         command: Command,
         dt: float,
         commanded: np.ndarray | None = None,
+        followed: Command | None = None,
     ) -> tuple[UpperBody, Command]:
         """Return the external control of the arms for this tick, and the command adapted to the hands.
 
-        Bad numbers never raise: the arms hold their position, and the event is counted. A stream of targets that ends,
+        Bad numbers never raise: the arms hold their position (`solution`, `refusal`). A stream of targets that ends,
         or that brings nothing usable any more, gives the arms back after `STALE_TIME`.
 
         Args:
@@ -154,6 +155,8 @@ class UpperBodySource:
             commanded: the arm part of the last joint command [rad], shape (k,), if known. A takeover starts there, and
                 the next hand-back ends there, as the controller's own pose. Without it, a takeover starts from the
                 measured arms and a hand-back ends in the nominal pose.
+            followed: the command that the controller followed in the last tick, whose stride hands of the steady frame
+                learn: it may step faster than `command`, or walk on before it stands. None for `command`.
         """
         if hands is None:
             self.watch.forget()
@@ -166,7 +169,7 @@ class UpperBodySource:
             hands = self._held.follow(hands, dt)
         if hands is None or hands.joints is not None or hands.frame != "steady":
             self._steady.reset()  # after a pause, what was learned would be out of phase
-        arms = self._arms(state, hands, command, dt, commanded)
+        arms = self._arms(state, hands, command if followed is None else followed, dt, commanded)
         return arms, self._whole_body(state, hands, command, dt)
 
     def _arms(

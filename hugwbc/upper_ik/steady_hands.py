@@ -50,7 +50,10 @@ class SteadyHands:
     def __init__(self, robot: Robot) -> None:
         kinematics = Kinematics(robot)
         self._robot = robot
-        self._imu = kinematics.model.frames[kinematics.frame_id("imu")].placement.translation.copy()
+        frame = kinematics.model.frames[kinematics.frame_id("imu")]
+        # In its link, and where the joint is in the pelvis that turns that link, if one does [m].
+        self._imu = frame.placement.translation.copy()
+        self._turned_at = kinematics.model.jointPlacements[frame.parentJoint].translation.copy()
         self._order = np.arange(1, _MOST + 1)
         self.reset()
 
@@ -76,7 +79,8 @@ class SteadyHands:
             targets: in the steady frame, usable (`HandTargets.is_usable`).
             hands: where the hands were at the reading, in the pelvis frame [m], shape (2, 3).
             state: the robot's reading. Without a position, only the rotation of the pelvis is learned.
-            command: gives the stride frequency; nothing is learned, and the correction fades, while it says to stand.
+            command: the one that the controller follows. It gives the stride frequency; nothing is learned, and the
+                correction fades, while it says to stand.
             dt: time since the last call [s].
         """
         dt = dt if 0.0 < dt < math.inf else 0.0
@@ -90,7 +94,7 @@ class SteadyHands:
         origin, felt = np.zeros(3) if state.position is None else state.position, np.zeros(3)
         if state.imu_accelerometer is not None and dt < COARSE:
             torso = rotations.rotation_z(self._robot.imu_turn(state.q, state.dq)[0])
-            origin = -pelvis @ torso @ self._imu
+            origin = -(pelvis @ self._turned_at + pelvis @ torso @ self._imu)
             felt = pelvis @ torso @ state.imu_accelerometer
         roll, pitch = rotations.roll_of(state.orientation), rotations.pitch_of(state.orientation)
         world = origin + hands @ pelvis.T

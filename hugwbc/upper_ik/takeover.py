@@ -102,10 +102,8 @@ class Takeover:
         self.velocity_limit = robot.velocity_limit[arms] * SPEED_SHARE
         # These are the position limits of the safety filter. A controller without feed-forward torque may command its
         # own arms beyond the joint limits to carry their weight, and the blends start and end at its own command.
-        reach = robot.torque_limit[arms] / robot.kp[arms]
-        self._limiter = JointLimiter(
-            robot.lower[arms] - reach, robot.upper[arms] + reach, self.velocity_limit, ACCELERATION
-        )
+        lowest, highest = robot.target_range
+        self._limiter = JointLimiter(lowest[arms], highest[arms], self.velocity_limit, ACCELERATION)
         self._rest = robot.nominal[arms]
         self._all = np.ones(arms.size, dtype=bool)
         self._from, self._elapsed = self._rest, 0.0

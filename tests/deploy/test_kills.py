@@ -13,7 +13,6 @@ from hugwbc.deploy.remote import Sticks
 from hugwbc.deploy.simulated_robot import Extremes
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import load_robot
-from hugwbc.runtime.safety import target_limits
 
 KILLS, AFTER = 50, 1.0  # s
 
@@ -63,7 +62,7 @@ def test_after_a_kill_the_robot_holds_a_command_within_all_limits(monkeypatch) -
     )
     pair.run(3.0)
     rng, fallen, most = np.random.default_rng(7), 0, []
-    low, high = target_limits(H1)
+    low, high = H1.target_range
     for _ in range(KILLS):
         pair.run(pair.robot.time + float(rng.uniform(0.02, 0.1)))
         assert not pair.robot.simulation.fallen

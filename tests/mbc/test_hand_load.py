@@ -139,7 +139,7 @@ def test_forces_that_the_arms_cannot_hold_do_not_cost_the_balance(standing_state
         controller.act(standing_state, Command(), targets)
     diagnostics = controller.diagnostics
     assert diagnostics.status is QpStatus.SOLVED
-    limit = controller.params.torque_fraction * controller.robot.torque_limit
+    limit = controller._params.torque_fraction * controller.robot.torque_limit
     assert controller.planned_acceleration is not None
     held = controller.dynamics
     columns = held.columns[controller.robot.arms]

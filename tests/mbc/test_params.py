@@ -6,6 +6,7 @@ import pytest
 
 from hugwbc import load_robot
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.mbc import WholeBodyController
 from hugwbc.mbc.params import ControllerParams
 
 
@@ -26,6 +27,14 @@ def test_parameters_of_another_size_are_similar():
         )
 
     assert without_units(g1, small) == pytest.approx(without_units(h1, params))
+
+
+def test_a_controllers_parameters_are_of_the_size_of_the_robot_once():
+    g1, given = load_robot("g1"), ControllerParams(step_width=0.26)
+    first = WholeBodyController(g1, given)
+    assert first.params is given
+    assert WholeBodyController(g1, first.params)._params == first._params == given.of_size(g1)
+    assert WholeBodyController(g1).params == ControllerParams()
 
 
 def test_a_robots_table_has_the_last_word_on_defaults_only():

@@ -11,12 +11,15 @@ import yaml
 from hugwbc import Command, Gait, UpperBody, load_robot, rotations
 from hugwbc.commands import MEASURED_NAMES
 from hugwbc.errors import ConfigError
-from hugwbc.mbc import ControllerParams, Output, QpStatus, WholeBodyController
+from hugwbc.mbc import ControllerParams, QpStatus, WholeBodyController
 from hugwbc.mbc.gait_plan import Mode
 from hugwbc.mbc.rigid_body_mpc import RigidBodyMpc
 from hugwbc.robot import load_mirror
 from hugwbc.robot_tables import robot_table
 from hugwbc.runtime import rollout
+from hugwbc.runtime.guard import Guard
+from hugwbc.runtime.safety import SafetyFilter, StateCheck
+from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 from tests.conftest import make_state, mirror_command, mirror_state
@@ -58,18 +61,35 @@ def test_nothing_of_a_state_that_is_not_usable_stays(controller, standing_state,
     expected = [controller.act(seen, Command(), NONE).tau for _ in range(3)][-1]
     controller.reset(seen)
     broken = dataclasses.replace(seen, **{name: np.full_like(getattr(seen, name), math.nan)})
-    assert controller.act(broken, Command(), NONE).is_finite
-    assert controller.diagnostics.fallbacks == 1
+    assert controller.act(broken, Command(), NONE) is None
+    assert controller.diagnostics.fallbacks == 1 and controller.diagnostics.status is QpStatus.FAILED
     taus = [controller.act(seen, Command(), NONE).tau for _ in range(3)]
-    assert controller.diagnostics.output is Output.SOLUTION
+    assert controller.diagnostics.status is QpStatus.SOLVED
     assert taus[-1] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_guard_holds_and_damps_while_the_qp_has_no_solution(controller, standing_state, monkeypatch):
+    log = SafetyLog()
+    guard = Guard(controller, StateCheck(ROBOT), SafetyFilter(ROBOT, log), log)
+    guard.reset(standing_state)
+    last = guard.act(standing_state, Command(), NONE)
+    monkeypatch.setattr(controller._qp, "solve", lambda *_: controller._unsolved)
+    commands = [guard.act(standing_state, Command(), NONE) for _ in range(26)]
+    assert controller.planned_acceleration is None
+    np.testing.assert_array_equal(commands[23].q, last.q)
+    assert not commands[25].kp.any() and np.array_equal(commands[25].kd, ROBOT.kd)
+    report = log.report()
+    assert (report.held, report.damped, report.failures) == (24, 2, 0)  # 25 periods add up to a little more than 0.1 s
+    assert "no joint command from qp: holding the last one" in report.messages[0]
+    monkeypatch.undo()
+    assert guard.act(standing_state, Command(), NONE).tau.any(), "a reset, and it goes on"
 
 
 def test_standing_still_it_carries_the_weight(controller, standing_state):
     for _ in range(3):
         command = controller.act(standing_state, Command(), NONE)
     diagnostics = controller.diagnostics
-    assert diagnostics.output is Output.SOLUTION and diagnostics.status is QpStatus.SOLVED
+    assert diagnostics.status is QpStatus.SOLVED
     assert sum(force[2] for force in diagnostics.contact_forces.values()) == pytest.approx(ROBOT.mass * 9.81, rel=0.05)
     # The knees bear the load, alike on both sides.
     knees = command.tau[ROBOT.indices(["left_knee_joint", "right_knee_joint"])]
@@ -128,7 +148,7 @@ def test_it_counts_force_plans_that_failed(controller, standing_state, monkeypat
         controller.act(standing_state, Command(gait=Gait.JUMPING), NONE)
     diagnostics = controller.diagnostics
     assert diagnostics.mode is Mode.LEAPING and diagnostics.failed_plans == 25
-    assert diagnostics.output is Output.SOLUTION
+    assert diagnostics.status is QpStatus.SOLVED
     vertical = [force[2] for force in diagnostics.contact_forces.values()]
     assert sum(vertical) == pytest.approx(ROBOT.mass * 9.81, rel=0.2), "an even push instead"
 
@@ -153,7 +173,7 @@ def test_a_second_episode_begins_as_the_first_one_did(standing_state, gait):
 def test_absurd_states_in_a_jump_give_finite_torques_within_the_limits(standing_state):
     rng = np.random.default_rng(1)
     controller = WholeBodyController(load_robot())
-    jump = Command(gait=Gait.JUMPING)
+    jump, solved = Command(gait=Gait.JUMPING), 0
     for scale in (0.1, 1.0, 10.0, 1e3):
         controller.reset(standing_state)
         for _ in range(2):  # the first one finds that the robot stands still
@@ -165,8 +185,11 @@ def test_absurd_states_in_a_jump_give_finite_torques_within_the_limits(standing_
             turned = orientation / np.linalg.norm(orientation)
             state = make_state(scale * rng.normal(size=19), orientation=turned, **fields)
             command = controller.act(state, jump, NONE)
-            assert command.is_finite
-            assert np.all(np.abs(command.tau) <= 0.95 * ROBOT.torque_limit + 1e-9)
+            if command is not None:
+                solved += 1
+                assert command.is_finite
+                assert np.all(np.abs(command.tau) <= 0.95 * ROBOT.torque_limit + 1e-9)
+    assert solved > 0
 
 
 def test_mirrored_state_and_command_give_mirrored_torques(symmetric_model, standing_state, monkeypatch):

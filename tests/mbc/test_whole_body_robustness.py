@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from hugwbc import Command, Gait, UpperBody, load_robot, rotations
+from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot, rotations
 from hugwbc.hand_wrench import HandWrench
-from hugwbc.mbc import Output, WholeBodyController
+from hugwbc.mbc import QpStatus, WholeBodyController
 from hugwbc.mbc.params import ControllerParams
 from hugwbc.sim import HeightField, Simulation, rough_terrain
 from tests.conftest import ByHand, make_state
@@ -199,9 +199,9 @@ def test_random_and_absurd_states_give_solutions_or_fallbacks(count):
         slow += [took for took in [1e3 * (time.thread_time() - start)] if took > 5.0]
         assert joint_command.is_finite
         assert np.all(np.abs(joint_command.tau) <= ROBOT.torque_limit + 1e-9)
-        outputs[absurd, controller.diagnostics.output] += 1
+        outputs[absurd, controller.diagnostics.status] += 1
     print(f"{len(slow)} of {count} ticks above 5 ms, the slowest {max(slow, default=0.0):.1f} ms; {dict(outputs)}")
-    assert outputs[False, Output.SOLUTION] > 0.99 * count / 2, "ordinary states are solved"
+    assert outputs[False, QpStatus.FAILED] < 0.01 * count / 2, "ordinary states are solved"
 
 
 @pytest.mark.slow
@@ -209,7 +209,7 @@ def test_forces_stay_in_their_cones_and_torques_in_their_limits_for_a_minute():
     """Every tick of 60 s, standing, walking, turning, squatting, jumping, hopping and stopping in turn."""
     simulation, controller = Simulation(sensing="exact"), WholeBodyController(load_robot())
     controller.reset(simulation.reset())
-    params = controller.params
+    params = controller._params
     limit = params.torque_fraction * ROBOT.torque_limit
     stand = Command()
     commands = (
@@ -246,10 +246,12 @@ def _survives(push, params):
     """Whether a walk at 0.5 m/s outlasts a push after 1.6 s by 2 s."""
     simulation, controller = Simulation(sensing="exact"), WholeBodyController(load_robot(), params)
     controller.reset(simulation.reset())
+    command = JointCommand.position(ROBOT, ROBOT.nominal)
     for tick in range(round(3.6 / controller.period)):
         if tick == round(1.6 / controller.period):
             simulation.push(push)
-        command = controller.act(simulation.state(), Command(v_x=0.5, gait=Gait.WALKING), UpperBody.none())
+        found = controller.act(simulation.state(), Command(v_x=0.5, gait=Gait.WALKING), UpperBody.none())
+        command = found or command
         simulation.step(command, controller.period)
         if simulation.fallen:
             return False

@@ -37,6 +37,11 @@ class _References(html.parser.HTMLParser):
         self.loaded += [v or "" for k, v in attrs if k == "src" or (k == "href" and tag == "link")]
 
 
+def test_every_counter_of_the_safety_report_is_named_for_people() -> None:
+    counters = {field.name for field in dataclasses.fields(SafetyReport)} - {"ticks", "messages"}
+    assert set(comparison_page.EVENTS) == counters
+
+
 def test_pages_load_nothing_and_escape_names(make_run: Callable, tmp_path: pathlib.Path) -> None:
     runs = [make_run(name=NASTY, fell=True), make_run(name="learned", seed=2)]
     write_replay(tmp_path / "replay.html", runs, title="<script>alert(1)</script>")

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hugwbc import Command, Gait, command_ranges, load_robot
-from hugwbc.commands import COMMAND_NAMES, CommandChange, sample_all
+from hugwbc.commands import COMMAND_NAMES, CommandChange, default_command, sample_all
 from hugwbc.runtime.command_chain import CommandChain, feasible
 from hugwbc.runtime.safety_report import SafetyLog
 from tests.conftest import make_state, mirror_command
 
-ROBOT = load_robot()
+ROBOT, G1 = load_robot(), load_robot("g1")
 STEPPING = [gait for gait in Gait if gait is not Gait.STANDING]
 
 
@@ -23,6 +23,16 @@ def test_one_command_alone_is_never_changed(gait):
         for value in np.linspace(*command_ranges(gait)[name].finishing, 20):
             command = dataclasses.replace(Command(gait=gait), **{name: value})
             assert feasible(command, ROBOT) == (command, ())
+
+
+@pytest.mark.parametrize("gait", STEPPING)
+def test_of_one_command_alone_shorter_legs_step_faster_at_speed(gait):
+    changed = set()
+    for name in COMMAND_NAMES:
+        for value in np.linspace(*command_ranges(gait, G1)[name].finishing, 20):
+            _, changes = feasible(dataclasses.replace(default_command(gait, G1), **{name: value}), G1)
+            changed |= {(name, change.name) for change in changes if abs(change.used - change.asked) > 0.001}
+    assert changed == (set() if gait.hops else {("v_x", "f")}), "hops are slow"
 
 
 @pytest.mark.parametrize("gait", STEPPING)

@@ -52,6 +52,29 @@ def test_a_lost_state_makes_the_robot_kneel_and_then_damps_it():
     np.testing.assert_array_equal(period.act(state, Command(), UpperBody.none()).q, ROBOT.nominal)
 
 
+def test_the_source_of_arm_targets_is_told_the_command_that_is_followed():
+    """It steps faster than asked for, and walks on for a while before it stands."""
+    period, told = ByHand(HoldController(ROBOT)), []
+    update = period.update
+    period.update = lambda *given: told.append(given[-1]) or update(*given)  # type: ignore[method-assign]
+    period.start(make_state())
+    fast = Command(v_x=1.5, f=1.5, gait=Gait.WALKING)
+    for command in (fast, fast, Command(), Command()):
+        period.act(make_state(), command, UpperBody.none())
+    assert [command.gait for command in told] == [Gait.STANDING, Gait.WALKING, Gait.WALKING, Gait.WALKING]
+    assert [command.f for command in told[1:]] == [2.0, 2.0, 2.0]
+
+
+def test_a_source_of_arm_targets_that_gives_no_pair_is_counted_and_leaves_the_arms_to_the_controller():
+    period = ByHand(HoldController(ROBOT))
+    period.start(make_state())
+    period.update = lambda *_: UpperBody.targets(np.zeros(8))  # type: ignore[method-assign]
+    period.control.observe(make_state(), 0.0)
+    np.testing.assert_array_equal(period.control.decide(0.0).q, ROBOT.nominal)
+    report = period.report()
+    assert report.source_failures == 1 and "the source of arm targets raised TypeError" in report.messages[0]
+
+
 def test_arm_targets_and_estimates_for_another_robot_are_refused():
     message = r"moves the arms of h1, which has other joints than g1; give UpperBodySource\(load_robot\(\"g1\"\)\)"
     with pytest.raises(ConfigError, match=message):
@@ -110,4 +133,5 @@ def test_one_odd_field_anywhere_never_raises_in_a_period_and_never_gets_out(kind
         assert period.act(*wrong).is_finite
     recorder.answer = ODD[odd]
     assert period.act(make_state(), Command(), UpperBody.none()).is_finite
-    assert period.report().failures >= 1 and period.report().source_failures == 1
+    report = period.report()
+    assert report.failures >= (odd != "none") and report.held >= 1 and report.source_failures == 1

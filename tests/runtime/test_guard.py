@@ -72,11 +72,23 @@ def test_an_exception_or_a_nan_of_the_controller_is_contained(guarded):
     for too_few in (np.zeros(18), np.zeros((19, 1))):
         recorder.answer = dataclasses.replace(JointCommand.position(ROBOT, ROBOT.nominal), kd=too_few)
         assert guard.act(make_state(), Command(), UpperBody.none()).kd.shape == (19,)
-    recorder.answer = None
+    recorder.answer = "none"
     assert guard.act(make_state(), Command(), UpperBody.none()).is_finite
     report = log.report()
     assert report.failures == 2 and report.bad_outputs == 3
     assert "RuntimeError: no solution" in report.messages[0]
+
+
+def test_a_controller_that_has_no_command_now_makes_no_mistake(guarded):
+    recorder, guard, log = guarded
+    first = guard.act(make_state(), Command(), UpperBody.none())
+    recorder.answer = None
+    commands = [guard.act(make_state(), Command(), UpperBody.none()) for _ in range(6)]
+    np.testing.assert_array_equal(commands[4].q, first.q)
+    np.testing.assert_array_equal(commands[5].kp, 0.0)
+    report = log.report()
+    assert (report.held, report.damped, report.mistakes) == (5, 1, 0)
+    assert report.messages == ("no joint command from recorder: holding the last one, then damping",)
 
 
 def test_a_command_that_is_given_again_is_looked_at_again(guarded):

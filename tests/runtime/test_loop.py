@@ -13,7 +13,6 @@ from hugwbc.gait import Gait
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop, substeps_of, world_targets
-from hugwbc.runtime.safety import target_limits
 from hugwbc.scripts.view import Constant
 from hugwbc.sim import SensorProfile, Simulation
 from hugwbc.state import RobotState
@@ -35,7 +34,7 @@ class _Taken:
     def reset(self):
         self.ticks = 0
 
-    def update(self, state, hands, command, dt, commanded=None):
+    def update(self, state, hands, command, dt, commanded=None, followed=None):
         self.ticks += 1
         taken = self.ticks <= TAKEN
         return (UpperBody.targets(ROBOT.upper[ROBOT.arms]) if taken else UpperBody.none()), command
@@ -57,7 +56,7 @@ def test_what_fades_after_a_hand_back_does_not_push_the_arms_beyond_the_limits()
     loop = ControlLoop(_Swinging(load_robot()), Constant(Command()), Simulation(sensing="exact"), _Taken())
     loop.reset()
     commands = np.array([loop.decide(tick * loop.period).q[ROBOT.arms] for tick in range(40)])
-    low, high = (limit[ROBOT.arms] for limit in target_limits(ROBOT))
+    low, high = (limit[ROBOT.arms] for limit in ROBOT.target_range)
     assert commands[TAKEN] == pytest.approx(ROBOT.upper[ROBOT.arms]), "no jump at the hand-back"
     # Own command and what fades add up to almost twice the joints' range.
     assert commands[TAKEN + 1] == pytest.approx(high)

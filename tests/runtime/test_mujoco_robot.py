@@ -95,6 +95,8 @@ def test_inputs_that_are_kept_for_longer_than_the_period_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"kept for 20 ms, and the period of qp is 4 ms.*period=0\.02"):
         run(WholeBodyController(robot=robot.robot), robot, model, data, 1.0)
     assert data.time == pytest.approx(0.02), "with the second inputs"
+    robot.control_period(WholeBodyController(robot=robot.robot), Command())
+    robot.apply(JointCommand.position(robot.robot, robot.robot.nominal))  # no other inputs were kept yet
 
 
 def test_controllers_are_told_the_models_dynamics() -> None:

@@ -12,7 +12,7 @@ from hugwbc.evaluation import metrics
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.loop import ControlLoop
-from hugwbc.sim import Arena, Ground, Simulation
+from hugwbc.sim import Actuators, Arena, Ground, Simulation
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.scenes import Box, Scene, Uniform
 from hugwbc.targets import HandTargets
@@ -36,7 +36,7 @@ class FixedArms:
     def reset(self):
         self.commanded.clear()
 
-    def update(self, state, hands, command, dt, commanded=None):
+    def update(self, state, hands, command, dt, commanded=None, followed=None):
         self.commanded.append(commanded)
         q = np.full(8, 0.1)
         self.solution = hands and IKSolution(q, 0 * q, 0 * q, np.zeros(2), np.array([True, False]), ok=True)
@@ -240,13 +240,19 @@ def test_a_record_says_that_an_object_left_the_world():
     assert len(trace.problems) == 1 and trace.problems[0].startswith("object 'parcel' left the world at 0.3")
 
 
+def test_a_dead_motor_is_found_where_the_sensors_tell_the_state():
+    simulation = Simulation(sensing="exact", faults=(Fault.parse("motor-dead=left_knee_joint@0.1"),))
+    safety = rollout(HoldController(load_robot()), Command(), simulation, duration=0.6).safety
+    assert safety.lowered > 0 and "the motor of left_knee_joint is dead: kneeling down" in safety.messages
+
+
 def test_names_stand_for_controller_robot_ground_and_scene():
     simulation = Simulation(robot="h1-2023", ground="soft", scene="parcel")
     trace = rollout("hold", Command(), simulation, duration=0.1)
     assert (trace.name, trace.robot, simulation.ground) == ("hold", "h1-2023", Ground.named("soft"))
     assert trace.scene is not None and "parcel" in simulation.objects.names
     ideal = ControlLoop("qp", Command(), Arena(drives="ideal").simulation())
-    assert ideal.control.guard.controller.robot is load_robot().with_ideal_drives
+    assert ideal.control.guard.controller.robot is Actuators.ideal().known_robot(load_robot())
     with pytest.raises(UnknownNameError, match=r"unknown scene 'parcl'\. Did you mean 'parcel'"):
         Simulation(scene="parcl")
     with pytest.raises(UnknownNameError, match=r"unknown controller 'qpp'\. Did you mean 'qp'"):
@@ -335,3 +341,16 @@ def test_hand_targets_that_the_arms_cannot_follow_are_reported_and_end_a_strict_
     assert any("an arm of h1 has 4: left_shoulder_pitch_joint" in message for message in trace.safety.messages)
     with pytest.raises(ConfigError, match="left_orientation takes an arm of 5 joints"):
         rollout(HoldController(load_robot()), source, Simulation(), arms, duration=0.1)
+
+
+def test_periods_without_an_arm_posture_are_counted_and_far_targets_are_not(simulation, monkeypatch):
+    arms, far = UpperBodySource(load_robot()), Constant(Command(), HandTargets.of((1.2, 0.2, 0.15), None))
+    assert rollout(HoldController(load_robot()), far, simulation, arms, duration=0.2).safety.hands_held == 0
+
+    def fail(*_):
+        raise RuntimeError("infeasible")
+
+    monkeypatch.setattr(arms.ik._descent, "descend", fail)
+    safety = rollout(HoldController(load_robot()), far, simulation, arms, duration=0.2).safety
+    assert safety.hands_held == safety.ticks == 10 and safety.mistakes == 0
+    assert safety.messages == ("no arm posture for the hand targets: the arms hold",)

@@ -16,7 +16,7 @@ from hugwbc.runtime.rollout import rollout
 from hugwbc.scripts.view import Constant
 from hugwbc.sim import Actuators, Force, Ground, HeightField, Simulation, Variation
 from hugwbc.sim.physx import PhysxSimulation
-from hugwbc.state import pelvis_from_torso_imu
+from hugwbc.state import pelvis_from_imu
 
 ROBOT = load_robot()
 WEIGHT = ROBOT.mass * 9.81
@@ -193,7 +193,7 @@ def test_readings_are_those_of_the_torso_s_imu(plane: PhysxSimulation) -> None:
     np.testing.assert_allclose(np.abs(sensed.orientation @ state.orientation), 1.0, atol=1e-6)
     reading = plane._reading()
     waist = ROBOT.waist
-    _, rate = pelvis_from_torso_imu(reading.imu_orientation, reading.imu_gyro, state.q[waist], state.dq[waist])
+    _, rate = pelvis_from_imu(reading.imu_orientation, reading.imu_gyro, state.q[waist], state.dq[waist])
     np.testing.assert_allclose(rate, state.angular_velocity, atol=1e-4)
     plane.reset()
     plane.step(STIFF, 0.3)

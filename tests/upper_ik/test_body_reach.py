@@ -81,6 +81,21 @@ def test_the_body_stays_in_the_ranges_of_the_gait(standing, gait):
         assert not np.any(path[:, 1:])
 
 
+def test_a_value_beyond_its_range_is_left_to_the_clamp_that_counts_it(standing):
+    fast = Command(v_x=9.0, gait=Gait.WALKING)
+    assert BodyReach(load_robot()).update(LOW, standing, fast, DT).v_x == 9.0
+    reach, low = BodyReach(load_robot()), Command(h=-0.9)
+    run(reach, LOW, standing, Command())
+    assert run(reach, None, standing, low)[0] == low
+
+
+def test_on_the_way_back_it_stays_in_the_ranges_of_another_gait(standing):
+    reach = BodyReach(load_robot())
+    bent, _ = run(reach, LOW, standing, Command())
+    assert bent.h < -0.2 and bent.p > 0.1
+    reach.update(None, standing, Command(gait=Gait.HOPPING_LEFT), DT).validate()
+
+
 def test_it_returns_to_the_command_and_leaves_everything_else(standing):
     reach = BodyReach(load_robot())
     walk = Command(v_x=0.3, omega=0.2, h=-0.05, p=0.1, w=0.2, gait=Gait.WALKING)

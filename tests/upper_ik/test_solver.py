@@ -21,6 +21,7 @@ def converge(ik, targets, state, seconds=3.0, dt=DT):
     solution = ik.solve(targets, state, dt)
     for _ in range(round(seconds / dt)):
         solution = ik.solve(targets, state, dt)
+        assert solution.ok
     return solution
 
 
@@ -134,7 +135,7 @@ def test_a_hand_without_a_target_rests(ik, robot, nominal_state):
     solution = converge(ik, HandTargets(None, COMFORTABLE[1]), nominal_state)
     hands = ArmIK(robot).hands(solution.q, 0.0)
     assert hands == pytest.approx(np.stack((rest[0], COMFORTABLE[1])), abs=1e-3)
-    assert ik.rejected == 0
+    assert solution.ok
 
 
 def test_a_target_out_of_reach_gives_the_stretched_arm(nominal_state):
@@ -175,6 +176,7 @@ def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_sta
         targets = HandTargets(*probe.hands(posture, 0.0))
         for tick in range(150):
             solution = ik.solve(targets, nominal_state, DT)
+            assert solution.ok
             assert np.all(np.abs(solution.q - q) <= speed * DT + 1e-9)
             assert np.all(np.abs(solution.dq - dq) <= 60.0 * DT + 1e-9)
             q, dq = solution.q, solution.dq
@@ -184,7 +186,7 @@ def test_a_wound_up_arm_finds_its_way_to_any_reachable_target(robot, nominal_sta
     assert len(postures) == 25
     assert ik._detours.count > 5, "the sample must contain dead ends"
     assert min(clearance) > -0.02, "soft: a moving forearm may graze the trunk, not go through it"
-    assert ik.failures == ik.without_collisions == 0
+    assert ik.without_collisions == 0
 
 
 def test_a_detour_ends_once(ik, nominal_state):
@@ -217,8 +219,10 @@ def test_a_way_round_that_is_refused_is_not_taken_for_a_motion_of_the_hand(nomin
 
 def test_a_search_that_fails_costs_the_arm_no_step(nominal_state, monkeypatch):
     def fail(*_):
+        failures.append(1)
         raise RuntimeError
 
+    failures: list[int] = []
     ik, searching = ArmIK(load_robot()), ArmIK(load_robot())
     monkeypatch.setattr(ik._scout, "advance", fail)
     far = HandTargets(np.array([0.25, 0.35, 0.6]), np.array([0.25, -0.35, 0.6]))
@@ -226,7 +230,7 @@ def test_a_search_that_fails_costs_the_arm_no_step(nominal_state, monkeypatch):
         solution = ik.solve(far, nominal_state, DT)
         assert solution.ok
         assert solution.q == pytest.approx(searching.solve(far, nominal_state, DT).q)
-    assert ik.failures > 5 and searching.failures == searching._detours.count == 0
+    assert len(failures) > 5 and searching._detours.count == 0
 
 
 INSIDE = [
@@ -247,7 +251,7 @@ def test_forearms_stay_out_of_the_body_and_off_each_other(robot, targets):
     assert min(clearance) > -0.005
     assert clearance[-1] > 0.005
     assert np.abs(ticks[-1].dq).max() < 0.5, "no chatter"
-    assert ik.failures == 0
+    assert all(solution.ok for solution in ticks)
     loose = ArmIK(robot, ArmIKConfig(collision_weight=1e-12))
     solution = converge(loose, HandTargets(*np.array(targets)), state, 5.0)
     assert ik.clearance(solution.q).min() < -0.005, "without it they would not"
@@ -287,7 +291,6 @@ def test_hands_that_hold_one_thing_keep_their_distance_when_one_cannot_follow(no
         gap[name] = np.linalg.norm(hands[1] - hands[0] - (box[1] - box[0]))
     assert gap["apart"] > 0.05
     assert gap["together"] < 0.01
-    assert together.failures == 0
 
 
 def test_a_stretched_arm_does_not_jitter(nominal_state):
@@ -321,12 +324,10 @@ def test_limits_hold_over_1000_random_targets_half_of_them_out_of_reach(ik, robo
         assert np.all(np.abs(solution.dq - dq) <= 60.0 * dt + 1e-9)
         assert solution.dq == pytest.approx((solution.q - q) / dt, abs=1e-9)
         q, dq = solution.q, solution.dq
-    assert ik.failures == 0
-    assert ik.rejected == 0
     assert far > 1000
 
 
-def test_unusable_numbers_are_counted_and_hold(ik, robot, nominal_state):
+def test_with_unusable_numbers_the_arms_hold(ik, robot, nominal_state):
     good = HandTargets(*COMFORTABLE)
     held = converge(ik, good, nominal_state)
     lost_waist = nominal_state.q.copy()
@@ -345,7 +346,6 @@ def test_unusable_numbers_are_counted_and_hold(ik, robot, nominal_state):
         assert solution.q == pytest.approx(held.q, abs=1e-3)
         assert solution.dq == pytest.approx(np.zeros(8), abs=1e-2)
         assert solution.residual.tolist() == held.residual.tolist()
-    assert ik.rejected == len(bad)
     assert ik.solve(good, nominal_state, DT).ok
 
 
@@ -353,7 +353,7 @@ def test_a_level_hand_of_a_pelvis_that_leans_nobody_knows_how_is_unusable():
     robot = load_robot("g1")
     ik, targets = ArmIK(robot), HandTargets.of((0.25, 0.2, 0.1), None, left_orientation="level")
     assert not ik.solve(targets, make_state(robot.nominal, orientation=np.full(4, math.nan)), DT).ok
-    assert (ik.rejected, ik.failures, ik.without_collisions) == (1, 0, 0)
+    assert ik.without_collisions == 0
 
 
 def test_far_but_finite_numbers_are_harmless(ik, nominal_state):
@@ -369,7 +369,6 @@ def test_reset_moves_into_the_limits_and_ignores_nan(ik, robot, nominal_state):
     assert ik.q[0] == 0.0
     assert ik.q[1:] == pytest.approx(robot.upper[robot.arms][1:] - 0.02)
     assert ik.solve(HandTargets(*COMFORTABLE), nominal_state, DT).ok
-    assert ik.failures == 0
 
 
 def test_mirrored_targets_give_the_mirrored_arms(robot):

@@ -141,12 +141,12 @@ def test_source_never_jumps(source, robot):
         body = arms_of(source, make_state(q), hands, command)
         assert np.all(np.isfinite(body.q))
         assert np.all(np.isfinite(body.dq))
+        assert source.solution is None or source.solution.ok
         if body.indicator:
             assert np.all(np.abs(body.q - command) <= 0.5 * LIMIT * DT + 1e-9)
             assert np.all(np.abs(body.dq) <= 0.5 * LIMIT + 1e-9)
             command = body.q
     assert source.watch.tally.counts["bad"] > 0
-    assert source.ik.failures == 0
 
 
 def test_arms_follow_joint_targets_and_change_to_hand_targets_without_a_jump(source, robot, nominal_state):

@@ -4,11 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+import yaml
 
 from hugwbc import rotations
 from hugwbc.commands import Command
 from hugwbc.gait import Gait
+from hugwbc.kinematics import Kinematics
 from hugwbc.robot import load_robot
+from hugwbc.robot_tables import robot_table
 from hugwbc.state import GRAVITY
 from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import UpperBodySource
@@ -71,6 +74,25 @@ def test_the_accelerometer_tells_the_sway_without_a_position():
     t = np.arange(round(6.0 / DT)) * DT
     truth = np.array([swaying(now).position for now in t])[:, None] + np.array(wanted)[: len(t)]
     assert swing(truth) < 0.002
+
+
+def test_the_hands_are_seen_from_the_imu_of_a_trunk_that_turns_above_the_pelvis(tmp_path):
+    table = {**robot_table(), "drives": []}  # the joints have their figures
+    del table["interface"], table["name"]
+    waist = next(joint for joint in table["joints"] if joint["name"] == "torso_joint")
+    waist["xyz"] = [-0.02, 0.0, 0.1]
+    (tmp_path / "tall.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
+    robot = load_robot(str(tmp_path / "tall.yaml"))
+    q = robot.nominal.copy()
+    q[robot.waist] = 0.6
+    state = make_state(q, yaw=0.3, pitch=0.4, roll=-0.2, position=np.zeros(3))
+    kinematics, steady = Kinematics(robot), SteadyHands(robot)
+    kinematics.update(state)
+    hands = np.array([kinematics.position(f"{side}_hand") for side in ("left", "right")])
+    in_pelvis = hands @ rotations.to_matrix(state.orientation)
+    felt = dataclasses.replace(state, position=None, imu_accelerometer=np.array([0.0, 0.0, GRAVITY]))
+    steady.place(TARGETS, in_pelvis, felt, WALK, DT)
+    assert steady._past[-1, :6].reshape(2, 3) == pytest.approx(hands - kinematics.position("imu"))
 
 
 def test_the_mean_speed_and_height_are_kept():
@@ -138,6 +160,15 @@ def test_the_source_takes_the_frame():
     lost = dataclasses.replace(state, q=np.full(19, np.nan))
     arms, _ = source.update(lost, TARGETS, Command(), 0.01)
     assert np.isfinite(arms.q).all()
+
+
+def test_the_stride_is_that_of_the_command_that_is_followed(monkeypatch):
+    source, told = UpperBodySource(load_robot()), []
+    place = source._steady.place
+    monkeypatch.setattr(source._steady, "place", lambda *given: told.append(given[3]) or place(*given))
+    for followed in (WALK, None):
+        source.update(swaying(0.0), TARGETS, Command(), 0.01, None, followed)
+    assert told == [WALK, Command()]
 
 
 @pytest.mark.parametrize("between", [None, HandTargets(None, None, joints=np.zeros(8))], ids=["nothing", "joints"])
