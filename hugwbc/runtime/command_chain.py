@@ -19,7 +19,6 @@ from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.state import RobotState
 
 # Of a leg of `PAPER_LEG`; those of others are as their lengths, and their frequencies as at an equal Froude number.
-LEAST_REACH = 0.15  # [m], highest swing that is allowed at any height
 SLOW_STEP = 0.3  # [m], longest step below BRISK; the robot falls sideways for as long as a step lasts
 BRISK = 2.0  # [Hz], stride frequency that is enough for every commanded speed
 SIDEWAYS = 1.2  # [m/s^2], largest centripetal acceleration v omega; without ankle roll the legs cannot hold more
@@ -29,8 +28,7 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     """Return the nearest command that the legs allow, and what was changed.
 
     Each value of a command may be within its range, but not all together. While all values but one are at their
-    defaults, nothing changes on an H1. Shorter legs need faster steps than the default f at high speed, and a rounded
-    default of l may lose a millimetre in a deep squat.
+    defaults, nothing changes on an H1. Shorter legs need faster steps than the default f at high speed.
 
     Commands have priority in this order: v_x; then v_y within the ellipse of allowed velocities; omega; f; l. A
     standing command comes back as it is, because no leg swings.
@@ -50,7 +48,7 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     omega = _within(command.omega, SIDEWAYS / speed if speed > 0.0 else math.inf)
     size = robot.leg_length / PAPER_LEG
     f = max(command.f, min(speed / (2.0 * SLOW_STEP * size), BRISK / math.sqrt(size)))
-    reach = max(highest_swing(robot) + command.h, LEAST_REACH * size)
+    reach = max(highest_swing(robot) + command.h, ranges["l"].default)  # the default is allowed at any height
     # The free leg of a hop does not swing, and its frequency is not commanded.
     reaction = math.inf if command.gait.hops else SWING_REACTION / f**2
     l = min(command.l, reach, reaction)  # noqa: E741  the paper's symbol

@@ -31,7 +31,7 @@ def test_of_one_command_alone_shorter_legs_step_faster_at_speed(gait):
     for name in COMMAND_NAMES:
         for value in np.linspace(*command_ranges(gait, G1)[name].finishing, 20):
             _, changes = feasible(dataclasses.replace(default_command(gait, G1), **{name: value}), G1)
-            changed |= {(name, change.name) for change in changes if abs(change.used - change.asked) > 0.001}
+            changed |= {(name, change.name) for change in changes}
     assert changed == (set() if gait.hops else {("v_x", "f")}), "hops are slow"
 
 
