@@ -72,6 +72,8 @@ class Robot:
         upper_arm: distance from the shoulder roll joint to the elbow [m].
         forearm: distance from the elbow to the hand [m].
         hands: origins of the hand frames in the hand links' frames [m], shape (2, 3).
+        hand_tip: distance from the hand frame to the end of the hand, along its x axis [m].
+        hand_half_width: distance from the hand frame to the side of the hand [m].
         leg_postures: named postures of a leg [rad], in the order of `legs`.
         arm_postures: named postures of the left arm [rad], in the order of `arms`.
         arm_kp, arm_kd: gains of the arms under external control [N*m/rad], [N*m*s/rad], shape (arm joints,).
@@ -130,6 +132,8 @@ class Robot:
     upper_arm: float
     forearm: float
     hands: np.ndarray
+    hand_tip: float
+    hand_half_width: float
     leg_postures: Mapping[str, np.ndarray]
     arm_postures: Mapping[str, np.ndarray]
     arm_kp: np.ndarray
@@ -272,6 +276,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         return frozen([joint[key] for joint in joints])
 
     ranges = column("range")
+    hand_tip, hand_half_width = _hand_size(table)
     return Robot(
         name=name,
         xml_path=file.with_name(f"{table['name']}.xml"),
@@ -314,6 +319,8 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
         forearm=math.hypot(*placement(joints, hands[0], links["elbow"], table["hand"]["xyz"])[0].tolist()),
         hands=frozen(on_both_sides(table["hand"]["xyz"])),
+        hand_tip=hand_tip,
+        hand_half_width=hand_half_width,
         leg_postures={key: frozen(value) for key, value in table["leg_postures"].items()},
         arm_postures={key: frozen(value) for key, value in table["arm_postures"].items()},
         arm_kp=frozen(2 * table["arm_servo"]["kp"]),
@@ -328,6 +335,16 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         qp=dict(table.get("qp", {})),
         commands={name: _ranges(name, ranges) for name, ranges in table.get("commands", {}).items()},
     )
+
+
+def _hand_size(table: Mapping[str, Any]) -> tuple[float, float]:
+    """Return how far the left hand reaches ahead of its frame, and to its side [m]; 0 without a collision shape."""
+    box = next((link.get("collision_box") for link in table["links"] if link["name"] == table["roles"]["hand"]), None)
+    if box is None:
+        return 0.0, 0.0
+    ahead, aside = (box["center"][axis] - table["hand"]["xyz"][axis] for axis in (0, 1))
+    tip, side = ahead + box["size"][0] / 2.0, abs(aside) + box["size"][1] / 2.0
+    return round(tip, 6), round(side, 6)  # micrometres: sums of decimals
 
 
 def on_both_sides(place: Sequence[float]) -> np.ndarray:

@@ -9,6 +9,7 @@ from hugwbc.errors import ModelError, UnknownNameError
 from hugwbc.kinematics import Kinematics
 from hugwbc.robot import load_robot
 from hugwbc.robot_tables import models_dir, robot_names, robot_table, table_file
+from hugwbc.scripts.view import View
 from hugwbc.sim import Actuators
 from hugwbc.state import RobotState
 
@@ -104,6 +105,8 @@ def test_parts_of_the_g1() -> None:
     assert ankles == ["left_ankle_roll_joint", "right_ankle_roll_joint"]
     assert (robot.foot_links[1], robot.hand_links[0]) == ("right_ankle_roll_link", "left_wrist_yaw_link")
     assert robot.imu_turn(np.ones(29), np.ones(29)) == (0.0, 0.0)
+    assert (robot.hand_tip, robot.hand_half_width) == (0.05, 0.033)
+    assert (load_robot("h1").hand_tip, load_robot("h1").hand_half_width) == (View.hand_tip, View.hand_half_width)
     with pytest.raises(UnknownNameError, match=r"unknown part of h1 'ankle_roll'. Did you mean"):
         load_robot("h1").pair("ankle_roll")
 

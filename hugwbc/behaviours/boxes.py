@@ -10,7 +10,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.behaviours.course import Course, Failure, Name, doing, seen, upright
-from hugwbc.behaviours.hands import HALF_WIDTH, LEVEL, Directions, glide, hands_in, squat, stature
+from hugwbc.behaviours.hands import LEVEL, Directions, glide, hands_in, squat, stature
 from hugwbc.behaviours.hold import TOE_IN, from_hands
 from hugwbc.behaviours.reach import grip
 from hugwbc.behaviours.walk import walk_to
@@ -106,7 +106,7 @@ class BoxGrip:
         """Squeeze the box between the hands, which are beside it."""
         box = seen(view, name)
         view = yield from self._reach(view, name, posture, max(self.gap, 0.01), speed=0.1)
-        view = yield from self._glide(view, self._on(box, self.gap), box.yaw, posture, settle=0.7)
+        view = yield from self._glide(view, self._on(view, box, self.gap), box.yaw, posture, settle=0.7)
         if self.hooks:
             view = yield from grip(view, *(Grip(side, name, hook=True, breaking_force=_STRONG) for side in SIDES))
         return view
@@ -137,7 +137,7 @@ class BoxGrip:
 
     def bring(self, view: View, name: Name, goal: np.ndarray) -> Course:
         """Bring the box to a point of the heading frame [m] and stand upright; from then on it moves with the robot."""
-        points = self._sides(self.gap) - [self.at[0], 0.0, self.at[1]] + goal
+        points = self._sides(view, self.gap) - [self.at[0], 0.0, self.at[1]] + goal
         view = yield from self._glide(view, points, 0.0, upright(view), "heading", speed=0.12, settle=0.5)
         _check_held(view, name)
         return view
@@ -151,7 +151,7 @@ class BoxGrip:
             box = seen(view, name)
             # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
             slipped = (hands_in(view, "world").mean(axis=0) - box.position) @ rotations.rotation_z(box.yaw)
-            points = goal + up(height) + (self._sides(self.gap) * [0.0, 1.0, 0.0] + slipped) @ ahead.T
+            points = goal + up(height) + (self._sides(view, self.gap) * [0.0, 1.0, 0.0] + slipped) @ ahead.T
             view = yield from self._glide(view, points, yaw, posture, speed=speed, settle=0.8)
         return view
 
@@ -165,32 +165,32 @@ class BoxGrip:
         view = yield from glide(view, points + out, speed=0.1, settle=0.2)
         return (yield from glide(view, points + out + up(0.05) - [0.08, 0.0, 0.0], posture=upright(view)))
 
-    def _sides(self, gap: float) -> np.ndarray:
+    def _sides(self, view: View, gap: float) -> np.ndarray:
         """Return where the hands are beside the box, in its axes, with a gap between hand and box [m], shape (2, 3)."""
-        y = self.width / 2 + HALF_WIDTH + gap
+        y = self.width / 2 + view.hand_half_width + gap
         x, z = self.at
         return np.array([[x, y, z], [x, -y, z]])
 
-    def _on(self, box: SeenObject, gap: float) -> np.ndarray:
+    def _on(self, view: View, box: SeenObject, gap: float) -> np.ndarray:
         """Return where the hands are beside the box, in the world [m], shape (2, 3)."""
-        return box.position + self._sides(gap) @ rotations.rotation_z(box.yaw).T
+        return box.position + self._sides(view, gap) @ rotations.rotation_z(box.yaw).T
 
     def _spread(self, view: View, name: str) -> Course:
         """Stand upright, and hold the hands apart and high enough to come near with."""
         height = float(seen(view, name).position[2]) + self.at[1] - _STANDING * stature(view.robot)
-        points = self._sides(_BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
+        points = self._sides(view, _BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
         return glide(view, points, posture=upright(view))
 
     def _reach(self, view: View, name: str, posture: Command, gap: float = _BESIDE, *, speed: float = 0.2) -> Course:
         """Crouch, and put the hands beside the box, with a gap between hand and box [m]."""
         box = seen(view, name)
-        points, way = self._on(box, gap), _inwards(box.yaw)
+        points, way = self._on(view, box, gap), _inwards(box.yaw)
         return glide(view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6)
 
     def _short(self, view: View, name: str) -> float:
         """Return how far the hands, which went beside the box, are before and above their points [m]."""
         box = seen(view, name)
-        left = (self._on(box, _BESIDE) - view.hands).mean(axis=0) @ rotations.rotation_z(box.yaw)
+        left = (self._on(view, box, _BESIDE) - view.hands).mean(axis=0) @ rotations.rotation_z(box.yaw)
         return math.hypot(max(left[0], 0.0), min(left[2], 0.0))
 
     def _glide(

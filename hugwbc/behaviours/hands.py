@@ -18,8 +18,6 @@ from hugwbc.targets import FARTHEST_HAND, HAND_FRAMES, HandFrame, HandTargets, f
 HAND_SPEED = 0.3  # [m/s], highest speed of a hand by default
 SHORTEST = 0.4  # [s], of a motion
 ARRIVED = 0.03  # [m]
-HALF_WIDTH = 0.03  # [m], of a forearm: from the hand's axis to its surface
-TIP = 0.04  # [m], from the hand's origin to the end of the forearm
 # Of an H1; those of other robots are in proportion (`stature`).
 LEVEL = 1.13  # [m], height of the hands at which the forearms of a robot that stands upright are about level
 LOWEST = -0.25  # [m], of the commanded h

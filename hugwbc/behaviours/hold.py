@@ -24,8 +24,6 @@ from hugwbc.behaviours.course import (
     wait,
 )
 from hugwbc.behaviours.hands import (
-    HALF_WIDTH,
-    TIP,
     hands_in,
     held_targets,
     in_frame,
@@ -86,7 +84,7 @@ def squeeze(
     """
     place = functools.partial(_place, name=object, at=at)
     aim = functools.partial(_beside, name=object, at=at, whole_body=whole_body)
-    open_half = width / 2 + HALF_WIDTH + _ROOM
+    open_half = width / 2 + view.hand_half_width + _ROOM
     middle, ahead, _ = place(view)
     # First up and apart where the hands are, so that they do not meet the object or the table on their way.
     away = min(float((hands_in(view, "world") - middle).mean(axis=0) @ ahead), -0.15)
@@ -150,7 +148,7 @@ def _beside(
     """Return targets at a distance of each hand from the middle of the grip [m], and ahead of it, with a force [N]."""
     middle, ahead, aside = _place(view, name, at)
     left, right = np.broadcast_to(half, 2)
-    point = middle + (away + _SHORT - TIP) * ahead
+    point = middle + (away + _SHORT - view.hand_tip) * ahead
     return HandTargets(
         point + left * aside,
         point - right * aside,

@@ -24,7 +24,6 @@ from hugwbc.behaviours.course import (
 from hugwbc.behaviours.hands import (
     ARRIVED,
     HAND_SPEED,
-    TIP,
     Pressing,
     check_frame,
     check_near,
@@ -157,7 +156,7 @@ def press(
 
     def before(gap: float) -> np.ndarray:
         """Return the points of hands whose forearm ends this far before the point."""
-        return one_hand(row, point - (TIP + gap) * ahead)
+        return one_hand(row, point - (view.hand_tip + gap) * ahead)
 
     check_near(view, targets(before(approach), "world"))
     # From below or from the side the hand would meet the object's edge: first it comes up behind the way.
@@ -179,10 +178,10 @@ def press(
             wanted = [f"{1000 * travel:.0f} mm"] if travel is not None else []
             wanted += [f"{force:.0f} N"] if force is not None else []
             raise Failure(f"{progress} instead of {' or '.join(wanted)}")
-        points = one_hand(row, point + (min(deep, depth) - TIP) * ahead)
+        points = one_hand(row, point + (min(deep, depth) - view.hand_tip) * ahead)
         action = Action(standing(view), targets(points, "world", directions=way), progress=progress)
         view = yield action
-    away = one_hand(row, point - (TIP + approach + 0.06) * ahead)
+    away = one_hand(row, point - (view.hand_tip + approach + 0.06) * ahead)
     for posture, back in ((None, 0.15), (upright(view), 0.25)):
         course = glide(view, away, frame="world", directions=way, speed=back, posture=posture)
         view = yield from doing("draw the hand back", course)

@@ -62,6 +62,8 @@ def _seen(view: View, size: float, robot: Robot | None) -> View:
         hand_force=None if view.hand_force is None else size**3 * view.hand_force,
         last=_asked(view.last, size),
         robot=robot,
+        hand_tip=size * view.hand_tip,
+        hand_half_width=size * view.hand_half_width,
     )
 
 

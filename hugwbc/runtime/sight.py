@@ -216,6 +216,8 @@ class Sight:
             hand_force=state.hand_force,
             held=(self._world.held(SIDES[0]), self._world.held(SIDES[1])),
             robot=self._kinematics.robot,
+            hand_tip=self._kinematics.robot.hand_tip,
+            hand_half_width=self._kinematics.robot.hand_half_width,
         )
 
     def grip(self, grips: tuple[Grip, ...]) -> None:

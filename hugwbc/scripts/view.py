@@ -122,6 +122,8 @@ class View:
         held: names of the objects that the left and the right idealised gripper hold; None for an open one.
         last: the request of the last tick.
         robot: whose ranges and defaults commands have; None for the paper's.
+        hand_tip: distance from the hand frames to the ends of the hands [m]; an H1's by default, as the next one.
+        hand_half_width: distance from the hand frames to the sides of the hands [m].
     """
 
     time: float
@@ -132,6 +134,8 @@ class View:
     held: tuple[str | None, str | None] = (None, None)
     last: Action = dataclasses.field(default_factory=Action)
     robot: Robot | None = None
+    hand_tip: float = 0.04
+    hand_half_width: float = 0.03
 
     @property
     def position(self) -> np.ndarray:

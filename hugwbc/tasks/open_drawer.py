@@ -20,8 +20,7 @@ MILESTONES = (
 
 _REACH, _ASIDE = 0.38, 0.18  # [m], of the pelvis from the handle, which is in front of the right shoulder
 _BAR = 0.06  # [m], from the front of the cabinet to the handle
-# [m], from the hand frame to the handle when it is hooked: a hand that touches it would press against its own hook.
-_TIP = 0.068
+_APART = 0.028  # [m], of hand and handle when it is hooked: a hand that touches it would press against its own hook
 _FARTHER = 0.02  # [m], than the drawer has to open
 _SPEED = 0.2  # [m/s]
 # [N]; a policy that starts to walk out of a crouch drops for a moment, and hangs on the hook with 150 N.
@@ -49,7 +48,7 @@ def _reach(view: View, handle: float) -> Course:
     bar = closed.position - handle * ahead
     posture, way = crouch(float(bar[2]) + 0.1), (None, ahead)
     for gap in (0.10, 0.0):
-        points = one_hand(1, bar - (_TIP + gap) * ahead)
+        points = one_hand(1, bar - (view.hand_tip + _APART + gap) * ahead)
         view = yield from glide(view, points, frame="world", directions=way, posture=posture, speed=0.15, settle=0.5)
     return view
 

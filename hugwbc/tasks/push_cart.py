@@ -45,8 +45,7 @@ MILESTONES = (
 
 
 _REACH = 0.36  # [m], from the pelvis to the handle
-# [m], from the hand frame to the handle's middle when it is hooked: a hand that touched it would press on its hook.
-_TIP = 0.07
+_GAP = 0.03  # [m], from a hand to the handle's middle when it is hooked: a hand that touched it would press on its hook
 _APART = 0.20  # [m], of each hand from the middle
 _YIELDING = 400.0  # [N/m], of the hands, so that the cart does not follow the sway of the steps
 _SPEED = 0.3  # [m/s]
@@ -60,12 +59,12 @@ def push_cart(view: View, shapes: Shapes, *, timeout: Seconds = 55.0) -> Course:
     length, handle = shapes["cart"]["size"][0], shapes["cart"]["handle"]
     start = seen(view, "cart")
     goal = start.position + WAY * rotations.rotation_z(start.yaw)[:, 0]
-    ready = _hands(handle - 0.98, gap=0.08)
+    ready = _hands(view, handle - 0.98, gap=0.08)
     view = yield from doing("walk to the cart", glide(view, ready))
     view = yield from doing("walk to the cart", walk_to(view, before="cart", distance=length / 2 + _REACH))
     cart = seen(view, "cart")
     turn = rotations.rotation_z(cart.yaw)
-    bar = cart.position + turn @ np.array([-length / 2 - _TIP, 0.0, 0.0])
+    bar = cart.position + turn @ np.array([-length / 2 - view.hand_tip - _GAP, 0.0, 0.0])
     points = bar + np.array([[0.0, _APART, 0.0], [0.0, -_APART, 0.0]]) @ turn.T
     points[:, 2] = handle
     way = (turn[:, 0], turn[:, 0])
@@ -73,7 +72,7 @@ def push_cart(view: View, shapes: Shapes, *, timeout: Seconds = 55.0) -> Course:
     view = yield from doing("reach for the handle", reach)
     hook = grip(view, *(Grip(side, "cart", hook=True) for side in SIDES))
     view = yield from doing("hook the handle", hook)
-    soften = glide(view, _hands(float(points[0, 2] - view.position[2])), stiffness=_YIELDING)
+    soften = glide(view, _hands(view, float(points[0, 2] - view.position[2])), stiffness=_YIELDING)
     view = yield from doing("push the cart", soften)
     view = yield from doing("push the cart", _push(view, goal, start.yaw))
     view = yield from doing("let go of the cart", grip(view, *(Grip(side, None) for side in SIDES)))
@@ -96,9 +95,9 @@ def _push(view: View, goal: np.ndarray, yaw: float) -> Course:
     return view
 
 
-def _hands(height: float, gap: float = 0.0) -> np.ndarray:
+def _hands(view: View, height: float, gap: float = 0.0) -> np.ndarray:
     """Return the hands before the handle, at a height over the pelvis [m], in the heading frame, shape (2, 3)."""
-    x = _REACH - _TIP - gap
+    x = _REACH - view.hand_tip - _GAP - gap
     return np.array([[x, _APART, height], [x, -_APART, height]])
 
 

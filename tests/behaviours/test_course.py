@@ -35,7 +35,6 @@ from hugwbc.behaviours import (
     walk_to,
     wipe,
 )
-from hugwbc.behaviours.hands import TIP
 from hugwbc.commands import Command
 from hugwbc.errors import HugwbcError
 from hugwbc.gait import Gait
@@ -135,7 +134,7 @@ def test_a_press_lasts_from_when_the_object_has_given_way(hold: float, travel: f
         if source.status is not Status.RUNNING:
             break
         assert action.hands is not None and action.hands.right is not None
-        farthest = max(farthest, action.hands.right[0] + TIP)
+        farthest = max(farthest, action.hands.right[0] + 0.04)
     assert source.status is Status.SUCCESS, source.reason
     assert farthest > 0.5 and 0.02 * pressed > hold
 

@@ -34,7 +34,7 @@ def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
             command = Command(v_x=0.4, omega=0.3, h=-0.2, p=0.1, l=0.2, gait=Gait.WALKING)
             view = yield Action(command, targets, (Grip("left", "box", breaking_force=80.0),), "walk")
 
-    course = similar(behaviour, SIZE, load_robot("h1"))(_view(robot=load_robot("g1")))
+    course = similar(behaviour, SIZE, load_robot("h1"))(_view(robot=load_robot("g1"), hand_tip=0.05))
     action = next(course)
     assert action.command == Command(v_x=0.2, omega=0.3, h=-0.1, p=0.1, l=0.1, gait=Gait.WALKING)
     np.testing.assert_allclose(action.hands.left, [0.25, 0.15, 0.65])
@@ -47,6 +47,7 @@ def test_a_half_as_large_robot_sees_double_and_does_half() -> None:
     np.testing.assert_allclose(first.hands[1], [0.4, -0.2, 1.2])
     np.testing.assert_allclose(first.objects["box"].position, [4.0, 0.0, 0.8])
     assert (first.hand_force == 16.0).all() and (first.state.hand_force == 16.0).all()
+    assert first.hand_tip == 0.1 and first.hand_half_width == 0.06
     assert first.time == 3.0 and first.objects["box"].age == 0.02
     assert first.robot is load_robot("h1"), "its commands have the defaults of the robot that it was made for"
     assert second.last.command.v_x == pytest.approx(0.4), "its own last request comes back as it was asked for"

@@ -16,7 +16,7 @@ from hugwbc.robot import SIDES, Robot
 from hugwbc.sim.scenes.objects import contact_force
 
 REACH = 0.03  # [m], from the hand's surface to that of the object
-HAND_RADIUS = 0.04  # [m], of a ball around the hand's origin up to the tip of the hand; distances begin at it
+_LEAST_RADIUS = 0.01  # [m], of a hand without a shape
 _UNSEEN_GROUP = 4  # of MuJoCo's groups of geoms
 # Layout of a weld's row of `eq_data`: the point in the object's axes, the same in the hand's, and the relative turn.
 # The two points of a ball joint are the other way round.
@@ -27,13 +27,15 @@ _KINDS = {"grip": mujoco.mjtEq.mjEQ_WELD, "hook": mujoco.mjtEq.mjEQ_CONNECT}
 def add_grips(spec: mujoco.MjSpec, names: Iterable[str], robot: Robot) -> None:
     """Add what a `Gripper` needs to a model with robot and objects, whose bodies have these names.
 
-    It is a ball around each hand to measure with, and idle joints to each body that moves.
+    It is a ball around each hand, up to its tip, from which distances are measured, and idle joints to each body that
+    moves.
     """
+    radius = max(robot.hand_tip, _LEAST_RADIUS)
     moving = [body.name for body in spec.bodies if body.name in set(names) and list(body.joints)]
     for side, hand in zip(SIDES, robot.hand_links, strict=True):
         link = spec.body(hand)
         at = spec.site(f"{side}_hand").pos
-        ball = link.add_geom(name=f"{side}_hand_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[HAND_RADIUS, 0, 0])
+        ball = link.add_geom(name=f"{side}_hand_ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0])
         ball.pos, ball.mass, ball.group = at, 0.0, _UNSEEN_GROUP
         ball.contype = ball.conaffinity = 0
         for name, (kind, equality) in itertools.product(moving, _KINDS.items()):
