@@ -109,7 +109,7 @@ PAPER = [(-0.6, 0.6), (-0.6, 0.6), (-0.6, 0.6), (1.5, 3.5), (0.1, 0.35), (-0.3, 
     [("h1", PAPER), ("g1", [limits.initial for limits in command_ranges(Gait.WALKING, load_robot("g1")).values()])],
 )
 def test_commands_fill_their_ranges_and_standing_has_no_velocity(robot: str, ranges: list[tuple[float, float]]) -> None:
-    env = HumanoidEnv(EnvConfig(count=1000, robot=robot), seed=0, threads=1)
+    env = HumanoidEnv(EnvConfig(count=500, robot=robot), seed=0, threads=1)
     low, high = torch.tensor(ranges).T
     lowest, highest, margin = env.command.min(0).values, env.command.max(0).values, 0.05 * (high - low)
     assert (lowest >= low - 1e-6).all() and (highest <= high + 1e-6).all()
