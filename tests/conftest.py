@@ -26,9 +26,10 @@ settings.load_profile("patient")
 
 def make_state(q=None, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, **fields) -> RobotState:
     """Return a robot at rest in the nominal pose, but for its joints, the pelvis' angles [rad] and other fields."""
+    q = load_robot().nominal if q is None else q
     state = {
-        "q": load_robot().nominal if q is None else q,
-        "dq": np.zeros(19),
+        "q": q,
+        "dq": np.zeros(np.size(q)),
         "orientation": rotations.from_yaw_pitch_roll(yaw, pitch, roll),
         "angular_velocity": np.zeros(3),
     }
@@ -116,6 +117,17 @@ def figure(value, low, high, *, paper=None, controller="a", quantity="E_h", publ
     return Figure(
         "T", quantity, "m", estimate, paper, controller=controller, published=published, higher_is_better=higher
     )
+
+
+@pytest.fixture(scope="session")
+def exported_h1(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The H1's shipped policy as an ONNX file, `h1.onnx`, in a folder of its own."""
+    from hugwbc.learned.policy import load_policy  # seconds, which most tests do without
+    from hugwbc.learned.policy.onnx_export import export_onnx
+
+    path = tmp_path_factory.mktemp("export") / "folder" / "h1.onnx"
+    assert export_onnx(load_policy("h1"), path) <= 1e-5
+    return path
 
 
 @pytest.fixture

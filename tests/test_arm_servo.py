@@ -13,10 +13,8 @@ from hugwbc.robot import load_robot
 from hugwbc.sim import Actuators
 from hugwbc.sim.forces import HandPull
 from tests.conftest import make_state
-from tests.upper_ik.conftest import Hanging
+from tests.upper_ik.conftest import REACHING, Hanging
 
-# Both arms forward, elbows slightly bent.
-REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
 DT = 0.02
 IDEAL = Actuators.ideal().known_robot(load_robot())
 

@@ -13,8 +13,6 @@ import pytest
 
 from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.gait import Gait
-from hugwbc.learned.policy import load_policy
-from hugwbc.learned.policy.onnx_export import export_onnx
 from hugwbc.robot import load_robot
 from hugwbc.viz.live import LivePage
 
@@ -173,10 +171,8 @@ def test_the_notebook_comes_without_outputs():
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
 
 
-def test_onnx_only(tmp_path, start):
-    path = tmp_path / "h1.onnx"
-    export_onnx(load_policy(), path)
-    words = ("--policy", str(path), "--model", str(load_robot().xml_path), "--v-x", "0.5", "--duration", "4")
+def test_onnx_only(start, exported_h1):
+    words = ("--policy", str(exported_h1), "--model", str(load_robot().xml_path), "--v-x", "0.5", "--duration", "4")
     out = start("11_onnx_only.py", *words)
     assert 1.5 < number(r"walked ([\d.]+) m in 4.0 s and stayed up", out) < 2.5
     assert "hugwbc" not in re.findall(

@@ -14,7 +14,7 @@ from hugwbc.evaluation.installation import check_hands, check_walking
 from hugwbc.robot import load_robot
 from hugwbc.robot_check import problems, table_problems
 from hugwbc.robot_tables import robot_names, robot_table
-from hugwbc.table_defaults import _turn, placement
+from hugwbc.table_defaults import placement
 
 G1 = robot_table("g1")
 KNEES = LEFT_KNEE, RIGHT_KNEE = "left_knee_joint", "right_knee_joint"
@@ -307,6 +307,11 @@ def test_what_is_wrong_is_named(edit, expected) -> None:
         assert part in text
 
 
+def _axes(roll, pitch, yaw):
+    """Return the axes that URDF's angles describe, shape (3, 3)."""
+    return rotations.to_matrix(rotations.from_yaw_pitch_roll(yaw, pitch, roll))
+
+
 def _angles(axes):
     """Return URDF's angles of axes, shape (3, 3)."""
     return [math.atan2(axes[2, 1], axes[2, 2]), math.asin(-axes[2, 0]), math.atan2(axes[1, 0], axes[0, 0])]
@@ -318,11 +323,11 @@ def _turn_frame(table, name, about, angle):
         image = angle if about == [0, 1, 0] else side * angle
         turn = rotations.to_matrix(rotations.from_axis_angle(np.array(about, dtype=float), image))
         link = _row(table, joint["child"])
-        joint["rpy"] = _angles(_turn(*joint["rpy"]) @ turn)
+        joint["rpy"] = _angles(_axes(*joint["rpy"]) @ turn)
         joint["axis"], link["com"] = (turn.T @ joint["axis"]).tolist(), (turn.T @ link["com"]).tolist()
         for below in table["joints"]:
             if below["parent"] == joint["child"]:
-                below["xyz"], below["rpy"] = (turn.T @ below["xyz"]).tolist(), _angles(turn.T @ _turn(*below["rpy"]))
+                below["xyz"], below["rpy"] = (turn.T @ below["xyz"]).tolist(), _angles(turn.T @ _axes(*below["rpy"]))
 
 
 @pytest.mark.parametrize(
@@ -346,9 +351,9 @@ def test_a_hip_whose_axis_is_tilted_with_its_frame_is_fine() -> None:
     table = copy.deepcopy(G1)
     for side, roll in (("left", -0.5), ("right", 0.5)):
         hip, below = (_row(table, f"{side}_hip_{part}_joint") for part in ("pitch", "roll"))
-        back = _turn(-roll, 0.0, 0.0)
+        back = _axes(-roll, 0.0, 0.0)
         hip["rpy"] = [roll, 0.0, 0.0]
-        below["xyz"], below["rpy"] = (back @ below["xyz"]).tolist(), _angles(back @ _turn(*below["rpy"]))
+        below["xyz"], below["rpy"] = (back @ below["xyz"]).tolist(), _angles(back @ _axes(*below["rpy"]))
     assert table_problems(table) == []
 
 

@@ -1,5 +1,6 @@
 """No robot in the code: links, joints and the default robot are named in tables and at the command line only."""
 
+import ast
 import pathlib
 import re
 
@@ -23,6 +24,7 @@ from tests.conftest import ByHand
 ROOT = pathlib.Path(hugwbc.__file__).parent
 # May choose the default robot: `Simulation()` and the command line.
 CHOOSERS = ("cli/", "sim/engine.py")
+SIZES = {19, 26, 63, 315, 333}  # of the H1: joints, positions, frame, history, policy's observation
 
 
 def _code() -> dict[str, str]:
@@ -37,6 +39,15 @@ def test_no_link_and_no_joint_is_named() -> None:
     pattern = re.compile("|".join({re.sub("^(left|right)_", "", name) for name in names}) + r'|\w\("pelvis"\)')
     found = {file: pattern.findall(text) for file, text in _code().items()}
     assert {file: names for file, names in found.items() if names} == {}
+
+
+def test_no_size_of_the_h1_is_in_the_code() -> None:
+    found = {}
+    for file, text in _code().items():
+        numbers = [node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant)]
+        if here := [number for number in numbers if type(number) is int and number in SIZES]:
+            found[file] = here
+    assert found == {"viz/video.py": [26], "settings.py": [63]}, "but the pixels of a text, and the bits of a seed"
 
 
 def test_who_takes_the_default_robot() -> None:

@@ -1,13 +1,12 @@
 """An installation without the extra [learned]: everything but policies and their training."""
 
 import json
+import shutil
 import subprocess
 import sys
 
 import pytest
 
-from hugwbc.learned.policy import load_policy
-from hugwbc.learned.policy.onnx_export import export_onnx
 from hugwbc.tasks import TASK_NAMES
 
 # As if they were not installed. None in sys.modules would not do: tyro then takes torch for loaded.
@@ -56,10 +55,10 @@ EXPORTED = [*PLAY, "--controller", "h1.onnx", "--duration", "0.5", "--v-x", "0.3
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory):
+def said(tmp_path_factory, exported_h1):
     """What a process says that can import neither torch nor safetensors."""
     folder = tmp_path_factory.mktemp("without")
-    export_onnx(load_policy(), folder / "h1.onnx")
+    shutil.copy(exported_h1, folder)
     words = [sys.executable, "-c", BLOCK + SCRIPT, json.dumps([*NEEDING, *WORKING, EXPORTED])]
     done = subprocess.run(words, capture_output=True, text=True, cwd=folder, check=False)
     assert done.returncode == 0, done.stderr

@@ -41,10 +41,19 @@ class Snapshot:
         simulation.model.actuator_biasprm[:] = self._bias
         mujoco.mj_forward(simulation.model, simulation.data)
         for name, value in self._engine.items():
-            setattr(simulation, name, value)
+            setattr(simulation, name, copy.copy(value))
         assert isinstance(simulation._pending, collections.deque)
         self._pair.robot._states._waiting[:] = self._waiting
         self._pair.side._endpoint.receive(0.0)
+
+
+def _soon_after(snapshot: Snapshot, pair: Pair) -> np.ndarray:
+    """Return positions and velocities 10 ms after a kill, and come back."""
+    pair.run(pair.robot.time + 0.01, alive=lambda: False)
+    simulation = pair.robot.simulation
+    moved = np.concatenate((simulation.qpos, simulation.qvel))
+    snapshot.restore()
+    return moved
 
 
 @pytest.mark.slow
@@ -81,3 +90,6 @@ def test_after_a_kill_the_robot_holds_a_command_within_all_limits(monkeypatch) -
     assert fallen > KILLS // 2, "the worst case is reached"
     assert beyond < 0.4
     assert not pair.robot.simulation.diverged
+    pair.run(pair.robot.time + 0.02)
+    snapshot = Snapshot(pair)
+    np.testing.assert_array_equal(*(_soon_after(snapshot, pair) for _ in range(2)))

@@ -35,9 +35,12 @@ def is_damping(message: bytes | None) -> bool:
 class Bench:
     """A robot side whose time is told, fed with the states of a standing robot until its controller runs."""
 
-    def __init__(self, standing: Standing, controller: Counting | None = None, **settings) -> None:
+    def __init__(
+        self, standing: Standing, controller: Counting | None = None, publishing: float = 0.5, **settings
+    ) -> None:
+        """Take what stands, what controls it, and the share of a slot after which a command is published."""
         self.robot_end, end = local_pair()
-        self.standing = standing
+        self.standing, self.publishing = standing, publishing
         self.told: list[str] = []
         self.controller = controller or Counting()
         self.pilot = make_pilot(self.controller)
@@ -54,7 +57,7 @@ class Bench:
             state = self.side.accept(data, self.now)
             if state is not None and answer:
                 self.side.handle(data, state, self.now)
-        self.side.publish(self.now + 0.5 * SLOT)
+        self.side.publish(self.now + self.publishing * SLOT)
         sent = self.robot_end.receive(0.0)
         return sent[-1] if sent else None
 
@@ -66,9 +69,13 @@ class Bench:
         raise AssertionError("no damping within 160 ms")
 
 
-def phases(seed: int) -> range:
-    """How many sound slots come before a fault: another phase in each trial."""
-    return range(int(np.random.default_rng(seed).integers(1, 12)))
+def at_a_random_moment(still, trial: int) -> Bench:
+    """Return a bench after some sound slots, which publishes at another moment of a slot in each trial."""
+    rng = np.random.default_rng(trial)
+    bench = Bench(Standing(still, Messages(H1)), publishing=rng.uniform())
+    for _ in range(rng.integers(1, 12)):
+        assert not is_damping(bench.slot())
+    return bench
 
 
 def faulty_slot(fault: str, bench: Bench, trial: int) -> dict:
@@ -87,9 +94,7 @@ def faulty_slot(fault: str, bench: Bench, trial: int) -> dict:
 @pytest.mark.parametrize("trial", range(TRIALS))
 @pytest.mark.parametrize("fault", ["no state for", "old tick", "wrong check sum", "controller is"])
 def test_faults_of_connection_and_controller_damp_within_their_time(still, fault, trial) -> None:
-    bench = Bench(Standing(still, Messages(H1)))
-    for _ in phases(trial):
-        assert not is_damping(bench.slot())
+    bench = at_a_random_moment(still, trial)
     slot = faulty_slot(fault, bench, trial)
     assert 0.1 <= bench.until_damping(**slot) <= 0.1 + 2 * SLOT
     assert fault in bench.told[0]
@@ -97,9 +102,7 @@ def test_faults_of_connection_and_controller_damp_within_their_time(still, fault
 
 @pytest.mark.parametrize("trial", range(TRIALS))
 def test_limits_of_the_body_damp_within_their_time(still, trial) -> None:
-    rng, bench = np.random.default_rng(trial), Bench(Standing(still, Messages(H1)))
-    for _ in phases(trial):
-        assert not is_damping(bench.slot())
+    rng, bench = np.random.default_rng(trial), at_a_random_moment(still, trial)
     fast = np.zeros(19)
     fast[rng.integers(19)] = 60.0
     fault = [

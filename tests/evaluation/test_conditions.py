@@ -32,6 +32,8 @@ def test_rough_ground_reaches_as_far_as_the_robot_can_walk_and_follows_the_seed(
 def test_a_slope_is_under_the_robot_s_feet_at_once_and_rises_along_its_heading():
     simulation = Conditions(slope=0.087).simulation(2.0, (3,))
     assert simulation.ground_height(np.array([2.0, 1.0])) == pytest.approx(2.0 * math.tan(0.087))
+    state = simulation.step(JointCommand.position(simulation.robot, simulation.robot.nominal), 0.1)
+    assert state.foot_force is not None and (state.foot_force[:, 2] > 50.0).all()
     with pytest.raises(ConfigError, match="slope is 1"):
         Conditions(slope=1.0)
 

@@ -12,13 +12,10 @@ from hugwbc.errors import ConfigError
 from hugwbc.gym.h1_env import LARGEST_ACTION, H1Env, H1VectorEnv
 from hugwbc.learned.config import CurriculumConfig, EnvConfig
 from hugwbc.learned.env import HumanoidEnv
+from tests.gym.conftest import actions
 
 SHORT = EnvConfig(episode_steps=3)
 FRAME = slice(5 * 63 - 19, 5 * 63)  # last action in the newest frame of the history
-
-
-def actions(count: int, seed: int = 0) -> np.ndarray:
-    return 0.3 * np.random.default_rng(seed).standard_normal((count, 19)).astype(np.float32)
 
 
 @pytest.mark.filterwarnings("error", "ignore:.*symmetric and normalized:UserWarning")

@@ -15,13 +15,10 @@ from hugwbc.gym.h1_env import H1VectorEnv
 from hugwbc.gym.rsl_rl_env import GROUPS, H1RslRlEnv
 from hugwbc.gym.stable_baselines_env import H1StableBaselinesEnv
 from hugwbc.learned.config import EnvConfig
+from tests.gym.conftest import actions
 
 HOW_TO = pathlib.Path(__file__).parents[2] / "docs" / "how-to" / "use-gymnasium.md"
 SHORT = EnvConfig(episode_steps=3)
-
-
-def actions(count: int, seed: int = 0) -> np.ndarray:
-    return 0.3 * np.random.default_rng(seed).standard_normal((count, 19)).astype(np.float32)
 
 
 class TestRslRl:

@@ -229,7 +229,7 @@ def reach_out(view):
 
 @pytest.mark.parametrize("robot", ["h1", "g1"])
 def test_recorded_actions_do_the_same_again(robot):
-    """An episode of 1 s is recorded, replayed, and played step by step in the environment: the same states."""
+    """An episode of 0.5 s is recorded, replayed, and played step by step in the environment: the same states."""
     given, arena = load_task("press_button"), Arena(robot=robot)
     task = dataclasses.replace(given, behaviour=lambda view, shapes: reach_out(view), limit=0.5)
     task = task.sized(arena.known_robot)

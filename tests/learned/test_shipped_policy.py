@@ -5,35 +5,39 @@ import numpy as np
 import pytest
 import torch
 
-from hugwbc.commands import Command
+from hugwbc.commands import MEASURED_NAMES, Command
 from hugwbc.evaluation.metrics import held_foot_contact, touch_downs
 from hugwbc.gait import Gait
 from hugwbc.learned.config import EnvConfig, TrainConfig
 from hugwbc.learned.policy import load_policy, policy_file, shipped_policies
 from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
 from hugwbc.learned.rl.trainer import Trainer
+from hugwbc.robot import load_robot
 from hugwbc.runtime import Constant, rollout
 from hugwbc.sim import Simulation
 
 
+@pytest.mark.parametrize("robot", ["h1", "g1"])
 @pytest.mark.parametrize(
-    "command",
+    ("gait", "asked"),
     [
-        Command(),
-        Command(h=-0.2, p=0.2, w=0.5),
-        Command(gait=Gait.WALKING),
-        Command(v_x=0.5, gait=Gait.WALKING),
-        Command(v_y=-0.3, omega=0.3, gait=Gait.WALKING),
+        (Gait.STANDING, {}),
+        (Gait.STANDING, {"h": -0.2, "p": 0.2, "w": 0.5}),
+        (Gait.WALKING, {}),
+        (Gait.WALKING, {"v_x": 0.5}),
+        (Gait.WALKING, {"v_y": -0.3, "omega": 0.3}),
     ],
     ids=["stand", "squat", "step in place", "forwards", "sideways and turning"],
 )
-def test_stays_up(command: Command) -> None:
-    trace = rollout(load_policy(), Constant(command), Simulation(sensing="exact"), duration=4.0)
+def test_stays_up_and_does_most_of_what_it_is_asked(gait: Gait, asked: dict[str, float], robot: str) -> None:
+    command = Command.from_mapping(asked, gait, load_robot(robot))
+    trace = rollout(load_policy(robot), Constant(command), Simulation(robot=robot, sensing="exact"), duration=4.0)
     assert not trace.fell
-    if command.v_x:
-        assert trace.measured[100:, 0].mean() > 0.5 * command.v_x
+    mean = dict(zip(MEASURED_NAMES, trace.measured[100:].mean(axis=0), strict=True))
+    for name, value in asked.items():
+        assert mean[name] / value > 0.5, name
     steps = sum(times.size for times in trace.touch_downs)
-    assert (steps > 10) == (command.gait is Gait.WALKING)
+    assert (steps > 10) == (gait is Gait.WALKING)
 
 
 @pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT])

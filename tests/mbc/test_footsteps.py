@@ -115,7 +115,7 @@ def test_pendulum_velocity_of_pure_translation_is_the_velocity(dynamics_of):
 def test_the_pendulum_of_shorter_legs_may_be_lower():
     """A squat of the G1, and then a fall."""
     dynamics = Dynamics(load_robot("g1"))
-    dynamics.update(make_state(dynamics.robot.nominal, dq=np.zeros(29)))
+    dynamics.update(make_state(dynamics.robot.nominal))
     for height, counts in ((0.35, 0.35), (0.1, 0.5 * dynamics.robot.leg_length)):
         pendulum = Pendulum.about(dynamics.com - [0.0, 0.0, height], dynamics)
         assert pendulum.omega == pytest.approx(np.sqrt(9.81 / counts))

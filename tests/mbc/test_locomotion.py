@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hugwbc import Command, Gait, JointCommand, UpperBody, load_robot
+from hugwbc.commands import MEASURED_NAMES
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
 from hugwbc.sim import Simulation
@@ -157,7 +158,11 @@ def test_a_jump_that_turns_slowly_does_not_stick_to_the_ground():
     ids=str,
 )
 def test_it_jumps_over_the_command_range(command):
-    assert Run(Command(gait=Gait.JUMPING, **command), 5.0).good
+    run = Run(Command(gait=Gait.JUMPING, **command), 5.0, since=2.0)
+    assert run.good
+    for name, value in command.items():
+        done = run.mean(name) if name in MEASURED_NAMES else run.stride_frequency(2.0)
+        assert 0.5 < done / value < 1.5
 
 
 @pytest.mark.parametrize("gait", [Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT], ids=lambda gait: gait.label)

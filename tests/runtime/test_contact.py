@@ -20,10 +20,10 @@ from hugwbc.sim.robot_model import Variation
 from hugwbc.sim.sensors import ROBOT
 from hugwbc.targets import HandTargets
 from tests.conftest import make_state
+from tests.upper_ik.conftest import REACHING
 
 TOUCHING = 1.0  # [N]
 DT = 0.002  # [s]
-REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])
 
 
 def test_a_stand_at_rest_is_known_from_the_start():

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hugwbc import Command, load_robot
+from hugwbc import Command, load_robot, rotations
 from hugwbc.commands import default_command
 from hugwbc.controller import JointCommand, UpperBody, override_arms
 from hugwbc.errors import CommandError, ConfigError
@@ -97,7 +97,10 @@ def test_a_controller_of_any_period_gets_an_estimate_of_now(period):
 
 
 def test_hand_targets_of_every_frame_in_the_world():
-    """Turned left by 90 degrees and pitched down by 90: the pelvis looks down, with its top ahead, to the left."""
+    """Turned left by 90 degrees and pitched down by 90: the pelvis looks down, with its top ahead, to the left.
+
+    The frame of its heading does not lean with it.
+    """
     half = np.sqrt(0.5)
     yaw, pitch = np.array([half, 0.0, 0.0, half]), np.array([half, 0.0, half, 0.0])
     product = np.zeros(4)
@@ -105,11 +108,12 @@ def test_hand_targets_of_every_frame_in_the_world():
     product[1:] = yaw[0] * pitch[1:] + pitch[0] * yaw[1:] + np.cross(yaw[1:], pitch[1:])
     position = np.array([1.0, 2.0, 0.9])
     tilted = RobotState(ROBOT.nominal, np.zeros(19), product, np.zeros(3), position=position)
-    upright = RobotState(ROBOT.nominal, np.zeros(19), yaw, np.zeros(3), position=position)
+    lean = rotations.from_yaw_pitch_roll(np.pi / 2.0, 0.3, 0.0)
+    leaning = RobotState(ROBOT.nominal, np.zeros(19), lean, np.zeros(3), position=position)
     point = (0.3, 0.0, 0.1)
     pelvis, heading, world = (HandTargets.of(point, None, frame) for frame in ("pelvis", "heading", "world"))
     assert world_targets(pelvis, tilted)[0] == pytest.approx([1.0, 2.1, 0.6])
-    assert world_targets(heading, upright)[0] == pytest.approx([1.0, 2.3, 1.0])
+    assert world_targets(heading, leaning)[0] == pytest.approx([1.0, 2.3, 1.0])
     assert world_targets(world, tilted)[0] == pytest.approx(point)
     assert np.isnan(world_targets(pelvis, tilted)[1]).all() and np.isnan(world_targets(None, tilted)).all()
 

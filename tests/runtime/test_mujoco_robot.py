@@ -12,18 +12,21 @@ from hugwbc.controller import Controller, JointCommand
 from hugwbc.errors import ConfigError, ModelError
 from hugwbc.kinematics import Kinematics, pinocchio_model
 from hugwbc.mbc import WholeBodyController
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime import load_controller
 from hugwbc.runtime.mujoco_robot import MujocoRobot
 from hugwbc.scripts.view import Grip
 
-ROBOT = load_robot()
+ROBOT, G1 = load_robot(), load_robot("g1")
 pytestmark = pytest.mark.filterwarnings("ignore:Attach conflict")  # the scene keeps its own physics
 AFFINE, PLAIN = mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtBias.mjBIAS_NONE
 
 
 def lab(
-    *prefixes: str, servos: bool = True, change: Callable[[mujoco.MjSpec], object] = lambda robot: None
+    *prefixes: str,
+    servos: bool = True,
+    change: Callable[[mujoco.MjSpec], object] = lambda robot: None,
+    ours: Robot = ROBOT,
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a scene with a ball on a string, a drawer and robots that differ from ours in names, masses and drives."""
     scene = mujoco.MjSpec()
@@ -38,7 +41,7 @@ def lab(
         body.add_joint(name=f"{name}_joint", type=getattr(mujoco.mjtJoint, f"mjJNT_{kind}"))
         body.add_geom(size=[0.1, 0.1, 0.1])
     for prefix in prefixes or ("lab/",):
-        robot = mujoco.MjSpec.from_file(str(ROBOT.xml_path))
+        robot = mujoco.MjSpec.from_file(str(ours.xml_path))
         for part in (*robot.keys, *robot.sensors, robot.geom("floor")):
             robot.delete(part)
         for body in robot.bodies[1:]:
@@ -47,29 +50,32 @@ def lab(
         for joint in robot.joints[1:]:
             joint.name, joint.armature, joint.damping[0] = joint.name.removesuffix("_joint"), 0.1, 1.0
         for servo in robot.actuators:
-            i = ROBOT.index(servo.name)
-            stiff = 100.0 if i in ROBOT.arms else ROBOT.kp[i]
+            i = ours.index(servo.name)
+            stiff = 100.0 if i in ours.arms else ours.kp[i]
             gain = stiff if servos else 0.5
             servo.target = servo.target.removesuffix("_joint")
             servo.gainprm[0], servo.biastype = gain, AFFINE if servos else PLAIN
             servo.biasprm[1:3] = (-stiff, -2.0) if servos else (0.0, 0.0)
-            reach = (
-                (ROBOT.lower[i], ROBOT.upper[i])
-                if servos
-                else (-2.0 * ROBOT.torque_limit[i], 2 * ROBOT.torque_limit[i])
-            )
-            servo.ctrllimited, servo.ctrlrange = True, reach
+            most = 2.0 * ours.torque_limit[i]
+            servo.ctrllimited, servo.ctrlrange = True, (ours.lower[i], ours.upper[i]) if servos else (-most, most)
         change(robot)
         scene.attach(robot, prefix=prefix, frame=scene.worldbody.add_frame())
     model = scene.compile()
     return model, mujoco.MjData(model)
 
 
-def run(controller: Controller, robot: MujocoRobot, model: mujoco.MjModel, data: mujoco.MjData, seconds: float) -> None:
-    """Walk at 0.5 m/s, with inputs that are kept for 20 ms."""
+def run(
+    controller: Controller,
+    robot: MujocoRobot,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    seconds: float,
+    speed: float = 0.5,
+) -> None:
+    """Walk at a speed [m/s], with inputs that are kept for 20 ms."""
     kept = 0.02
     robot.stand()
-    control = robot.control_period(controller, Command(v_x=0.5, gait=Gait.WALKING))
+    control = robot.control_period(controller, Command.from_mapping({"v_x": speed}, Gait.WALKING, robot.robot))
     control.start(robot.state(), data.time)
     for _ in range(round(seconds / kept)):
         control.observe(robot.state(), data.time)
@@ -77,16 +83,24 @@ def run(controller: Controller, robot: MujocoRobot, model: mujoco.MjModel, data:
         mujoco.mj_step(model, data, round(kept / model.opt.timestep))
 
 
-@pytest.mark.parametrize("servos", [True, False])
-@pytest.mark.parametrize("name", ["qp", "learned"])
-def test_both_controllers_walk_in_it(name: str, servos: bool) -> None:
-    model, data = lab(servos=servos)
-    robot = MujocoRobot(model, data)
+@pytest.mark.parametrize(
+    ("ours", "name", "servos", "speed"),
+    [
+        ("h1", "qp", True, 0.5),
+        ("h1", "qp", False, 0.5),
+        ("h1", "learned", True, 0.5),
+        ("h1", "learned", False, 0.5),
+        ("g1", "qp", True, 0.3),
+    ],
+)
+def test_both_controllers_walk_in_it(ours: str, name: str, servos: bool, speed: float) -> None:
+    model, data = lab(servos=servos, ours=load_robot(ours))
+    robot = MujocoRobot(model, data, ours)
     controller = WholeBodyController(robot=robot.robot, period=0.02) if name == "qp" else load_controller(name)
-    run(controller, robot, model, data, 2.5)
+    run(controller, robot, model, data, 2.5, speed)
     state = robot.state()
-    assert state.position is not None and state.position[2] > 0.9
-    assert 0.6 < state.position[0] < 1.4
+    assert state.position is not None and state.position[2] > 0.9 * robot.robot.nominal_height
+    assert 1.2 * speed < state.position[0] < 2.8 * speed
 
 
 def test_inputs_that_are_kept_for_longer_than_the_period_are_refused() -> None:
@@ -99,14 +113,15 @@ def test_inputs_that_are_kept_for_longer_than_the_period_are_refused() -> None:
     robot.apply(JointCommand.position(robot.robot, robot.robot.nominal))  # no other inputs were kept yet
 
 
-def test_controllers_are_told_the_models_dynamics() -> None:
-    model, data = lab()
-    robot = MujocoRobot(model, data)
+@pytest.mark.parametrize("ours", [ROBOT, G1], ids=lambda ours: ours.name)
+def test_controllers_are_told_the_models_dynamics(ours: Robot) -> None:
+    model, data = lab(ours=ours)
+    robot = MujocoRobot(model, data, ours)
     told = robot.robot
     assert robot.prefix == "lab/" and robot.extra_joints == ()
     weights = [model.body(i).mass[0] for i in range(model.nbody) if model.body(i).name.startswith("lab/")]
-    assert told.mass == pytest.approx(sum(weights)) == pytest.approx(0.9 * ROBOT.mass)
-    data.qpos[robot._q] = np.random.default_rng(0).uniform(-0.4, 0.4, 19)
+    assert told.mass == pytest.approx(sum(weights)) == pytest.approx(0.9 * ours.mass)
+    data.qpos[robot._q] = np.random.default_rng(0).uniform(-0.4, 0.4, len(ours.joint_names))
     mujoco.mj_forward(model, data)
     mine, theirs = pinocchio_model(told), np.zeros((model.nv, model.nv))
     kinematics = Kinematics(told)
@@ -120,21 +135,22 @@ def test_controllers_are_told_the_models_dynamics() -> None:
     np.testing.assert_allclose(told.torque_limit, model.actuator_forcerange[:, 1])
 
 
+@pytest.mark.parametrize("ours", [ROBOT, G1], ids=lambda ours: ours.name)
 @pytest.mark.parametrize("servos", [True, False])
-def test_an_actuator_gives_the_torque_of_a_command(servos: bool) -> None:
-    model, data = lab(servos=servos)
-    robot, draw = MujocoRobot(model, data), np.random.default_rng(1)
+def test_an_actuator_gives_the_torque_of_a_command(servos: bool, ours: Robot) -> None:
+    model, data = lab(servos=servos, ours=ours)
+    robot, draw, n = MujocoRobot(model, data, ours), np.random.default_rng(1), len(ours.joint_names)
     robot.stand()
-    data.qvel[robot._dq] = draw.normal(0.0, 0.3, 19)
+    data.qvel[robot._dq] = draw.normal(0.0, 0.3, n)
     q, dq = data.qpos[robot._q], data.qvel[robot._dq]
-    command = JointCommand(q + 0.01, dq - 0.2, draw.uniform(0, 40, 19), draw.uniform(0, 2, 19), draw.uniform(-2, 2, 19))
+    command = JointCommand(q + 0.01, dq - 0.2, draw.uniform(0, 40, n), draw.uniform(0, 2, n), draw.uniform(-2, 2, n))
     robot.apply(command)
     mujoco.mj_forward(model, data)
     wanted = command.tau + command.kp * (command.q - q) + command.kd * (command.dq - dq)
     np.testing.assert_allclose(data.qfrc_actuator[robot._dq], wanted, atol=1e-9)
     assert not robot.clipped
-    robot.apply(JointCommand(q, dq, command.kp, command.kd, np.full(19, 1e3)))
-    assert set(robot.clipped) == set(ROBOT.joint_names)
+    robot.apply(JointCommand(q, dq, command.kp, command.kd, np.full(n, 1e3)))
+    assert set(robot.clipped) == set(ours.joint_names)
 
 
 def test_feet_feel_the_weight_and_objects_are_seen() -> None:

@@ -57,7 +57,7 @@ def plane() -> PhysxSimulation:
 
 
 def test_every_link_is_where_it_is_in_mujoco_and_weighs_the_same() -> None:
-    for name in ("h1", "h1-2023"):
+    for name in ("h1", "h1-2023", "g1"):
         robot = load_robot(name)
         one, other = Simulation(sensing="exact", robot=robot), PhysxSimulation(sensing="exact", robot=robot)
         q = np.random.default_rng(0).uniform(robot.lower, robot.upper)

@@ -29,11 +29,14 @@ def test_unknown_profiles_long_latencies_and_bad_seeds_are_refused() -> None:
     Simulation(sensing="exact", seed=np.int64(3))
 
 
-def test_exact_sensors_tell_the_truth() -> None:
-    rng, simulation = np.random.default_rng(1), Simulation(sensing="exact")
+@pytest.mark.parametrize("name", ["h1", "g1"])  # the IMU is on the trunk, and on the pelvis
+def test_exact_sensors_tell_the_truth(name: str) -> None:
+    rng, robot, simulation = np.random.default_rng(1), load_robot(name), Simulation(robot=name, sensing="exact")
     simulation.reset(yaw=1.0)
     simulation.push(np.array([0.3, 0.2, 0.0, 0.2, 0.4, -0.3]))
-    simulation.step(dataclasses.replace(HOLD, q=H1.nominal + rng.uniform(-0.2, 0.2, 19)), 0.1)
+    posture = robot.nominal + rng.uniform(-0.2, 0.2, len(robot.joint_names))
+    simulation.step(JointCommand.position(robot, posture), 0.1)
+    assert abs(simulation.state().q[robot.waist]) > 0.02
     truth, sensed = simulation.state(), simulation.sense()
     assert abs(sensed.orientation @ truth.orientation) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(sensed.angular_velocity, truth.angular_velocity, atol=1e-9)

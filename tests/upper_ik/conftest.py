@@ -7,6 +7,10 @@ from hugwbc.controller import JointCommand
 from hugwbc.sim import Simulation
 from hugwbc.state import RobotState
 
+ARMS = np.array([-0.5, 0.2, 0.1, 0.3, -0.4, -0.3, -0.1, 0.2])  # a posture
+REACHING = np.array([-0.9, 0.2, 0.1, 0.6, -0.9, -0.2, -0.1, 0.6])  # both arms forward, elbows slightly bent
+LIMIT = np.array([9.0, 9.0, 20.0, 20.0] * 2)  # the maker's joint speeds [rad/s], from h1.yaml
+
 
 class Hanging:
     """The robot in MuJoCo with the pelvis held still in the air, at a pitch: joints move, the base does not."""

@@ -44,14 +44,14 @@ TURN = rotations.from_yaw_pitch_roll(0.3, -0.3, 0.2)
 def test_an_arm_of_seven_joints_brings_its_hand_to_a_place_and_an_orientation(orientation, frame):
     """Checked with Pinocchio on the whole robot, whose pelvis leans."""
     robot = load_robot("g1")
-    state = make_state(robot.nominal, dq=0.0 * robot.nominal, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3))
+    state = make_state(robot.nominal, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3))
     ik, kinematics = ArmIK(robot), Kinematics(robot)
     targets = HandTargets.of((0.26, 0.15, 0.1), (0.26, -0.15, 0.15), frame, left_orientation=orientation)
     solution = converge(ik, targets, state)
     assert solution.residual.max() < 0.001 and solution.ok
     q = robot.nominal.copy()
     q[robot.arms] = solution.q
-    kinematics.update(make_state(q, dq=0.0 * q, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3)))
+    kinematics.update(make_state(q, yaw=0.5, pitch=0.2, roll=-0.1, position=np.zeros(3)))
     hand = kinematics.rotation("left_hand")
     if isinstance(orientation, str):
         assert hand[2, 2] > math.cos(0.01), "its z axis points up"
@@ -79,9 +79,7 @@ def test_hands_stay_where_they_are_while_the_trunk_turns_to_and_fro(name):
     ik, q, errors = ArmIK(robot), robot.nominal.copy(), []
     for t in np.arange(0.0, 1.6, 0.004):
         q[robot.waist] = 0.2 * math.sin(12.0 * t)
-        errors.append(
-            ik.solve(HandTargets((0.28, 0.18, 0.1), (0.28, -0.18, 0.1)), make_state(q, dq=0.0 * q), 0.004).residual
-        )
+        errors.append(ik.solve(HandTargets((0.28, 0.18, 0.1), (0.28, -0.18, 0.1)), make_state(q), 0.004).residual)
     assert np.max(errors[250:]) < 0.003
 
 

@@ -15,11 +15,10 @@ from hugwbc.targets import HandTargets
 from hugwbc.upper_ik import BodyReach, TargetWatch, UpperBodySource
 from hugwbc.upper_ik.takeover import ACCELERATION
 from tests.conftest import make_state
+from tests.upper_ik.conftest import ARMS, LIMIT
 
 DT = 0.02
 HANDS = HandTargets.of((0.35, 0.2, 0.15), (0.3, -0.25, 0.25))
-ARMS = np.array([-0.5, 0.2, 0.1, 0.3, -0.4, -0.3, -0.1, 0.2])
-LIMIT = np.array([9.0, 9.0, 20.0, 20.0] * 2)  # the maker's joint speeds [rad/s], from h1.yaml
 GOOD = HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1))
 BAD = HandTargets(np.array([math.nan, 0.2, 0.1]), GOOD.right)
 

@@ -7,10 +7,9 @@ from hugwbc.numeric import smooth_step
 from hugwbc.robot import load_robot
 from hugwbc.upper_ik import Takeover
 from hugwbc.upper_ik.takeover import JointLimiter, Phase
+from tests.upper_ik.conftest import ARMS, LIMIT
 
 DT = 0.02
-ARMS = np.array([-0.5, 0.2, 0.1, 0.3, -0.4, -0.3, -0.1, 0.2])
-LIMIT = np.array([9.0, 9.0, 20.0, 20.0] * 2)  # the maker's joint speeds [rad/s], from h1.yaml
 
 
 def run(takeover, target, seconds, start=None, dt=DT):

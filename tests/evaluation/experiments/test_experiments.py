@@ -86,7 +86,6 @@ def test_a_short_run_gives_rows_figures_and_pictures(name):
     assert result.rows and json.loads(json.dumps(result.rows, allow_nan=False)) == result.rows
     measured = [figure for figure in result.figures if figure.estimate is not None]
     assert measured and all(figure.controller == "hold" for figure in measured)
-    assert any("fall" in figure.quantity or "%" in figure.unit or "force" in figure.table for figure in measured)
     if experiment.section:
         pictures = experiment.section.pictures([("hold", result.settings, frame_of(result.rows))], ["hold"])
         assert bool(pictures) == (experiment.section.pictures is not Section.pictures)

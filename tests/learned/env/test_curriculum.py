@@ -3,6 +3,7 @@ import dataclasses
 import pytest
 import torch
 
+from hugwbc.commands import command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, CurriculumConfig
@@ -21,8 +22,8 @@ CONFIG = CurriculumConfig(
 )
 
 
-def started() -> Curriculum:
-    curriculum = Curriculum(CONFIG, load_robot())
+def started(robot: str = "h1") -> Curriculum:
+    curriculum = Curriculum(CONFIG, load_robot(robot))
     for _ in range(2):
         curriculum.update((1.0, 1.0), (1.0, 1.0))
     return curriculum
@@ -51,11 +52,13 @@ def test_alpha_rises_holds_or_falls_by_both_rewards_and_says_why(rewards, change
     assert curriculum.gates["alpha"].startswith(gate)
 
 
-def test_speed_grows_to_the_paper_s_limit() -> None:
-    curriculum = started()
+# As a G1 has shorter legs, its speeds are lower: at the same Froude number.
+@pytest.mark.parametrize(("robot", "speed"), [("h1", 2.0), ("g1", 2.0 * (load_robot("g1").leg_length / 0.8) ** 0.5)])
+def test_speed_grows_to_the_paper_s_limit(robot: str, speed: float) -> None:
+    curriculum = started(robot)
     for _ in range(200):
         curriculum.update((0.9, 0.9), (0.0, 0.0))
-    assert curriculum.max_speed == 2.0
+    assert curriculum.max_speed == pytest.approx(speed, abs=0.005)
     assert curriculum.max_yaw_rate == pytest.approx(1.0)
     curriculum.update((0.1, 0.9), (0.0, 0.0))
     assert "0.10 < 0.70" in curriculum.gates["speed"]
@@ -88,8 +91,8 @@ def test_without_agile_robots_the_speed_rests() -> None:
     assert curriculum.alpha == pytest.approx(0.01)
 
 
-def draw(config: CommandConfig, *, max_speed: float = 0.6) -> tuple[torch.Tensor, torch.Tensor]:
-    curriculum = Curriculum(CurriculumConfig(), load_robot())
+def draw(config: CommandConfig, *, max_speed: float = 0.6, robot: str = "h1") -> tuple[torch.Tensor, torch.Tensor]:
+    curriculum = Curriculum(CurriculumConfig(), load_robot(robot))
     curriculum.max_speed = max_speed
     agile = torch.arange(COUNT) % 2 == 0
     generator = torch.Generator().manual_seed(0)
@@ -114,14 +117,25 @@ def test_gaits_come_in_their_fractions() -> None:
     assert share(gait, Gait.HOPPING_LEFT) == share(gait, Gait.HOPPING_RIGHT) == 0.0
 
 
-def test_hopping_has_the_papers_command_space_whatever_the_speed_reached() -> None:
-    command, gait = draw(HOPPING, max_speed=2.0)
+# Largest v_x, v_y and omega, lowest h, and the default l.
+G1_HOPS = command_ranges(Gait.HOPPING_LEFT, load_robot("g1"))
+G1_LARGEST = [G1_HOPS[name].initial[1] for name in ("v_x", "v_y", "omega")]
+
+
+@pytest.mark.parametrize(
+    ("robot", "largest", "lowest", "swing"),
+    [("h1", [0.6, 0.6, 0.6], -0.3, 0.15), ("g1", G1_LARGEST, G1_HOPS["h"].initial[0], G1_HOPS["l"].default)],
+)
+def test_hopping_has_the_papers_command_space_whatever_the_speed_reached(
+    robot: str, largest: list[float], lowest: float, swing: float
+) -> None:
+    command, gait = draw(HOPPING, max_speed=2.0, robot=robot)
     hopping = command[gait >= Gait.HOPPING_LEFT]
-    assert (hopping[:, :3].abs() <= 0.6).all()
+    assert (hopping[:, :3].abs() <= torch.tensor(largest)).all()
     # Uniform, not clamped from a wider range: no value piles up at the bound.
-    assert hopping[:, 0].max() < 0.6 and hopping[:, 0].unique().numel() > 0.8 * hopping.shape[0]
-    assert hopping[:, 5].min() < -0.28 and hopping[:, 5].max() == 0.0
-    defaults = torch.tensor([2.0, 0.15, 0.0, 0.0])
+    assert hopping[:, 0].max() < largest[0] and hopping[:, 0].unique().numel() > 0.8 * hopping.shape[0]
+    assert lowest <= hopping[:, 5].min() < 0.93 * lowest and hopping[:, 5].max() == 0.0
+    defaults = torch.tensor([2.0, swing, 0.0, 0.0])
     torch.testing.assert_close(hopping[:, [3, 4, 6, 7]], defaults.expand(hopping.shape[0], 4))
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from hugwbc.commands import COMMAND_SIGNS
+from hugwbc import rotations
+from hugwbc.commands import COMMAND_SIGNS, command_ranges
 from hugwbc.errors import UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
@@ -13,7 +14,7 @@ from hugwbc.learned.env.humanoid_env import START_JOINT_NOISE, START_VELOCITY, H
 from hugwbc.learned.env.readings import read
 from hugwbc.learned.policy import critic_observations as obs
 from hugwbc.learned.policy.terms import ACTION, COMMAND, CRITIC_CORE, ESTIMATE, HISTORY, size_of
-from hugwbc.robot import load_mirror, load_robot
+from hugwbc.robot import SIDES, load_mirror, load_robot
 from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 from hugwbc.state import RobotState
 from tests.conftest import QUATERNION_SIGNS
@@ -33,17 +34,26 @@ def state_of(env: HumanoidEnv, i: int) -> RobotState:
     )  # fmt: skip
 
 
-def test_measured_quantities_agree_with_pinocchio(small_env: HumanoidEnv) -> None:
-    run(small_env, 15)
-    kinematics = Kinematics(load_robot())
-    for i in range(small_env.count):
-        kinematics.update(state_of(small_env, i))
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+def test_measured_quantities_agree_with_pinocchio(robot: str) -> None:
+    env = HumanoidEnv(EnvConfig(count=8, robot=robot), seed=3, threads=1)
+    run(env, 15)
+    kinematics, r = Kinematics(load_robot(robot)), env.readings
+    for i in range(env.count):
+        state = state_of(env, i)
+        kinematics.update(state)
         m = kinematics.measured()
-        assert small_env.readings.velocity[i, :2].tolist() == pytest.approx([m.v_x, m.v_y], abs=1e-5)
-        assert small_env.readings.yaw_rate[i].item() == pytest.approx(m.omega, abs=1e-4)
-        assert small_env.readings.height[i].item() == pytest.approx(m.h, abs=1e-5)
-        assert small_env.readings.pitch[i].item() == pytest.approx(m.p, abs=1e-5)
-        assert small_env.readings.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
+        assert r.velocity[i, :2].tolist() == pytest.approx([m.v_x, m.v_y], abs=1e-5)
+        assert r.yaw_rate[i].item() == pytest.approx(m.omega, abs=1e-4)
+        assert r.height[i].item() == pytest.approx(m.h, abs=1e-5)
+        assert r.pitch[i].item() == pytest.approx(m.p, abs=1e-5)
+        assert r.roll[i].item() == pytest.approx(rotations.roll_of(state.orientation), abs=1e-5)
+        assert r.heading[i].item() == pytest.approx(state.yaw, abs=1e-5)
+        assert r.clearance[i].tolist() == pytest.approx(m.clearance, abs=1e-5)
+        apart = kinematics.position("left_sole") - kinematics.position("right_sole")
+        assert r.foot_offset[i].tolist() == pytest.approx(rotations.rotation_z(-state.yaw) @ apart, abs=1e-5)
+        velocities = [kinematics.velocity(f"{side}_sole")[:3] for side in SIDES]
+        np.testing.assert_allclose(r.foot_velocity[i], velocities, atol=1e-4)
 
 
 def test_same_seed_same_run_whatever_the_threads() -> None:
@@ -91,11 +101,19 @@ def test_a_diverged_robot_touches_no_other() -> None:
     assert faulty.simulation.qpos.isfinite().all()
 
 
-def test_commands_stay_in_their_ranges_and_standing_has_no_velocity() -> None:
-    env = HumanoidEnv(dataclasses.replace(EnvConfig(), count=2000), seed=0, threads=1)
-    low = torch.tensor([-0.6, -0.6, -0.6, 1.5, 0.1, -0.3, 0.0, -1.0])
-    high = torch.tensor([0.6, 0.6, 0.6, 3.5, 0.35, 0.0, 0.4, 1.0])
-    assert (env.command >= low - 1e-6).all() and (env.command <= high + 1e-6).all()
+PAPER = [(-0.6, 0.6), (-0.6, 0.6), (-0.6, 0.6), (1.5, 3.5), (0.1, 0.35), (-0.3, 0.0), (0.0, 0.4), (-1.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("robot", "ranges"),
+    [("h1", PAPER), ("g1", [limits.initial for limits in command_ranges(Gait.WALKING, load_robot("g1")).values()])],
+)
+def test_commands_fill_their_ranges_and_standing_has_no_velocity(robot: str, ranges: list[tuple[float, float]]) -> None:
+    env = HumanoidEnv(EnvConfig(count=500, robot=robot), seed=0, threads=1)
+    low, high = torch.tensor(ranges).T
+    lowest, highest, margin = env.command.min(0).values, env.command.max(0).values, 0.05 * (high - low)
+    assert (lowest >= low - 1e-6).all() and (highest <= high + 1e-6).all()
+    assert (lowest < low + margin).all() and (highest > high - margin).all()
     standing = env.gait == Gait.STANDING
     assert not env.command[standing, :3].any()
     assert standing.float().mean().item() == pytest.approx(0.2, abs=0.04)
@@ -219,8 +237,20 @@ def mirrored_twin(env: HumanoidEnv, twin: HumanoidEnv) -> None:
     new_qpos[:] = np.concatenate((pose, mirror.joints(qpos[:, 7:])), axis=1)
     speed = np.concatenate((qvel[:, :3] * VECTOR_SIGNS, qvel[:, 3:6] * AXIAL_SIGNS), axis=1)
     new_qvel[:] = np.concatenate((speed, mirror.joints(qvel[:, 6:])), axis=1)
+    twin.simulation.ctrl[:] = torch.from_numpy(mirror.joints(env.simulation.ctrl.numpy()))
     twin.simulation.forward(torch.arange(env.count))
     twin.readings = read(twin.simulation)
+
+
+def assert_mirrored(env: HumanoidEnv, twin: HumanoidEnv) -> None:
+    """Compare what both observe, but for the terrain."""
+    seen, image = env.observe(), twin.observe()
+    torch.testing.assert_close(image.history, obs.mirror(HISTORY, env.robot)(seen.history), atol=0.02, rtol=0.0)
+    torch.testing.assert_close(image.command, obs.mirror(COMMAND, env.robot)(seen.command), atol=1e-5, rtol=0.0)
+    core = slice(0, size_of(CRITIC_CORE, env.robot))
+    critic = obs.mirror(CRITIC_CORE, env.robot)(seen.critic[:, core])
+    torch.testing.assert_close(image.critic[:, core], critic, atol=0.05, rtol=0.0)
+    torch.testing.assert_close(image.estimate, obs.mirror(ESTIMATE, env.robot)(seen.estimate), atol=0.01, rtol=0.0)
 
 
 @pytest.mark.parametrize("robot", ["h1", "g1"])
@@ -237,13 +267,22 @@ def test_a_mirrored_robot_sees_the_mirror_image_and_gets_the_same_reward(robot: 
         reward, image = env.step(action).reward, twin.step(obs.mirror(ACTION, env.robot)(action)).reward
         # The order in which the solver goes through the contacts leaves a little: rewards are of the size of 0.1.
         torch.testing.assert_close(image, reward, atol=2e-3, rtol=0.0)
-        seen, image = env.observe(), twin.observe()
-        torch.testing.assert_close(image.history, obs.mirror(HISTORY, env.robot)(seen.history), atol=0.02, rtol=0.0)
-        torch.testing.assert_close(image.command, obs.mirror(COMMAND, env.robot)(seen.command), atol=1e-5, rtol=0.0)
-        core = slice(0, size_of(CRITIC_CORE, env.robot))
-        critic = obs.mirror(CRITIC_CORE, env.robot)(seen.critic[:, core])
-        torch.testing.assert_close(image.critic[:, core], critic, atol=0.05, rtol=0.0)
-        torch.testing.assert_close(image.estimate, obs.mirror(ESTIMATE, env.robot)(seen.estimate), atol=0.01, rtol=0.0)
+        assert_mirrored(env, twin)
+
+
+def test_mirrored_loads_are_seen_as_the_mirror_image() -> None:
+    config = EnvConfig(count=8, randomization=RandomizationConfig.off(), intervention="none")
+    env, twin = (HumanoidEnv(config, seed=3, threads=1) for _ in range(2))
+    env.simulation.forward(torch.arange(8))
+    env.readings = read(env.simulation)
+    mirrored_twin(env, twin)
+    torch.manual_seed(0)
+    payload, hand, trunk = 4.0 * torch.rand(8, 2), 30.0 * torch.randn(8, 2, 3), 30.0 * torch.randn(8, 3)
+    signs = torch.tensor(VECTOR_SIGNS, dtype=torch.float32)
+    env.loads.payload[:], env.loads.hand_force[:], env.loads.trunk_force[:] = payload, hand, trunk
+    twin.loads.payload[:], twin.loads.hand_force[:] = payload.flip(1), hand.flip(1) * signs
+    twin.loads.trunk_force[:] = trunk * signs
+    assert_mirrored(env, twin)
 
 
 def test_restored_run_continues_bit_for_bit() -> None:

@@ -74,10 +74,13 @@ def test_forces_begin_and_end_and_push_where_they_say() -> None:
     loads.config = LoadConfig()  # as a schedule may ask for in the middle of an episode
     loads.step(hopping)
     assert not simulation.forces.any()
-    loads.config = LoadConfig()
-    loads.reset(torch.arange(COUNT), NOBODY)
-    loads.step(hopping)
-    assert not simulation.forces.any()
+    loads.config = config
+    loads.hand_time[:] = loads.trunk_time[:] = 1.0
+    loads.hand_force[:] = loads.trunk_force[:] = 5.0
+    loads.reset(torch.tensor([0, 1]), NOBODY[:2])
+    assert not loads.hand_force[:2].any() and not loads.trunk_force[:2].any()
+    assert (loads.hand_time[:2] < 0.0).all() and (loads.trunk_time[:2] < 0.0).all()
+    assert loads.hand_force[2:].all() and loads.trunk_force[2:].all(), "the others' go on"
 
 
 def test_a_force_on_a_hand_acts_at_the_hand() -> None:
@@ -108,7 +111,9 @@ def test_who_hops_carries_nothing_and_the_agile_group_is_not_loaded() -> None:
 def test_what_the_critic_sees_is_in_the_heading_frame() -> None:
     _, loads = make(LoadConfig())
     loads.payload[0, 1] = 2.0
+    loads.hand_force[0, 1] = torch.tensor([1.0, 2.0, 4.0])
     loads.trunk_force[0] = torch.tensor([0.0, 3.0, 0.0])
     row = loads.observation(torch.full((COUNT,), np.pi / 2))[0]
     torch.testing.assert_close(row[:2], torch.tensor([0.0, 2.0]))
+    torch.testing.assert_close(row[2:8], torch.tensor([0.0, 0.0, 0.0, 2.0, -1.0, 4.0]), atol=1e-6, rtol=0.0)
     torch.testing.assert_close(row[8:], torch.tensor([3.0, 0.0, 0.0]), atol=1e-6, rtol=0.0)

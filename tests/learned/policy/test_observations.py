@@ -37,6 +37,9 @@ def test_terrain_points_span_the_published_grid() -> None:
     assert points.shape == (221, 2)
     assert points.min(0).values.tolist() == pytest.approx([-0.42, -0.42])
     assert points.max(0).values.tolist() == pytest.approx([0.70, 0.42])
+    mirror = obs.terrain_mirror()
+    torch.testing.assert_close(points[mirror.index], points * torch.tensor([1.0, -1.0]))
+    assert (mirror.sign == 1.0).all()
 
 
 def random_frame(rng: np.random.Generator, joints: int = 19) -> tuple[RobotState, np.ndarray]:

@@ -12,14 +12,8 @@ from hugwbc.learned.policy.networks import Actor
 from hugwbc.learned.policy.onnx_export import export_onnx
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> onnxruntime.InferenceSession:
-    path = tmp_path_factory.mktemp("export") / "folder" / "h1.onnx"
-    assert export_onnx(load_policy("h1"), path) <= 1e-5
-    return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-
-
-def test_any_number_of_robots(session: onnxruntime.InferenceSession) -> None:
+def test_any_number_of_robots(exported_h1: pathlib.Path) -> None:
+    session = onnxruntime.InferenceSession(exported_h1, providers=["CPUExecutionProvider"])
     for count in (1, 7):
         inputs = {"history": np.zeros((count, 315), np.float32), "command": np.zeros((count, 18), np.float32)}
         assert session.run(["action"], inputs)[0].shape == (count, 19)

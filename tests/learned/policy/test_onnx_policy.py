@@ -11,20 +11,12 @@ from hugwbc.errors import ConfigError, PolicyFileError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.network_policy import load_onnx_policy
-from hugwbc.learned.policy.onnx_export import export_onnx
 from hugwbc.runtime import ControllerSpec
 from hugwbc.state import RobotState
 
 
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory):
-    path = tmp_path_factory.mktemp("export") / "mine.onnx"
-    export_onnx(load_policy(), path)
-    return path
-
-
-def test_what_another_project_says_of_its_training_is_no_matter(exported, tmp_path):
-    model = onnx.load(exported)
+def test_what_another_project_says_of_its_training_is_no_matter(exported_h1, tmp_path):
+    model = onnx.load(exported_h1)
     model.metadata_props[1].value = "my run 7"
     onnx.save(model, tmp_path / "theirs.onnx")
     theirs = ControllerSpec(str(tmp_path / "theirs.onnx"))
@@ -46,9 +38,9 @@ def changed(exported, path, change):
     return str(path)
 
 
-def test_the_exported_policy_gives_the_joint_targets_of_the_policy(exported):
+def test_the_exported_policy_gives_the_joint_targets_of_the_policy(exported_h1):
     rng = np.random.default_rng(0)
-    policy, other = load_policy(), load_onnx_policy(exported)
+    policy, other = load_policy(), load_onnx_policy(exported_h1)
     worst = 0.0
     for step in range(60):
         orientation = np.array([1.0, *(0.2 * rng.standard_normal(3))])
@@ -70,23 +62,24 @@ def test_the_exported_policy_gives_the_joint_targets_of_the_policy(exported):
     assert worst < 1e-5, worst  # [rad]
 
 
-def test_it_is_a_controller_by_its_path(exported, capsys):
-    spec = ControllerSpec(str(exported))
-    assert spec.label == "mine" and spec.training == load_policy().training["config"]["env"]["intervention"]
-    assert spec.build().name == "learned" and ControllerSpec("learned", str(exported)).build().period == 0.02
-    assert main(["play", "--controller", str(exported), "--viewer", "none", "--duration", "0.2", "--v-x", "0.3"]) == 0
+def test_it_is_a_controller_by_its_path(exported_h1, capsys):
+    spec = ControllerSpec(str(exported_h1))
+    assert spec.label == "h1" and spec.training == load_policy().training["config"]["env"]["intervention"]
+    assert spec.build().name == "learned" and ControllerSpec("learned", str(exported_h1)).build().period == 0.02
+    words = ["--viewer", "none", "--duration", "0.2", "--v-x", "0.3"]
+    assert main(["play", "--controller", str(exported_h1), *words]) == 0
     with pytest.raises(ConfigError, match="takes no policy because it is one"):
-        ControllerSpec(str(exported), "h1")
+        ControllerSpec(str(exported_h1), "h1")
 
 
-def test_what_is_no_exported_policy_is_refused(exported, tmp_path):
+def test_what_is_no_exported_policy_is_refused(exported_h1, tmp_path):
     path = tmp_path / "other.onnx"
     with pytest.raises(UnknownNameError, match="policy"):
         ControllerSpec(str(path))
     path.write_bytes(b"nothing")
     with pytest.raises(PolicyFileError, match="is not an ONNX network"):
         ControllerSpec(str(path))
-    model = onnx.load(exported)
+    model = onnx.load(exported_h1)
     del model.metadata_props[:]
     onnx.save(model, path)
     with pytest.raises(PolicyFileError, match=r"is a bare network: it has no contract .* docs/evaluation.md"):
@@ -99,4 +92,4 @@ def test_what_is_no_exported_policy_is_refused(exported, tmp_path):
         (lambda contract: contract.update(memory=3), "unknown Contract field 'memory'"),
     ):
         with pytest.raises(PolicyFileError, match=message):
-            ControllerSpec(changed(exported, path, change)).build()
+            ControllerSpec(changed(exported_h1, path, change)).build()

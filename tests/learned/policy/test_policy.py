@@ -15,16 +15,17 @@ from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.policy import LearnedController, checkpoint, load_policy, save_policy
 from hugwbc.learned.policy.leg_feed_forward import HEIGHT_RATE, PITCH_RATE, LegFeedForward, swing_clearance
 from hugwbc.learned.policy.networks import Actor
-from hugwbc.robot import load_robot
+from hugwbc.learned.policy.terms import COMMAND, FRAME, size_of
+from hugwbc.robot import Robot, load_robot
 from hugwbc.state import RobotState
 from tests.conftest import make_state
 
 ROBOT = load_robot()
 
 
-def random_actor() -> Actor:
+def random_actor(robot: Robot = ROBOT) -> Actor:
     torch.manual_seed(0)
-    return Actor(63, 18, 19).eval()
+    return Actor(size_of(FRAME, robot), size_of(COMMAND, robot), len(robot.joint_names)).eval()
 
 
 @pytest.fixture
@@ -49,42 +50,61 @@ def test_is_a_controller(policy_file: pathlib.Path) -> None:
     [{}, {"action_scale": 0.5, "waist_rate": 1.0, "substeps": 2, "squat_gain": 0.7, "swing_gain": 0.8}],
     ids=["defaults", "other settings"],
 )
-def test_controller_does_what_the_training_environment_does(changes: dict, tmp_path: pathlib.Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "gait", "taken"),
+    [
+        ("h1", Gait.WALKING, False),
+        ("g1", Gait.WALKING, False),
+        ("h1", Gait.HOPPING_RIGHT, False),
+        ("g1", Gait.WALKING, True),
+    ],
+    ids=["h1", "g1", "h1 hopping", "g1 with its arms taken over"],
+)
+def test_controller_does_what_the_training_environment_does(
+    name: str, gait: Gait, taken: bool, changes: dict, tmp_path: pathlib.Path
+) -> None:
     """The same network in the environment and behind the controller gives the same targets along a trajectory."""
-    settings = EnvConfig(count=1, randomization=RandomizationConfig.off(), flip_probability=0.0, **changes)
+    robot = load_robot(name)
+    settings = EnvConfig(count=1, robot=name, randomization=RandomizationConfig.off(), flip_probability=0.0, **changes)
     env = HumanoidEnv(settings, seed=2, threads=1)
     env.age[:] = 0
-    env.gait[:] = int(Gait.WALKING)
+    env.gait[:] = int(gait)
     env.command[0] = torch.tensor([0.3, -0.1, 0.2, 2.0, 0.15, -0.1, 0.1, 0.3])
-    actor = random_actor()
+    env.intervention.active[:] = taken
+    env.curriculum.alpha = 1.0
+    actor = random_actor(robot)
     save_policy(tmp_path / "policy.safetensors", actor, settings.contract(), {})
     controller = load_policy(tmp_path)
     assert controller.period == 0.005 * settings.substeps
-    command = Command.from_array(env.command[0].double().numpy(), Gait.WALKING)
+    command = Command.from_array(env.command[0].double().numpy(), gait)
+    env.phase[:] = 2.0 * controller.period  # where the controller's clock is in its first period, after 0
 
     def state() -> RobotState:
         qpos, qvel = env.simulation.qpos[0].numpy().copy(), env.simulation.qvel[0].numpy().copy()
         return RobotState(q=qpos[7:], dq=qvel[6:], orientation=qpos[3:7], angular_velocity=qvel[3:6])
 
     controller.reset(state())
-    controller._phase[:] = float(env.phase[0]) - 2.0 * controller.period
-    waist, posture, legs = 0.0, np.zeros(2), LegFeedForward(ROBOT)
+    waist, posture, legs = 0.0, np.zeros(2), LegFeedForward(robot)
+    others = np.setdiff1d(np.arange(len(robot.joint_names)), robot.arms if taken else [])
     for _ in range(12):
-        joint_command = controller.act(state(), command, UpperBody.none())
+        arms = env.intervention.source.targets()[0].double().numpy()
+        joint_command = controller.act(state(), command, UpperBody.targets(arms) if taken else UpperBody.none())
         observation = env.observe()
         with torch.no_grad():
             action, _ = actor(observation.history, observation.command)
-        expected = ROBOT.nominal + settings.action_scales(ROBOT) * action[0].double().numpy()
+        expected = robot.nominal + settings.action_scales(robot) * action[0].double().numpy()
         waist = min(waist + settings.waist_rate * controller.period, 0.3)
-        expected[ROBOT.waist] += waist
+        expected[robot.waist] += waist
         reach = controller.period * np.array([HEIGHT_RATE, PITCH_RATE])
         posture = np.clip([-0.1, 0.1], posture - reach, posture + reach)
         lifted = swing_clearance(env.phase.numpy(), env.gait.numpy(), env.command.numpy(), controller.period)
         expected += legs.offsets(*(settings.squat_gain * posture[:, None]), settings.swing_gain * lifted)[0]
-        np.testing.assert_allclose(joint_command.q, expected, atol=2e-5)
-        np.testing.assert_allclose(joint_command.kd, settings.damping(ROBOT))
+        np.testing.assert_allclose(joint_command.q[others], expected[others], atol=2e-5)
+        np.testing.assert_allclose(joint_command.kd, settings.damping(robot))
         env.step(action)
-        np.testing.assert_allclose(env.simulation.ctrl[0], expected, atol=2e-5)
+        np.testing.assert_allclose(env.simulation.ctrl[0, others], expected[others], atol=2e-5)
+        if taken:  # the environment moves the targets on within its step
+            np.testing.assert_array_equal(joint_command.q[robot.arms], arms)
 
 
 def test_external_arms_are_passed_on_and_seen() -> None:

@@ -6,12 +6,14 @@ from hugwbc.learned.policy.symmetry import EvenOdd, SignedPermutation
 from hugwbc.learned.policy.terms import ACTION, COMMAND, CRITIC_CORE, HISTORY
 from hugwbc.robot import load_robot
 
+PARTS = {"action": ACTION, "history": HISTORY, "command": COMMAND, "critic": CRITIC_CORE}
+MIRRORS = {
+    f"{name} {robot}": obs.mirror(part, load_robot(robot)) for name, part in PARTS.items() for robot in ("h1", "g1")
+}
 
-@pytest.mark.parametrize("robot", ["h1", "g1"])
-@pytest.mark.parametrize("name", ["action", "history", "command", "critic", "terrain"])
-def test_a_mirror_image_negates_the_odd_coordinates_alone(name: str, robot: str) -> None:
-    parts = {"action": ACTION, "history": HISTORY, "command": COMMAND, "critic": CRITIC_CORE}
-    mirror = obs.mirror(parts[name], load_robot(robot)) if name in parts else obs.terrain_mirror()
+
+@pytest.mark.parametrize("mirror", [*MIRRORS.values(), obs.terrain_mirror()], ids=[*MIRRORS, "terrain"])
+def test_a_mirror_image_negates_the_odd_coordinates_alone(mirror: SignedPermutation) -> None:
     split = EvenOdd(mirror)
     rows = torch.randn(3, len(mirror.index))
     even, odd = split(rows).split((split.even, split.odd), 1)
