@@ -216,6 +216,7 @@ class ArmIntervention:
         command: Command,
         dt: float,
         commanded: np.ndarray | None = None,
+        followed: Command | None = None,
     ) -> tuple[UpperBody, Command]:
         """Return the arm targets at the end of the next `dt` seconds, and the command; the rest does not matter."""
         self._elapsed += dt
