@@ -182,6 +182,7 @@ class ControlPeriod:
         commanded = None if last is None else last.q[self._robot.arms]
 
         def answer() -> tuple[UpperBody, Command]:
+            # Unpacked here, so that an answer that is no pair is a failure of the source too.
             arms, adapted = source.update(placed, self.hands, command, self.period, commanded, self._followed)
             return arms, adapted
 
