@@ -80,7 +80,7 @@ def one_of(kind: str, names: Callable[[], Collection[str]]) -> AfterValidator:
     return AfterValidator(refusing(check))
 
 
-def changed(options: Any, without: Collection[str] = ()) -> str:  # noqa: ANN401
+def not_default(options: Any, without: Collection[str] = ()) -> str:  # noqa: ANN401
     """Return which fields of a dataclass are not at their defaults, such as "drives ideal, payload 5"; "" for none."""
     found = []
     for field in dataclasses.fields(options):

@@ -101,7 +101,7 @@ def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:
     """Return what belongs below the figures: the experiment's note, settings, exceptions, too few episodes, seed."""
     experiment, settings, lines = entries[0].experiment, results[0].settings, []
     lines += [experiment.note] if experiment.note else []
-    lines += [f"Not the default: {words}." for words in [settings.remark] if words]
+    lines += [f"Not the default: {settings.remark}."] if settings.remark else []
     for result in results:
         if mistakes := sum(row.get("mistakes") or 0 for row in result.rows):
             lines.append(

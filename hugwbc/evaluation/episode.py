@@ -14,7 +14,7 @@ from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Trace
 from hugwbc.scripts.view import CommandSource
-from hugwbc.settings import SELECTION_SEED, Count, NotNegative, Positive, Seed, changed, one_of, settings
+from hugwbc.settings import SELECTION_SEED, Count, NotNegative, Positive, Seed, not_default, one_of, settings
 from hugwbc.sim import Engine, Scene
 from hugwbc.upper_ik import UpperBodySource
 
@@ -77,8 +77,8 @@ class Settings:
     @property
     def remark(self) -> str:
         """What differs from the defaults, such as "gait jumping, robot g1, payload 5"; empty for the defaults."""
-        own = changed(self, without={"seed", "episodes", "conditions"})
-        return ", ".join(words for words in (own, changed(self.conditions)) if words)
+        own = not_default(self, without={"seed", "episodes", "conditions"})
+        return ", ".join(words for words in (own, not_default(self.conditions)) if words)
 
     def default_command(self, draw: int = 0) -> Command:
         """Return the robot's default command in the gait whose turn it is in a draw."""

@@ -13,7 +13,7 @@ from hugwbc.errors import UnknownNameError
 from hugwbc.files import digest
 from hugwbc.robot import Robot, load_robot
 from hugwbc.robot_tables import DEFAULT_ROBOT, robot_table
-from hugwbc.settings import changed
+from hugwbc.settings import not_default
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.engine import Engine
 from hugwbc.sim.faults import Fault
@@ -77,7 +77,7 @@ class Arena:
     @property
     def remark(self) -> str:
         """What differs from the default, such as "drives ideal, sensing exact"; empty for the default."""
-        return changed(self)
+        return not_default(self)
 
     @property
     def profile(self) -> SensorProfile:

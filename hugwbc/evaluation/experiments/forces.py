@@ -123,8 +123,8 @@ class HandForceErrors:
 
     def row(self, trace: Trace) -> Row:
         """Return the root mean square error of a hand's force in the episode [N]; None in a fall."""
-        known = self._squares and not trace.down
-        return {"estimate_error": math.sqrt(float(np.mean(self._squares))) if known else None}
+        counted = self._squares and not trace.down
+        return {"estimate_error": math.sqrt(float(np.mean(self._squares))) if counted else None}
 
 
 def estimate_figure(table: str, rows: pl.DataFrame) -> Figure:

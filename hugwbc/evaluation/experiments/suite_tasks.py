@@ -75,7 +75,6 @@ def episode(controller: Controller, settings: TasksSettings, plan: Plan) -> Row:
         "end_speed": speed,
         "gripped": list(record.gripped),
         "hand_depth": max(record.depth.values(), default=0.0),
-        "fell": record.fell,
     }
 
 
