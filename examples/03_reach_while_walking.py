@@ -10,7 +10,7 @@ import numpy as np
 from hugwbc import Gait, load_robot
 from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import HandMotion, Script, Segment, Swing
-from hugwbc.viz.show import fate, run_script, watch
+from hugwbc.viz.show import run_script, watch
 
 LEFT = Swing(centre=(0.3, 0.25, 0.2), amplitude=(0.05, 0.0, 0.08), phase=(0.0, 0.0, 0.25), period=3.0)
 HANDS = HandMotion(left=LEFT, right=LEFT.mirrored(), frame="pelvis")
@@ -42,7 +42,7 @@ def main(duration: float = 6.0, show: bool = False) -> None:
     )
     error = 1000 * np.mean(trace.hand_error[trace.gait == Gait.WALKING])
     print(f"mean hand error {error:.1f} mm, walked {trace.qpos[-1, 0]:.2f} m")
-    print(f"The hands followed their paths while the robot walked, and it {fate(trace)}.")
+    print(f"The hands followed their paths while the robot walked, and it {trace.fate}.")
 
 
 if __name__ == "__main__":

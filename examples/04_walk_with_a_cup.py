@@ -11,7 +11,7 @@ from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, Grip, View, grip, lift, reach, walk_to
 from hugwbc.runtime import Simulation, UpperBodySource, load_controller
 from hugwbc.sim.scenes import Cylinder, Scene, Table
-from hugwbc.viz.show import fate, run_script, watch
+from hugwbc.viz.show import run_script, watch
 
 TABLE = Table(name="table", position=(0.65, -0.2), size=(0.4, 0.6), height=0.9)
 CUP = Cylinder(name="cup", on="table", position=(-0.15, 0.0), radius=0.035, height=0.1, mass=0.2, colour="#b5533c")
@@ -49,7 +49,7 @@ def main(duration: float = 18.0, show: bool = False) -> None:
     tilt = np.degrees(np.arccos(1.0 - 2.0 * (cup[:, 4] ** 2 + cup[:, 5] ** 2)))
     rise, way = cup[:, 2].max() - cup[0, 2], np.hypot(*(cup[-1, :2] - cup[0, :2]))
     print(f"The cup rose by {100 * rise:.0f} cm, moved by {way:.2f} m, and tilted by {tilt.max():.0f} degrees at most.")
-    print(f"The robot {fate(trace)}; fetching the cup: {source.ending}.")
+    print(f"The robot {trace.fate}; fetching the cup: {source.ending}.")
 
 
 if __name__ == "__main__":

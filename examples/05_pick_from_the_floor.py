@@ -12,7 +12,7 @@ from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, Grip, View, grip, reach
 from hugwbc.runtime import Simulation, UpperBodySource, load_controller
 from hugwbc.sim.scenes import Cylinder, Scene
-from hugwbc.viz.show import fate, keep_replay, run_script, watch
+from hugwbc.viz.show import keep_replay, run_script, watch
 
 
 def pick(view: View, above: float, whole_body: bool) -> Course:
@@ -43,7 +43,7 @@ def main(height: float = 0.5, duration: float = 9.0, show: bool = False) -> None
         rise = 100 * (trace.object_pose[:, 0, 2].max() - trace.object_pose[0, 0, 2])
         lowest, lean = trace.command[:, 5].min(), trace.command[:, 6].max()
         print(f"{name}: {source.ending}")
-        print(f"  lifted by {rise:.0f} cm, lowest h {lowest:.2f} m, largest p {lean:.2f} rad, {fate(trace)}")
+        print(f"  lifted by {rise:.0f} cm, lowest h {lowest:.2f} m, largest p {lean:.2f} rad, {trace.fate}")
     keep_replay("out/05.html", traces)
 
 

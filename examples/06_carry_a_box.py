@@ -13,7 +13,7 @@ import numpy as np
 from hugwbc.runtime import load_controller
 from hugwbc.sim import Simulation
 from hugwbc.tasks import load_task, run_task
-from hugwbc.viz.show import at_real_time, fate, keep_replay, open_view, run_script
+from hugwbc.viz.show import at_real_time, keep_replay, open_view, run_script
 
 
 def main(controller: str = "qp", seed: int = 0, duration: float | None = None, show: bool = False) -> None:
@@ -40,7 +40,7 @@ def main(controller: str = "qp", seed: int = 0, duration: float | None = None, s
     print(f"a box of {100 * box.size[1]:.0f} cm and {box.mass:.1f} kg, squeezed with {force:.0f} N at most")
     print(f"It was lifted by {100 * (path[:, 2].max() - path[0, 2]):.0f} cm and brought {distance:.2f} m away.")
     outcome = "done" if run.verdict.success else f"not done: {run.verdict.reason}"
-    print(f"The robot {fate(run.trace)}; the task is {outcome}.")
+    print(f"The robot {run.trace.fate}; the task is {outcome}.")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from hugwbc import load_robot
 from hugwbc.evaluation.comparison import summarise
 from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import load_script
-from hugwbc.viz.show import fate, keep_replay, run_script, watch
+from hugwbc.viz.show import keep_replay, run_script, watch
 
 
 def main(script: str = "wave", show: bool = False) -> None:
@@ -28,7 +28,7 @@ def main(script: str = "wave", show: bool = False) -> None:
         hand = outcomes[trace.name]["hand_error_m"]["mean"]
         reach = "no hand targets" if hand is None else f"hands {100 * hand:.1f} cm from their targets"
         errors, tick = outcomes[trace.name]["errors"], outcomes[trace.name]["tick_ms"]["p50"]
-        print(f"{trace.name}: {fate(trace)}, {reach}, waist {errors['w']:.3f} rad off, {tick:.2f} ms a tick")
+        print(f"{trace.name}: {trace.fate}, {reach}, waist {errors['w']:.3f} rad off, {tick:.2f} ms a tick")
     closer = min(outcomes, key=lambda name: outcomes[name]["errors"]["h"])
     print(f"The {closer} controller kept closer to the commanded height.")
 

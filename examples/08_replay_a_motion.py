@@ -13,7 +13,7 @@ import numpy as np
 from hugwbc import load_robot
 from hugwbc.runtime import UpperBodySource, load_controller
 from hugwbc.scripts import Script, Segment, generate_motions, load_motion
-from hugwbc.viz.show import fate, run_script, watch
+from hugwbc.viz.show import run_script, watch
 
 
 def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = False) -> None:
@@ -37,7 +37,7 @@ def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = F
 
     error = np.abs(trace.qpos[:, 7 + robot.arms] - trace.arm_target)[len(trace.time) // 2 :].mean()
     print(f"{motion.name}: {motion.duration:.1f} s, arm joints {error:.3f} rad from their targets")
-    print(f"The arms followed the motion while the robot stood, and it {fate(trace)}.")
+    print(f"The arms followed the motion while the robot stood, and it {trace.fate}.")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import numpy as np
 from hugwbc import load_robot
 from hugwbc.runtime import Simulation, Snapshot, UpperBodySource, load_controller, rollout
 from hugwbc.viz.live import LivePage
-from hugwbc.viz.show import RealTime, at_real_time, fate, keep_replay, run_script
+from hugwbc.viz.show import RealTime, at_real_time, keep_replay, run_script
 
 
 def main(controller: str = "qp", duration: float = 60.0, show: bool = False) -> None:
@@ -40,7 +40,7 @@ def main(controller: str = "qp", duration: float = 60.0, show: bool = False) -> 
     page.close()
     keep_replay("out/09.html", [trace])
     way = np.sum(np.linalg.norm(np.diff(trace.qpos[:, :2], axis=0), axis=1))
-    print(f"You drove the robot over {way:.2f} m, and it {fate(trace)}.")
+    print(f"You drove the robot over {way:.2f} m, and it {trace.fate}.")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from hugwbc.controller import override_arms
 from hugwbc.kinematics import Kinematics
 from hugwbc.runtime import Force, Simulation
 from hugwbc.state import GRAVITY
-from hugwbc.viz.show import fate, run_script, watch
+from hugwbc.viz.show import run_script, watch
 
 LEG = 0.4  # [m], thigh and shank each
 STEEPEST = 0.85  # [rad] that the shank can lean ahead with flat feet: the range of the ankle
@@ -77,7 +77,7 @@ def main(h: float = -0.1, w: float = 0.5, push: float = 40.0, duration: float = 
     trace = watch(Squatter(), command, Simulation(), duration=duration, forces=[shove], show=show, replay="out/10.html")
     height, waist = trace.measured[-1, 3], trace.measured[-1, 5]
     print(f"commanded {h:.2f} m and {w:.2f} rad, came to {height:.2f} m and {waist:.2f} rad")
-    print(f"The robot balanced with its ankles, was pushed with {push:.0f} N and {fate(trace)}.")
+    print(f"The robot balanced with its ankles, was pushed with {push:.0f} N and {trace.fate}.")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, View, carry, lift, place, reach, squeeze, stand, walk_to
 from hugwbc.runtime import Simulation, UpperBodySource, load_controller, rollout
 from hugwbc.sim.scenes import Box, Scene, Shelf, Table
-from hugwbc.viz.show import at_real_time, fate, keep_replay, open_view, run_script
+from hugwbc.viz.show import at_real_time, keep_replay, open_view, run_script
 
 TABLE = Table(name="table", position=(1.6, 0.0), size=(0.5, 0.5), height=0.9)
 SHELF = Shelf(name="shelf", position=(1.6, 0.55), size=(0.4, 0.5), boards=(0.9,))
@@ -55,7 +55,7 @@ def main(controller: str = "qp", seed: int = 0, duration: float = 60.0, show: bo
     keep_replay("out/12.html", [trace])
     x, y, z = simulation.objects["box"].position
     print(f"The box is at x = {x:.2f} m, y = {y:.2f} m, {z:.2f} m above the floor.")
-    print(f"The robot {fate(trace)}; the task is {source.ending}.")
+    print(f"The robot {trace.fate}; the task is {source.ending}.")
 
 
 if __name__ == "__main__":

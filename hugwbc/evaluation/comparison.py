@@ -37,7 +37,7 @@ HAND_NOTE = (
 def summarise(trace: Trace) -> dict[str, Any]:
     """Return the figures of one run.
 
-    - `survived_s`: time until the fall, or the duration of the script [s].
+    - `fate`: how it ended, in words; `survived_s`: time until the fall, or the duration of the script [s].
     - `errors`: mean absolute error of v_x, v_y, omega, h, p, w over all samples of the record, ramps included.
     - `hand_error_m`, `hand_travel`: those of `metrics.hand_errors` and `metrics.hand_travel`.
     - `tick_ms`, `ik_ms`: p50 and p99 of the time of a call of the controller and of the hand IK [ms]; None without one.
@@ -46,6 +46,7 @@ def summarise(trace: Trace) -> dict[str, Any]:
     """
     return {
         "fell": trace.fell,
+        "fate": trace.fate,
         "survived_s": trace.survived_s,
         "errors": metrics.tracking_errors(trace, settle=0.0),
         "hand_error_m": metrics.hand_errors(trace.hand_error, trace.reachable),
@@ -243,11 +244,9 @@ def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _fate(figures: Mapping[str, Any]) -> str:
-    if figures["fell"]:
-        return f"fell after {figures['survived_s']:.1f} s"
-    if "verdict" not in figures:
-        ending = f" ({figures['ending']})" if "ending" in figures else ""
-        return f"stayed up for {figures['survived_s']:.1f} s{ending}"
+    if figures["fell"] or "verdict" not in figures:
+        ending = f" ({figures['ending']})" if "ending" in figures and not figures["fell"] else ""
+        return f"{figures['fate']}{ending}"
     verdict = figures["verdict"]
     return f"did the task in {verdict['seconds']:.1f} s" if verdict["success"] else f"did not ({verdict['reason']})"
 

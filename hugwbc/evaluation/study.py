@@ -178,7 +178,7 @@ def remarks(results: Sequence[Result]) -> list[str]:
         names, least = list(few), min(few.values())
         found.append(
             f"Too few episodes: {', '.join(names[:3])}{f' and {len(names) - 3} more' * (len(names) > 3)} rest on "
-            f"{least}{' or more' * (max(few.values()) > least)} each; below {FEW} a bootstrap interval is too narrow."
+            f"{least}{' or more' * (max(few.values()) > least)} each; below {FEW} an interval is too narrow."
         )
     pairs = [figure.difference.estimate.samples for figure in figures if figure.difference and figure.difference.p]
     if pairs and max(pairs) < TELLING:

@@ -147,12 +147,17 @@ class Trace:
         """Whether the robot did not stay up: it fell, or it knelt down since its state or a motor was lost."""
         return self.fell or self.safety.lowered > 0
 
+    @property
+    def fate(self) -> str:
+        """How the run ended, as a part of a sentence, such as "stayed up for 6.0 s" or "fell after 1.2 s"."""
+        if self.fell:
+            return f"fell after {self.survived_s:.1f} s"
+        return "knelt down, its state or a motor lost" if self.down else f"stayed up for {self.survived_s:.1f} s"
+
     def __repr__(self) -> str:
         """Return one line: who, how long, how it ended."""
-        fate = f"fell after {self.survived_s:.1f} s" if self.fell else "stayed up"
         around = f", {len(self.scene.objects)} objects" if self.scene is not None else ""
-        seconds = float(self.time[-1] - self.time[0]) + RECORD_PERIOD if len(self.time) else 0.0
-        return f"Trace('{self.name}', {seconds:.1f} s, {len(self.time)} samples, {fate}, {self.robot}{around})"
+        return f"Trace('{self.name}', {len(self.time)} samples, {self.fate}, {self.robot}{around})"
 
 
 def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:

@@ -168,11 +168,6 @@ def keep_replay(path: str | pathlib.Path, traces: Sequence[Trace], *, tell: Tell
     tell(f"replay in {path}")
 
 
-def fate(trace: Trace) -> str:
-    """Return how a run ended, as a part of a sentence: "stayed up for 6.0 s" or "fell after 1.2 s"."""
-    return f"fell after {trace.survived_s:.1f} s" if trace.fell else f"stayed up for {trace.survived_s:.1f} s"
-
-
 def run_live(
     loop: ControlLoop,
     duration: float,

@@ -48,7 +48,9 @@ def test_the_text_of_a_scene_is_the_scene(name, tmp_path):
 
 
 def test_the_line_for_people_is_short(make_run):
-    assert repr(make_run(seconds=2.0)) == "Trace('qp', 2.0 s, 100 samples, stayed up, h1)"
+    run = make_run(seconds=2.0)
+    assert repr(run) == "Trace('qp', 100 samples, stayed up for 2.0 s, h1)"
+    assert "knelt down" in repr(dataclasses.replace(run, safety=dataclasses.replace(run.safety, lowered=1)))
     assert "fell after 1.0 s" in repr(make_run(fell=True))
 
 

@@ -44,7 +44,7 @@ def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path, monkeypatc
     assert np.stack([snapshot.qpos for _, snapshot in drawn]) == pytest.approx(trace.qpos[::2])
     assert told == [f"replay in {page}"]
     assert "set_animation" in page.read_text(encoding="utf-8")
-    assert show.fate(trace) == "stayed up for 0.4 s"
+    assert trace.fate == "stayed up for 0.4 s"
 
 
 def test_a_live_run_opens_a_page_and_tells_its_address(monkeypatch):
