@@ -29,7 +29,7 @@ HEAVY_TURN = 1.0  # [m^2/rad^2], the largest weight of an orientation: a radian 
 class HandTargets:
     """Target positions of both hands, or of the arm joints instead.
 
-    The hands are the frames of `Robot.hands`; an H1's are the tips of its forearms.
+    The hands are the frames of `Robot.hands`; an H1's are in the ends of its forearms, 4 cm before the tips.
 
     The constructor refuses nothing, so that a control loop can carry whatever arrives: what other libraries call
     numbers is converted, and what is none, or has another shape, becomes NaN (`is_usable`). Users call

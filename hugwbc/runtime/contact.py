@@ -64,8 +64,8 @@ class HandForceObserver:
     to about that friction divided by its lever arm, 2 to 3 N on the H1. The prior s keeps directions out that an arm
     cannot feel, such as along a stretched arm.
 
-    A force is taken to act at the hand frame, the tip of the forearm. One that acts elsewhere on the forearm gives the
-    force at the hand that loads the joints alike.
+    A force is taken to act at the hand frame. One that acts elsewhere on the forearm gives the force at the hand
+    that loads the joints alike.
 
     Attributes:
         force: force on the left and the right hand, world frame [N], shape (2, 3).
