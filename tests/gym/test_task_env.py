@@ -115,6 +115,22 @@ def test_a_success_just_before_the_time_limit_says_so():
     assert info["reason"] == "the time was over: done for less than 1 s"
 
 
+def test_a_judge_gets_its_samples_from_slow_controllers_too(tmp_path):
+    """Speeds and durations are of samples 0.02 s apart."""
+    slow = tmp_path / "slow.py"
+    slow.write_text(
+        "from hugwbc.runtime.controllers import HoldController\n"
+        "class Slow(HoldController):\n    name, period = 'slow', 0.05\n"
+    )
+    times: list[np.ndarray] = []
+    noting = Milestone("it is early", lambda record: times.append(record.time) or 0.0)
+    env = TaskEnv(dataclasses.replace(load_task("press_button"), milestones=(noting,)), f"{slow}:Slow")
+    env.reset(seed=3)
+    for _ in range(2):
+        env.step(env.actions.rest)
+    np.testing.assert_allclose(times[-1], 0.02 * np.arange(11), atol=1e-9)
+
+
 def test_an_observation_is_what_a_robot_has():
     env = press("learned", arena=Arena(sensing="exact", drives="ideal"))
     observation, _ = env.reset(seed=3)
