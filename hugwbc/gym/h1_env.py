@@ -17,6 +17,7 @@ from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.terms import ACTION, COMMAND, HISTORY, further_terms, size_of
 from hugwbc.numeric import floats
 from hugwbc.robot import load_robot
+from hugwbc.sim.engine import check_seed
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
 _LARGEST = 1e4  # bound of every number of an observation
@@ -92,8 +93,8 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Returns:
             Observations, shape (num_envs, 333), and `info` with "critic", the privileged observations of the training.
         """
-        if seed is not None and seed < 0:
-            raise ConfigError(f"seed is {seed}; give 0 or more")
+        if seed is not None:
+            check_seed(seed)
         super().reset(seed=seed)
         if self.env is None or seed is not None:
             drawn = int(self.np_random.integers(_LAST_SEED)) if seed is None else seed
