@@ -291,6 +291,7 @@ def test_arguments_of_milestones_in_a_wrong_order_or_of_a_wrong_kind_are_refused
     [
         (lifted("bok", "it was not lifted"), ("unknown body of the scene 'bok'. Did you mean 'box'?",)),
         (trunk_clear("tabel", "the trunk touched it"), ("unknown body", "Did you mean 'table'")),
+        (happened(lambda record: stands_on(record, "box", "tabel"), "no"), ("object of the scene", "mean 'table'")),
         (Milestone("no", lambda record: record.travel["x"]), ("'no' cannot be judged: KeyError: 'x' (test_judges.py",)),
         (Milestone("no", lambda record: None), ("'no' cannot be judged", "give a number from 0 to 1")),  # type: ignore[arg-type,return-value]
     ],
