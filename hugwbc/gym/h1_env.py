@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from hugwbc.errors import ConfigError
+from hugwbc.gym import check_no_options
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy.critic_observations import Observation
@@ -88,11 +89,12 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Args:
             seed: of all random numbers. With a seed the robots are rebuilt, with other masses, frictions and delays;
                 without one, they stay the same, and so do the levels of the curricula.
-            options: none are known.
+            options: none are known, so that others than None and {} are refused.
 
         Returns:
             Observations, shape (num_envs, 333), and `info` with "critic", the privileged observations of the training.
         """
+        check_no_options(options)
         if seed is not None:
             check_seed(seed)
         super().reset(seed=seed)
@@ -181,7 +183,7 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
             The observation, shape (333,), and `info` with "critic".
         """
         super().reset(seed=seed)
-        observation, info = self._robots.reset(seed=seed)
+        observation, info = self._robots.reset(seed=seed, options=options)
         return observation[0], {"critic": info["critic"][0]}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:

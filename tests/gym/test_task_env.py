@@ -210,6 +210,8 @@ def test_what_cannot_be_rendered_and_a_step_before_a_reset_are_refused():
     with pytest.raises(ConfigError, match="hugwbc play --task"):
         TaskEnv("press_button", "hold", render_mode="human")
     env = TaskEnv("press_button", "hold")
+    with pytest.raises(ConfigError, match=r"options of reset are \{'randomize': True\}, but none are known"):
+        env.reset(options={"randomize": True})
     with pytest.raises(ConfigError, match="call reset first"):
         env.step(env.actions.rest)
 
