@@ -7,7 +7,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.numeric import number
-from hugwbc.sim.scenes import Box, Step, Table, Thing, Tray
+from hugwbc.sim.scenes import Box, Cylinder, Step, Table, Thing, Tray
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.record import HANDS, TRUNK, TaskRecord
 from hugwbc.tasks.verdict import Milestone, at_end
@@ -81,12 +81,12 @@ def trunk_clear(body: str, missed: str) -> Milestone:
 
 
 def half_height(thing: Thing) -> float:
-    """Return half the height of a box [m]."""
-    return settled(thing.size[2]) / 2  # type: ignore[attr-defined]
+    """Return half the height of a box or a cylinder [m]."""
+    return settled(thing.height if isinstance(thing, Cylinder) else thing.size[2]) / 2  # type: ignore[attr-defined]
 
 
 def stands_on(record: TaskRecord, body: str, support: str) -> bool:
-    """Return whether a box stands on a table, step, box or tray at the end: above it, and as high as its top.
+    """Return whether a box or cylinder stands on a table, step, box or tray at the end: above it, as high as its top.
 
     Raises:
         ConfigError: if the support is something else.
