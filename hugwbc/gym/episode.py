@@ -154,7 +154,7 @@ class FollowRow:
 
     def __init__(self, nearest: Nearest) -> None:
         """Start from a standing robot whose arms are its controller's; a gripper closes on what is `nearest`."""
-        self.wish = np.zeros(len(ACTION_NAMES))  # set another array for another request
+        self.wish = np.zeros(len(ACTION_NAMES))  # the request; set it at any time
         self._nearest = nearest
 
     def course(self, view: View) -> Course:

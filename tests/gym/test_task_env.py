@@ -18,9 +18,9 @@ from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.view import SeenObjects
 from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HAND_FRAMES, HandTargets
 from hugwbc.tasks import Milestone, load_task, shapes_of
-from hugwbc.tasks.demonstration import OBJECTS, demonstrate, state_names
+from hugwbc.tasks.demonstration import ACTION_NAMES, OBJECTS, demonstrate, state_names
 from hugwbc.tasks.replay import replay
 
 NEAR = Scene((Button(name="button", position=(0.62, Uniform(-0.25, -0.15)), height=1.1, force=15.0, travel=0.02),))
@@ -269,6 +269,35 @@ def test_recorded_actions_do_the_same_again(robot):
         np.testing.assert_allclose(observation["observation.environment_state"], objects.ravel(), atol=1e-6)
         observation, *_, info = env.step(row)
     assert info["time"] == pytest.approx(0.02 * len(rows))
+
+
+def test_a_recorded_action_that_is_repeated_keeps_to_its_place():
+    """Each repetition would move a target of the world along with the robot."""
+    env = press("learned", actions="recorded")
+    env.reset(seed=3)
+    action = env.actions.rest.copy()
+    asked = {
+        "gait": 1.0,
+        "left_hand.given": 1.0,
+        "left_hand.x": 0.3,
+        "left_hand.y": 0.2,
+        "frame": HAND_FRAMES.index("world"),
+    }
+    for name, value in asked.items():
+        action[ACTION_NAMES.index(name)] = value
+    places, moved = [], []
+    for x in (0.30, 0.31):
+        action[ACTION_NAMES.index("left_hand.x")] = x
+        for _ in range(5):
+            env.step(action)
+            view = env.view
+            assert view.last.hands is not None
+            places.append(view.last.hands.left)
+            moved.append(view.position)
+    assert np.ptp(moved[:5], axis=0).max() > 1e-4, "the robot sways"
+    for first, *others in (places[:5], places[5:]):
+        assert all(np.array_equal(first, other) for other in others)
+    assert not np.array_equal(places[0], places[5])
 
 
 @pytest.mark.parametrize("seed", range(5))
