@@ -100,6 +100,9 @@ def test_a_box_on_a_table_does_not_stand_on_another_one_that_is_as_high(made_up)
     assert stands_on(moved(still, "box", path(there)), "box", "bench")
     scene = Scene((Table(name="desk", position=(0.8, 0.0)), Cylinder(name="cup", on="desk", radius=0.04, height=0.1)))
     assert stands_on(made_up(scene), "cup", "desk")
+    apart = Scene((Table(name="desk", position=(0.8, 0.0)), Table(name="other", position=(3.0, 0.0))))
+    with pytest.raises(ConfigError, match="'other' is a table; name a box, a cylinder or a tray"):
+        stands_on(made_up(apart), "other", "desk")
     with pytest.raises(ConfigError, match="'cart' is a cart; name a table, a step, a box or a tray"):
         stands_on(made_up("push_cart"), "cart", "cart")
 
