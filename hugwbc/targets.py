@@ -142,7 +142,8 @@ class HandTargets:
         joints = robot.arms.size
         if not self.is_usable or (self.joints is not None and self.joints.size != joints):
             raise TargetError(
-                f"numbers that are not finite, or not three for a hand, {joints} for the joints, one for the sequence"
+                f"numbers that are not finite, or not three for a hand, {joints} for the joints, one for the sequence, "
+                f"a weight not above 0, or a frame other than {', '.join(HAND_FRAMES)}"
             )
         arm = robot.arm_names[: joints // 2]
         for name in ORIENTATIONS:

@@ -137,3 +137,5 @@ def test_arms_refuse_what_they_have_too_few_joints_for() -> None:
     joints.check(small)
     with pytest.raises(TargetError, match="14 for the joints"):
         joints.check(large)
+    with pytest.raises(TargetError, match="or a frame other than pelvis, heading, steady, world"):
+        HandTargets(np.zeros(3), None, "torso").check(small)  # type: ignore[arg-type]

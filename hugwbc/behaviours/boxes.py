@@ -39,8 +39,8 @@ class BoxGrip:
     The tips of the hands, 3 cm ahead of their frames, carry most of a box: it hangs from them, and tilts if they are
     not above its middle.
 
-    Defaults and tolerances are lengths and forces of an H1. Tasks fit them to other robots; outside of a task,
-    `hugwbc.behaviours.similar.similar` does.
+    Defaults and tolerances are lengths and forces of an H1. Tasks that are made for an H1 fit them to other robots;
+    elsewhere, also in a task whose scene names another robot, `hugwbc.behaviours.similar.similar` does.
 
     Attributes:
         width: of the box along its y axis [m].

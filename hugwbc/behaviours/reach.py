@@ -31,10 +31,9 @@ from hugwbc.behaviours.hands import (
     frame_of,
     glide,
     hands_in,
+    in_frame,
     move,
     one_hand,
-    points_in,
-    points_of,
     sent_orientation,
     sent_point,
     sent_vector,
@@ -42,10 +41,9 @@ from hugwbc.behaviours.hands import (
 )
 from hugwbc.errors import ConfigError
 from hugwbc.hand_wrench import STRONGEST
-from hugwbc.numeric import changed
 from hugwbc.robot import SIDES
 from hugwbc.scripts.view import Action, Grip, View
-from hugwbc.targets import ORIENTATIONS, HandTargets, Orientation, direction
+from hugwbc.targets import HandTargets, Orientation, direction
 
 Depth = Annotated[float, Field(gt=0, le=0.5)]  # [m]
 Force = Annotated[float, Field(gt=0, le=STRONGEST)]  # [N]
@@ -72,7 +70,7 @@ def reach(
 
     Args:
         view: now.
-        left: target of the left hand [m]; None for a hand that keeps its target.
+        left: target of the left hand [m]; None for a hand that keeps its target, direction and orientation.
         right: of the right hand, likewise.
         frame: "pelvis", "heading", "steady", "world", or the name of an object.
         left_direction: along which the left forearm should point, in that frame.
@@ -97,17 +95,17 @@ def reach(
         left_orientation=left_orientation,
         right_orientation=right_orientation,
     )
-    stays = [None, None]
-    if others is not None and others.joints is None:  # a hand without a point stays
-        points = points_in(view, points_of(view, others), sent)
-        stays = [points[row] if given else None for row, given in enumerate(others.given)]
+    # What a hand without a point keeps.
+    stays = None if others is None or others.joints is not None else in_frame(view, others, sent)
+    turns = {"": sent_point, "_direction": sent_vector, "_orientation": sent_orientation}
 
     def aim(now: View) -> HandTargets:
-        points = [sent_point(now, frame, point) for point in (left, right)]
-        both = (stay if point is None else point for point, stay in zip(points, stays, strict=True))
-        pointing = [sent_vector(now, frame, vector) for vector in (checked.left_direction, checked.right_direction)]
-        hands = HandTargets(*both, sent, pointing[0], pointing[1], together, whole_body)  # type: ignore[arg-type]
-        return changed(hands, **{name: sent_orientation(now, frame, getattr(checked, name)) for name in ORIENTATIONS})
+        hands: dict[str, np.ndarray | None] = {}
+        for side, point in zip(SIDES, (left, right), strict=True):
+            for part, turn in turns.items():
+                name = side + part
+                hands[name] = getattr(stays, name, None) if point is None else turn(now, frame, getattr(checked, name))
+        return HandTargets(**hands, frame=sent, together=together, whole_body=whole_body)  # type: ignore[arg-type]
 
     check_near(view, aim(view))
     return move(view, aim, speed=speed, tolerance=tolerance)

@@ -40,6 +40,7 @@ _COMING = 0.25  # [s], for which a robot that stops goes on with its velocity; s
 _GAIN, _TURN_GAIN = 0.5, 1.0  # [1/s], speed per distance, and yaw rate per angle; at 0.7 a slow v_y overshoots for ever
 _SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
 _FAR = 0.6  # [m], a goal farther away is walked to face first
+_BEFORE = 0.5  # [m], from an object to the robot that stands before it
 _SLOWEST_TURN = 0.6  # [rad/s], of a turn
 _BIAS_TIME = 3.5  # [s], over which the difference of commanded and walked velocity is learnt
 _MOST_BIAS = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
@@ -68,7 +69,7 @@ def walk_to(
     yaw: Angle | None = None,
     *,
     before: Name | None = None,
-    distance: Metres = 0.5,
+    distance: Metres = _BEFORE,
     aside: Metres = 0.0,
     turn: Angle = 0.0,
     speed: WalkSpeed = 0.4,
@@ -101,6 +102,8 @@ def walk_to(
         raise ConfigError("walk_to needs either a position (x, y) or the object to stand before; give one of them")
     if before is not None and yaw is not None:
         raise ConfigError("yaw is a heading in the world; give turn, which is relative to the object's")
+    if before is None and (distance, aside, turn) != (_BEFORE, 0.0, 0.0):
+        raise ConfigError("distance, aside and turn are relative to an object; give before, or yaw at a position")
 
     def goal(now: View) -> Goal:
         if before is None:

@@ -53,7 +53,7 @@ class TasksOptions:
 def run(words: Sequence[str]) -> int:
     """Parse, then list, record or replay; return 1 where a replay ends otherwise than the recording, else 0."""
     options = parse_settings(TasksOptions, words, "tasks")
-    check_each_once("tasks", options.task)
+    check_each_once("tasks", [load_task(name).name for name in options.task])
     _refuse_idle_options(options)
     if options.replay is not None:
         return _replay(options, options.replay)

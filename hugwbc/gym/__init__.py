@@ -4,7 +4,9 @@
 an action and in an observation is said in docs/how-to/use-gymnasium.md. This module loads neither MuJoCo nor torch.
 """
 
-__all__ = ["H1", "TASK_ENVIRONMENTS", "register"]
+from hugwbc.errors import ConfigError
+
+__all__ = ["H1", "TASK_ENVIRONMENTS", "check_no_options", "register"]
 
 H1 = "hugwbc/H1-v0"
 
@@ -35,6 +37,12 @@ def register() -> None:
         registration.register(
             id=H1, entry_point="hugwbc.gym.h1_env:H1Env", vector_entry_point="hugwbc.gym.h1_env:H1VectorEnv"
         )
+
+
+def check_no_options(options: object) -> None:
+    """Refuse options of a reset: one that is ignored would do nothing, and nobody would notice."""
+    if options:
+        raise ConfigError(f"options of reset are {options!r:.100}, but none are known; give None")
 
 
 register()

@@ -76,7 +76,8 @@ class Episode:
         for _ in range(ticks):
             if self._recorded:
                 self._command = self._loop.decide(self.time)
-            for _ in range(self._loop.substeps):
+            for substep in range(self._loop.substeps):
+                self._sample(self.time + substep * self.simulation.timestep)
                 self._loop.step_physics(self._command)
                 self._watch.look()
             self._ticks += 1
@@ -89,7 +90,11 @@ class Episode:
         """End a period: decide on the next one unless its wish is still to come, and take a sample where one is due."""
         if not self._recorded:
             self._command = self._loop.decide(self.time)
-        self._watch.sample(self.time, self._loop.control.chain.command.gait)
+        self._sample(self.time)
+
+    def _sample(self, time: float) -> None:
+        """Take a sample if one is due at a time [s]."""
+        self._watch.sample(time, self._loop.control.chain.command.gait)
 
     def judge(self) -> Verdict:
         """Return the verdict on the episode, as if it ended now."""
@@ -149,7 +154,7 @@ class FollowRow:
 
     def __init__(self, nearest: Nearest) -> None:
         """Start from a standing robot whose arms are its controller's; a gripper closes on what is `nearest`."""
-        self.wish = np.zeros(len(ACTION_NAMES))  # set another array for another request
+        self.wish = np.zeros(len(ACTION_NAMES))  # the request; set it at any time
         self._nearest = nearest
 
     def course(self, view: View) -> Course:

@@ -11,12 +11,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from hugwbc.errors import ConfigError
+from hugwbc.gym import check_no_options
 from hugwbc.learned.config import EnvConfig
 from hugwbc.learned.env import HumanoidEnv
 from hugwbc.learned.policy.critic_observations import Observation
 from hugwbc.learned.policy.terms import ACTION, COMMAND, HISTORY, further_terms, size_of
 from hugwbc.numeric import floats
 from hugwbc.robot import load_robot
+from hugwbc.sim.engine import check_seed
 
 LARGEST_ACTION = 10.0  # 2.5 rad of joint target at the default scale, more than any joint needs
 _LARGEST = 1e4  # bound of every number of an observation
@@ -87,13 +89,14 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Args:
             seed: of all random numbers. With a seed the robots are rebuilt, with other masses, frictions and delays;
                 without one, they stay the same, and so do the levels of the curricula.
-            options: none are known.
+            options: none are known, so that others than None and {} are refused.
 
         Returns:
             Observations, shape (num_envs, 333), and `info` with "critic", the privileged observations of the training.
         """
-        if seed is not None and seed < 0:
-            raise ConfigError(f"seed is {seed}; give 0 or more")
+        check_no_options(options)
+        if seed is not None:
+            check_seed(seed)
         super().reset(seed=seed)
         if self.env is None or seed is not None:
             drawn = int(self.np_random.integers(_LAST_SEED)) if seed is None else seed
@@ -180,7 +183,7 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
             The observation, shape (333,), and `info` with "critic".
         """
         super().reset(seed=seed)
-        observation, info = self._robots.reset(seed=seed)
+        observation, info = self._robots.reset(seed=seed, options=options)
         return observation[0], {"critic": info["critic"][0]}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:

@@ -10,6 +10,7 @@ from gymnasium import spaces
 
 from hugwbc.behaviours import Behaviour
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.gym import check_no_options
 from hugwbc.gym.episode import PERIOD, Episode, FollowRow
 from hugwbc.gym.task_action import ActionLayout, RecordedLayout
 from hugwbc.gym.task_observation import LARGEST, ObservationLayout
@@ -105,11 +106,12 @@ class TaskEnv(gymnasium.Env[Any, np.ndarray]):
         Args:
             seed: of what varies in the scene and of the sensors' errors, as in `hugwbc play --task NAME --seed SEED`.
                 Without it, the next one is drawn.
-            options: none are known.
+            options: none are known, so that others than None and {} are refused.
 
         Returns:
             The observation, and `info` as `step` returns it.
         """
+        check_no_options(options)
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(_FIRST_SEED, _LAST_SEED))
         self._seed = drawn if seed is None else seed

@@ -7,7 +7,7 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.numeric import number
-from hugwbc.sim.scenes import Box, Step, Table, Thing, Tray
+from hugwbc.sim.scenes import Box, Cylinder, Step, Table, Thing, Tray
 from hugwbc.sim.scenes.varied import settled
 from hugwbc.tasks.record import HANDS, TRUNK, TaskRecord
 from hugwbc.tasks.verdict import Milestone, at_end
@@ -81,24 +81,27 @@ def trunk_clear(body: str, missed: str) -> Milestone:
 
 
 def half_height(thing: Thing) -> float:
-    """Return half the height of a box [m]."""
-    return settled(thing.size[2]) / 2  # type: ignore[attr-defined]
+    """Return half the height of a box, a cylinder or a tray [m]."""
+    if not isinstance(thing, Box | Cylinder | Tray):
+        raise ConfigError(f"'{thing.name}' is a {thing.kind}; name a box, a cylinder or a tray")
+    return settled(thing.height if isinstance(thing, Cylinder) else thing.size[2]) / 2  # type: ignore[attr-defined]
 
 
 def stands_on(record: TaskRecord, body: str, support: str) -> bool:
-    """Return whether a box stands on a table, step, box or tray at the end: above it, and as high as its top.
+    """Return whether a box or cylinder stands on a table, step, box or tray at the end: above it, as high as its top.
 
     Raises:
-        ConfigError: if the support is something else.
+        ConfigError: if body or support is something else.
     """
-    below, ground = record.thing(support), record.poses[support]
+    below = record.thing(support)
     if not isinstance(below, Table | Step | Box | Tray):
-        raise ConfigError(f"'{support}' is a {type(below).__name__.lower()}; name a table, a step, a box or a tray")
-    still = isinstance(below, Table | Step)
+        raise ConfigError(f"'{support}' is a {below.kind}; name a table, a step, a box or a tray")
+    half = half_height(record.thing(body))  # asked even where it is elsewhere, so that a mistake shows at once
+    ground, still = record.poses[support], isinstance(below, Table | Step)
     top = float(ground[0, 2]) + below.surface(None) if still else at_end(ground[:, 2]) + half_height(below)
     beside = (record.poses[body][-1] - ground[-1])[:2] @ rotations.rotation_z(record.yaw(support)[-1])[:2, :2]
     above = (np.abs(beside) <= [settled(side) / 2 for side in below.size[:2]]).all()
-    return bool(above and abs(at_end(record.poses[body][:, 2]) - half_height(record.thing(body)) - top) <= 0.02)
+    return bool(above and abs(at_end(record.poses[body][:, 2]) - half - top) <= 0.02)
 
 
 def apart(record: TaskRecord, body: str, goal: np.ndarray) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.errors import ConfigError
+from hugwbc.errors import UnknownNameError
 from hugwbc.robot import SIDES
 from hugwbc.runtime.trace import RECORD_PERIOD
 from hugwbc.sim import Scene, Simulation
@@ -106,7 +106,7 @@ class TaskRecord:
         for thing in self.scene.objects:
             if thing.name == name:
                 return thing
-        raise ConfigError(f"there is no object '{name}' in the scene; there are {', '.join(self.scene.body_names)}")
+        raise UnknownNameError("object of the scene", name, [thing.name for thing in self.scene.objects])
 
     def tilt(self, name: str) -> np.ndarray:
         """Return the angle between an object's z axis and the vertical [rad], shape (T,)."""

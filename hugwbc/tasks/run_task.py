@@ -69,6 +69,11 @@ def run_task(
     """
     if simulation.scene is None:
         raise ConfigError(f"task '{task.name}' needs objects; give the simulation scene=task.scene")
+    if task.size != (size := task.sized(simulation.known_robot).size):
+        raise ConfigError(
+            f"task '{task.name}' has size {task.size:.2f}, but {size:.2f} for {simulation.robot.name}; give task.sized("
+            "robot) and the simulation its scene, or name the robot in the scene if that is made for it"
+        )
     source = BehaviourSource(behaviour or task.behaviour_in(simulation.scene))
     watch, ended = TaskWatch(simulation), math.inf
 

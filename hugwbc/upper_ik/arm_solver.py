@@ -29,7 +29,7 @@ class ArmIKConfig:
             positions [m^2/rad^2].
         turn_speed: highest speed at which a hand turns to its orientation [rad/s].
         turn_deceleration: deceleration with which it can stop there [rad/s^2].
-        grip_weight: weight of the relative position of hands that hold one object.
+        grip_weight: weight of the relative position of hands that hold one object; less while the arms nearly touch.
         collision_weight: weight of the distances between links, which may be violated if there is no other way.
         collision_margin: distance kept between links [m].
         collision_trigger: distance below which links are kept apart [m].

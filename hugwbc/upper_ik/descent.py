@@ -15,6 +15,7 @@ from hugwbc.upper_ik.self_collision import Clearance, still_names
 
 # A hand that gets nearer by less than this share of its step has arrived at the nearest point it can reach.
 STALL = 0.02
+TOUCHING = 0.03  # share of the grip's weight where the arms are at the margin from each other; full at twice of it
 NOWHERE = np.full((2, 3), np.nan)
 
 
@@ -251,5 +252,7 @@ class Descent:
         matrix, bound = np.concatenate((rows, -rows)), np.concatenate((wanted, -wanted))
         if self._grip is None:
             self._grip = self._solver.add_joint_space_half_spaces_constraint(matrix, bound)
-            self._grip.configure("grip", "soft", self.config.grip_weight)
+        # Hands that cannot be as near to each other as they should would swing along each other for ever.
+        share = min(max(self.clearance.between / self.config.collision_margin - 1.0, TOUCHING), 1.0)
+        self._grip.configure("grip", "soft", share * self.config.grip_weight)
         self._grip.A, self._grip.b = matrix, bound

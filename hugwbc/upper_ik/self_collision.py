@@ -112,7 +112,11 @@ def _around(place: pin.SE3, box: coal.Box) -> list[tuple[pin.SE3, coal.Capsule]]
 
 
 class Clearance:
-    """The distances of the arms to everything that they could touch, at the posture of a placo model."""
+    """The distances of the arms to everything that they could touch, at the posture of a placo model.
+
+    Attributes:
+        between: least distance of the arms to each other at the last call, negative in a collision [m].
+    """
 
     def __init__(self, wrapper: placo.RobotWrapper, robot: Robot) -> None:
         self._wrapper = wrapper
@@ -120,8 +124,10 @@ class Clearance:
         pairs = [{moved_by[pair.first], moved_by[pair.second]} for pair in wrapper.collision_model.collisionPairs]
         arms = np.array(robot.arm_names).reshape(len(SIDES), -1).tolist()
         self._of_arm = [[i for i, pair in enumerate(pairs) if not pair.isdisjoint(arm)] for arm in arms]
+        self._of_both = sorted(set(self._of_arm[0]).intersection(self._of_arm[1]))
 
     def __call__(self) -> list[float]:
         """Return the least distance of the left and the right arm, negative in a collision [m]."""
         distances = [pair.min_distance for pair in self._wrapper.distances()]
+        self.between = min([distances[i] for i in self._of_both], default=math.inf)
         return [min([distances[i] for i in pairs], default=math.inf) for pairs in self._of_arm]

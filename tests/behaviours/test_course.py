@@ -154,6 +154,7 @@ def test_an_object_that_is_not_there() -> None:
     [
         (lambda view: walk_to(view), "give one of them"),
         (lambda view: walk_to(view, before="desk", yaw=1.0), "give turn"),
+        (lambda view: walk_to(view, (1.0, 0.0), turn=1.0), "aside and turn are relative to an object; give before"),
         (lambda view: walk_to(view, (1.0, 0.0), speed=3.0), "walk_to.speed is 3.0; it should be less"),
         (lambda view: walk_to(view, (1.0, 0.0), 90.0), "walk_to.yaw is 90"),
         (lambda view: walk_to(view, (1.0, 0.0), timeout=0.0), "walk_to.timeout is 0"),

@@ -81,6 +81,18 @@ def test_hands_reach_and_move_on_while_the_body_stands_lower() -> None:
     )
 
 
+def test_a_hand_that_stays_keeps_how_it_is_turned() -> None:
+    """A tray that it holds would tilt."""
+    before = HandTargets.of((0.3, 0.2, 0.1), None, left_direction=(1, 0, 0), left_orientation="level")
+    known = view(yaw=0.5, last=Action(hands=before))
+    for frame, turned in (("heading", 0.0), ("world", 0.5)):
+        hands = next(reach(known, right=(0.3, -0.2, 0.2), frame=frame, right_direction=(0, 0, 1))).hands
+        assert hands is not None and hands.right_orientation is None
+        np.testing.assert_allclose(hands.left_direction, [math.cos(turned), math.sin(turned), 0.0], atol=1e-12)
+        np.testing.assert_array_equal(hands.left_orientation, np.zeros(4))
+        np.testing.assert_allclose(hands.right_direction, [0.0, 0.0, 1.0])
+
+
 def test_a_gripper_out_of_reach_fails_by_its_timeout() -> None:
     source, _ = _play(lambda view: grip(view, Grip("left", "cube")), CUBE, seed=0, seconds=5.0)
     assert source.reason == "grip: timeout of 0.5 s: the left hand is not within 3 cm of 'cube'"

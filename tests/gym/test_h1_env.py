@@ -126,6 +126,11 @@ def test_bad_calls_are_refused():
     with pytest.raises(ConfigError, match="render_mode"):
         H1Env(render_mode="human")
     envs = H1VectorEnv(2)
+    with pytest.raises(ConfigError, match=r"seed is \[3, 4\]; give 0 or more, a whole number"):
+        envs.reset(seed=[3, 4])  # type: ignore[arg-type]  # gymnasium's own vectors take one for each
+    for env in (envs, H1Env()):
+        with pytest.raises(ConfigError, match=r"options of reset are \{'reset_mask': .*, but none are known"):
+            env.reset(options={"reset_mask": [True, False]})
     with pytest.raises(ConfigError, match="call reset first"):
         envs.step(actions(2))
     with pytest.raises(ConfigError, match="seed is -1"):

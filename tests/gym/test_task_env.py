@@ -18,9 +18,9 @@ from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.view import SeenObjects
 from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
-from hugwbc.targets import HandTargets
+from hugwbc.targets import HAND_FRAMES, HandTargets
 from hugwbc.tasks import Milestone, load_task, shapes_of
-from hugwbc.tasks.demonstration import OBJECTS, demonstrate, state_names
+from hugwbc.tasks.demonstration import ACTION_NAMES, OBJECTS, demonstrate, state_names
 from hugwbc.tasks.replay import replay
 
 NEAR = Scene((Button(name="button", position=(0.62, Uniform(-0.25, -0.15)), height=1.1, force=15.0, travel=0.02),))
@@ -115,6 +115,22 @@ def test_a_success_just_before_the_time_limit_says_so():
     assert info["reason"] == "the time was over: done for less than 1 s"
 
 
+def test_a_judge_gets_its_samples_from_slow_controllers_too(tmp_path):
+    """Speeds and durations are of samples 0.02 s apart."""
+    slow = tmp_path / "slow.py"
+    slow.write_text(
+        "from hugwbc.runtime.controllers import HoldController\n"
+        "class Slow(HoldController):\n    name, period = 'slow', 0.05\n"
+    )
+    times: list[np.ndarray] = []
+    noting = Milestone("it is early", lambda record: times.append(record.time) or 0.0)
+    env = TaskEnv(dataclasses.replace(load_task("press_button"), milestones=(noting,)), f"{slow}:Slow")
+    env.reset(seed=3)
+    for _ in range(2):
+        env.step(env.actions.rest)
+    np.testing.assert_allclose(times[-1], 0.02 * np.arange(11), atol=1e-9)
+
+
 def test_an_observation_is_what_a_robot_has():
     env = press("learned", arena=Arena(sensing="exact", drives="ideal"))
     observation, _ = env.reset(seed=3)
@@ -194,6 +210,8 @@ def test_what_cannot_be_rendered_and_a_step_before_a_reset_are_refused():
     with pytest.raises(ConfigError, match="hugwbc play --task"):
         TaskEnv("press_button", "hold", render_mode="human")
     env = TaskEnv("press_button", "hold")
+    with pytest.raises(ConfigError, match=r"options of reset are \{'randomize': True\}, but none are known"):
+        env.reset(options={"randomize": True})
     with pytest.raises(ConfigError, match="call reset first"):
         env.step(env.actions.rest)
 
@@ -251,6 +269,35 @@ def test_recorded_actions_do_the_same_again(robot):
         np.testing.assert_allclose(observation["observation.environment_state"], objects.ravel(), atol=1e-6)
         observation, *_, info = env.step(row)
     assert info["time"] == pytest.approx(0.02 * len(rows))
+
+
+def test_a_recorded_action_that_is_repeated_keeps_to_its_place():
+    """Each repetition would move a target of the world along with the robot."""
+    env = press("learned", actions="recorded")
+    env.reset(seed=3)
+    action = env.actions.rest.copy()
+    asked = {
+        "gait": 1.0,
+        "left_hand.given": 1.0,
+        "left_hand.x": 0.3,
+        "left_hand.y": 0.2,
+        "frame": HAND_FRAMES.index("world"),
+    }
+    for name, value in asked.items():
+        action[ACTION_NAMES.index(name)] = value
+    places, moved = [], []
+    for x in (0.30, 0.31):
+        action[ACTION_NAMES.index("left_hand.x")] = x
+        for _ in range(5):
+            env.step(action)
+            view = env.view
+            assert view.last.hands is not None
+            places.append(view.last.hands.left)
+            moved.append(view.position)
+    assert np.ptp(moved[:5], axis=0).max() > 1e-4, "the robot sways"
+    for first, *others in (places[:5], places[5:]):
+        assert all(np.array_equal(first, other) for other in others)
+    assert not np.array_equal(places[0], places[5])
 
 
 @pytest.mark.parametrize("seed", range(5))

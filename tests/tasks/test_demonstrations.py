@@ -450,6 +450,16 @@ def test_the_verb_lists_the_suite_and_records(tmp_path, monkeypatch, capsys, sta
     assert "whose actions differ: left_hand.force_on_x" in capsys.readouterr().err
 
 
+def test_two_files_with_tasks_of_one_name_are_refused(tmp_path, monkeypatch, standing_task, capsys):
+    """Episodes of the second one would count as recorded."""
+    monkeypatch.chdir(tmp_path)
+    first = standing_task()
+    other = first.with_name("other.py")
+    other.write_text(first.read_text())
+    assert main(["tasks", "--task", str(first), str(other), "--controller", "hold", "--record", "demos"]) == USAGE_ERROR
+    assert "tasks are stand, stand; give at least one, each once" in capsys.readouterr().err
+
+
 def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch, standing_task):
     monkeypatch.chdir(tmp_path)
     words = ["tasks", "--task", str(standing_task()), "--controller", "hold", "--episodes", "1", "--record", "demos"]

@@ -13,7 +13,7 @@ from hugwbc.evaluation.experiments.behaviours import task_of
 from hugwbc.gym.task_env import TaskEnv
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.sim import Scene, Simulation
-from hugwbc.sim.scenes import Box, Table
+from hugwbc.sim.scenes import Box, Cylinder, Table
 from hugwbc.tasks import TASK_NAMES, Milestone, Task, load_task, run_task
 from hugwbc.tasks.judges import at_rest, happened, lifted, stands_on, touched, trunk_clear
 from hugwbc.tasks.wipe_table import CORNERS, path_points
@@ -98,6 +98,11 @@ def test_a_box_on_a_table_does_not_stand_on_another_one_that_is_as_high(made_up)
     assert not stands_on(moved(still, "box", path(beside)), "box", "bench")
     there = beside * [0.0, 0.0, 1.0] + bench[:3] * [1.0, 1.0, 0.0]
     assert stands_on(moved(still, "box", path(there)), "box", "bench")
+    scene = Scene((Table(name="desk", position=(0.8, 0.0)), Cylinder(name="cup", on="desk", radius=0.04, height=0.1)))
+    assert stands_on(made_up(scene), "cup", "desk")
+    apart = Scene((Table(name="desk", position=(0.8, 0.0)), Table(name="other", position=(3.0, 0.0))))
+    with pytest.raises(ConfigError, match="'other' is a table; name a box, a cylinder or a tray"):
+        stands_on(made_up(apart), "other", "desk")
     with pytest.raises(ConfigError, match="'cart' is a cart; name a table, a step, a box or a tray"):
         stands_on(made_up("push_cart"), "cart", "cart")
 
@@ -291,6 +296,7 @@ def test_arguments_of_milestones_in_a_wrong_order_or_of_a_wrong_kind_are_refused
     [
         (lifted("bok", "it was not lifted"), ("unknown body of the scene 'bok'. Did you mean 'box'?",)),
         (trunk_clear("tabel", "the trunk touched it"), ("unknown body", "Did you mean 'table'")),
+        (happened(lambda record: stands_on(record, "box", "tabel"), "no"), ("object of the scene", "mean 'table'")),
         (Milestone("no", lambda record: record.travel["x"]), ("'no' cannot be judged: KeyError: 'x' (test_judges.py",)),
         (Milestone("no", lambda record: None), ("'no' cannot be judged", "give a number from 0 to 1")),  # type: ignore[arg-type,return-value]
     ],

@@ -143,6 +143,14 @@ def test_a_robot_with_short_arms_is_refused():
         load_task("fetch_box").sized(short)
 
 
+def test_a_task_in_the_size_of_another_robot_is_refused():
+    """A G1 would fail in the layout of an H1, and nobody would know why."""
+    task, controller = load_task("press_button"), HoldController(load_robot("g1"))
+    simulation = Simulation(robot="g1", scene=task.scene)
+    with pytest.raises(ConfigError, match=r"'press_button' has size 1.00, but 0.74 for g1; give task.sized\(robot\)"):
+        run_task(task, controller, simulation)
+
+
 def test_a_record_is_judged_in_the_lengths_that_milestones_are_made_for(made_up):
     record = made_up("press_button")
     half = record.scaled(0.5)

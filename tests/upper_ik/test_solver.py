@@ -291,6 +291,18 @@ def test_hands_that_hold_one_thing_keep_their_distance_when_one_cannot_follow(no
     assert gap["together"] < 0.01
 
 
+@pytest.mark.parametrize(("x", "half"), [(0.2, 0.06), (0.35, 0.05), (0.35, 0.03)])
+def test_hands_on_something_that_is_too_thin_for_the_arms_come_to_rest(x, half, nominal_state):
+    """The arms keep a centimetre from each other, so that the hands cannot be as near as the thing is thin."""
+    ik = ArmIK(load_robot())
+    targets = HandTargets.of((x, half, 0.15), (x, -half, 0.15), together=True)
+    converge(ik, targets, nominal_state)
+    before = ik.hands(ik.q, 0.0).copy()
+    solution = converge(ik, targets, nominal_state, 0.2)
+    np.testing.assert_allclose(ik.hands(solution.q, 0.0), before, atol=1e-3)
+    assert not solution.reachable.any() and solution.residual.max() < 0.04 and ik.clearance(solution.q).min() > 0.0
+
+
 def test_a_stretched_arm_does_not_jitter(nominal_state):
     """A target that circles out of reach: the arm stays singular throughout, and its jerk that of a smooth motion."""
     ik, dt = ArmIK(load_robot()), 0.02
