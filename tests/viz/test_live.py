@@ -263,6 +263,20 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(p
     page.close()
 
 
+def test_the_page_shows_the_commands_with_which_the_body_helps_the_hands():
+    own = Simulation(sensing="exact")
+    page = opened_page(own)
+    page.link.clock = lambda: 100.0  # the page is never silent
+    loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
+    for handle in page._handles.values():
+        handle.position = (1.0, 0.0, 0.0)
+    page._hands_on.value = page._body_on.value = True
+    drive(loop, page, 0.4, perform=lambda name: "", tell=lambda words: None)
+    status = page.link._status
+    assert status["asked"]["p"] == 0.0 and status["commanded"]["p"] > 0.02, "it leans ahead"
+    page.close()
+
+
 def test_a_page_that_is_silent_for_two_seconds_during_a_task_ends_it():
     simulation, now = Simulation(sensing="exact", scene=tray_on_a_table()), [100.0]
     page = LivePage(simulation, name="test", tasks=("carry",))
