@@ -53,6 +53,8 @@ def check_traces(traces: Sequence[Trace]) -> None:
     for trace in traces:
         if len(trace.time) == 0:
             raise ConfigError(f"the run of '{trace.name}' has no samples; record at least one")
+    if len(robots := dict.fromkeys(trace.robot for trace in traces)) > 1:
+        raise ConfigError(f"the runs are of {' and '.join(robots)}; give runs of one robot")
 
 
 def lanes(count: int) -> np.ndarray:
