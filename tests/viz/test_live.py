@@ -341,7 +341,7 @@ class Driven:
         self._thread.join()
         self.page.close()
 
-    def until(self, condition, seconds=40.0):
+    def until(self, condition, seconds=300.0):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if condition():
@@ -369,7 +369,7 @@ def browser():
 
 def opened(browser, address):
     page = browser.new_page(viewport=SIZE)
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(300_000)
     page.goto(address)
     page.get_by_role("button", name="walking").wait_for()
     page.get_by_role("slider").first.wait_for()
@@ -442,7 +442,7 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     assert driven.until(lambda: source.command.v_x > 0.4)
     page.close()
     closed = simulation.time  # the robot's time: on a busy computer it runs slower than the clock on the wall
-    assert driven.until(lambda: source.command.v_x == 0.0, 10.0)
+    assert driven.until(lambda: source.command.v_x == 0.0)
     assert simulation.time - closed < 0.5 + 0.1, "0.1 s for the loop of this test"
     assert driven.until(lambda: source.command.gait is Gait.STANDING)
     assert driven.until(lambda: np.linalg.norm(simulation.data.qvel[:2]) < 0.1)
@@ -495,7 +495,7 @@ def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
             page.mouse.move(*(start + share * np.subtract(end, start)))
             drawn(page)
         page.mouse.up()
-        if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 5.0):
+        if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 20.0):
             break
     moved = np.array(driven.page.source.hands.left)
     assert moved[2] > before[2] + 0.05
