@@ -417,6 +417,10 @@ def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, 
     page.get_by_role("button", name="standing").click()
     assert driven.until(lambda: driven.loop.control.chain.command.gait is Gait.STANDING)
     assert not simulation.fallen
+    # In a low window too, the whole list of keys does not push the button to stop out of it.
+    page.set_viewport_size({"width": 1000, "height": 480})
+    page.evaluate("document.querySelectorAll('#drive details').forEach(part => { part.open = true; })")
+    assert page.get_by_role("button", name="stop").bounding_box()["y"] > 0.0
 
 
 @pytest.mark.slow
