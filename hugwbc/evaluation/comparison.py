@@ -245,6 +245,8 @@ def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
 def _fate(figures: Mapping[str, Any]) -> str:
     if figures["fell"]:
         return f"fell after {figures['survived_s']:.1f} s"
+    if "verdict" not in figures and figures["safety"]["lowered"]:
+        return "knelt down, since the state or a motor was lost"
     if "verdict" not in figures:
         ending = f" ({figures['ending']})" if "ending" in figures else ""
         return f"stayed up for {figures['survived_s']:.1f} s{ending}"

@@ -37,8 +37,8 @@ def snapshot(trace: Trace, sample: int) -> Snapshot:
 
 
 def title_of(trace: Trace) -> str:
-    """Return the name of a run, and whether it fell."""
-    return f"{trace.name} (fell)" if trace.fell else trace.name
+    """Return the name of a run, and whether it fell or knelt down."""
+    return f"{trace.name} ({'fell' if trace.fell else 'knelt down'})" if trace.down else trace.name
 
 
 def check_count(count: int, what: str = "runs to draw") -> None:
