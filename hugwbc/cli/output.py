@@ -168,6 +168,8 @@ def output_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
 
     At the end, folders that were made here and are still empty are removed: work that was refused leaves no trace.
     """
+    if path.is_file():
+        raise ConfigError(f"{path} is a file; give a folder")
     with _removed_if_empty(path):
         with writing(path):
             path.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ from hugwbc.files import digest
 from hugwbc.learned.policy.network_files import shipped_policies
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec, controller_names
-from hugwbc.settings import Count, check_each_once, check_seeds, settings
+from hugwbc.settings import Count, Seed, check_each_once, check_seeds, settings
 from hugwbc.sim import Arena
 from hugwbc.tasks import TASK_NAMES, load_task
 from hugwbc.tasks.task import registered_tasks
@@ -41,7 +41,7 @@ class TasksOptions:
     policy: str | None = None
     episodes: Count = 10  # With `--record`: number of episodes of each task
     # With `--record`: the scene of episode 0 is drawn with it, that of the next with the seed plus 1, and so on
-    seed: int = 0
+    seed: Seed = 0
     # With `--record`: films of 224 x 224 pixels that are recorded too: head, front
     cameras: tuple[str, ...] = ()
     # Folder of such a data set, whose actions are played again; `--task FILE.py` for a task of your own

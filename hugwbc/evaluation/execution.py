@@ -3,6 +3,7 @@
 import concurrent.futures
 import multiprocessing
 import os
+import signal
 import threading
 import types
 from collections.abc import Callable, Iterator, Sequence
@@ -40,11 +41,14 @@ class Execution:
         self.close(wait=kind is None)
 
     def close(self, *, wait: bool = True) -> None:
-        """End processes and connections; without `wait`, jobs that have not begun are dropped."""
+        """End processes and connections; without `wait`, jobs that have not finished are dropped."""
         if self._client is not None:
             self._client.close()  # drops the jobs that are left
         elif self._executor is not None:
+            workers = [] if wait else [*self._executor._processes.values()]  # type: ignore[attr-defined]
             self._executor.shutdown(wait=wait, cancel_futures=not wait)
+            for worker in workers:
+                worker.terminate()
         self._client = self._executor = None
 
     def run(self, function: Callable[[Job], Outcome], jobs: Sequence[Job]) -> Iterator[Outcome]:
@@ -58,7 +62,12 @@ class Execution:
             yield from map(function, jobs)
             return
         executor = self._started()
-        futures = [executor.submit(function, job) for job in jobs]
+        # Workers inherit this: Ctrl-C, after which they would print their stacks, is for this process, which ends them.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            futures = [executor.submit(function, job) for job in jobs]
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
             for future in concurrent.futures.as_completed(futures):
                 yield future.result()
@@ -68,9 +77,10 @@ class Execution:
                 f"a worker ended in the middle of an episode: killed, or out of memory ({error}). Finished episodes "
                 "are kept where results are stored; run the same again, with fewer workers if memory was short"
             ) from error
-        finally:
+        except (Exception, GeneratorExit):  # after Ctrl-C, `close` does it: Python stumbles over both
             for future in futures:
                 future.cancel()
+            raise
 
     def _started(self) -> concurrent.futures.Executor:
         if self._executor is None and self.cluster is None:

@@ -19,6 +19,7 @@ from hugwbc.viz.plots import Panel, hand_panels, path_panel, torque_panels, trac
 from hugwbc.viz.replay import write_replay
 
 COMPARISON_FILES = SUMMARY, REPORT, REPLAY = "summary.json", "report.html", "replay.html"
+COMMANDED = "Commanded and measured"
 BESIDE = {"Replay in three dimensions": REPLAY, "Figures as JSON": SUMMARY}
 
 
@@ -37,7 +38,7 @@ def report_html(
     """
     check_traces(traces)
     sections = [
-        ("Commanded and measured", tracking_panels(traces, chapters)),
+        (COMMANDED, tracking_panels(traces, chapters)),
         ("Hands", hand_panels(traces, chapters)),
         ("Torques", torque_panels(traces, chapters)),
     ]
@@ -73,13 +74,14 @@ def write_comparison(
     chapters = [Chapter(begin, label) for label, begin, _ in spans]
     write_replay(folder / REPLAY, traces, title=title, chapters=chapters)
     tables = [*([] if script is None else [segment_table(script, traces)]), figures]
+    problems = [f"Scene of {trace.name}: {problem}." for trace in traces for problem in trace.problems]
     counters = {trace.name: dataclasses.asdict(trace.safety) for trace in traces}
     text = report_html(
         title,
         traces,
         [*tables, *safety_tables(counters)],
         lead=headline(summary["controllers"]),
-        subtitle=_conditions(summary, traces[0].scene is not None),
+        subtitle=" ".join([_conditions(summary, traces[0].scene is not None), *problems]),
         chapters=chapters,
     )
     write_whole(folder / REPORT, text)
@@ -87,12 +89,14 @@ def write_comparison(
 
 
 def _conditions(summary: Mapping[str, Any], among_objects: bool) -> str:
-    """Say in which scene the runs were, and what was random in them; objects may vary with the seed."""
-    exact, scene = summary["arena"]["sensing"] == "exact", summary.get("scene")
-    where = "" if scene is None else f" in the scene {scene}"
-    sensors = "Exact sensors" if exact else "Sensors with noise"
+    """Say with which robot and in which scene the runs were, and what was random; objects may vary with the seed."""
+    arena, scene = summary["arena"], summary.get("scene")
+    exact, where = arena["sensing"] == "exact", "" if scene is None else f" in the scene {scene}"
     seed = f"seed {summary['seed']} ({seed_class(summary['seed'])})"
-    return f"One run of each{where}. {sensors}, {'nothing random' if exact and not among_objects else seed}."
+    found = [f"Robot {pathlib.Path(arena['robot']).stem}", "exact sensors" if exact else "sensors with noise"]
+    found += [f"drives {arena['drives']}", f"ground {arena['ground']}"]
+    found += ["nothing random" if exact and not among_objects else seed]
+    return f"One run of each{where}. {', '.join(found)}."
 
 
 def link_video(report: pathlib.Path, video: pathlib.Path) -> None:
@@ -150,6 +154,6 @@ EVENTS = {
 
 
 def _section(title: str, panels: Sequence[Panel], traces: Sequence[Trace]) -> str:
-    dashed = "commanded" if title.startswith("Commanded") else ""
+    dashed = "commanded (in the run's colour where runs were told different things)" if title == COMMANDED else ""
     key = page.legend(list(map(title_of, traces)), LABEL_COLOURS, dashed)
     return f"{page.heading(title)}\n{key}\n{page.pictures(panels)}"

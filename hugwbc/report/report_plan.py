@@ -18,6 +18,7 @@ from hugwbc.report.report_page import Report, sections
 from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.settings import REPORT_SEED
+from hugwbc.sim.engine import check_seed
 from hugwbc.source import source_commit
 from hugwbc.viz.framing import check_count
 
@@ -36,6 +37,7 @@ class ReportPlan:
 
     def __post_init__(self) -> None:
         check_count(len(self.controllers), "controllers")
+        check_seed(self.seed)
         _ = self.labels
         known = {experiment.name: section for experiment, section in sections()}
         for name in self.experiments:

@@ -54,7 +54,8 @@ HELP = (
     ("R", "reset"),
     ("C", "camera: follow, turn along, let go"),
     ("P", "push"),
-    ("gamepad", "left stick walks, right stick turns, left trigger squats, A walk, B stop, Y camera, Back reset"),
+    ("gamepad", "left stick walks, right stick turns, left trigger squats"),
+    ("its buttons", "A walk, X jump, LB RB hop, B stop, Y camera, Back reset"),
 )
 KEY_CODES = (*HELD, *SHIFT, *(code for code in PRESSED if not code.startswith("Pad")))  # that the page takes
 

@@ -37,8 +37,8 @@ def snapshot(trace: Trace, sample: int) -> Snapshot:
 
 
 def title_of(trace: Trace) -> str:
-    """Return the name of a run, and whether it fell."""
-    return f"{trace.name} (fell)" if trace.fell else trace.name
+    """Return the name of a run, and whether it fell or knelt down."""
+    return f"{trace.name} ({'fell' if trace.fell else 'knelt down'})" if trace.down else trace.name
 
 
 def check_count(count: int, what: str = "runs to draw") -> None:
@@ -53,6 +53,8 @@ def check_traces(traces: Sequence[Trace]) -> None:
     for trace in traces:
         if len(trace.time) == 0:
             raise ConfigError(f"the run of '{trace.name}' has no samples; record at least one")
+    if len(robots := dict.fromkeys(trace.robot for trace in traces)) > 1:
+        raise ConfigError(f"the runs are of {' and '.join(robots)}; give runs of one robot")
 
 
 def lanes(count: int) -> np.ndarray:

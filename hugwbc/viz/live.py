@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from hugwbc import rotations
-from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, MEASURED_NAMES, VELOCITY_NAMES, command_ranges
+from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, MEASURED_NAMES, VELOCITY_NAMES, Command, command_ranges
 from hugwbc.files import finite_json
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
@@ -312,11 +312,11 @@ class LivePage:
             simulation.apply_force(turn @ self.push, PUSH_TIME)
             self.push = None
 
-    def show(self, simulation: Engine, task: str = "", speed: float = 1.0) -> None:
+    def show(self, simulation: Engine, task: str = "", speed: float = 1.0, commanded: Command | None = None) -> None:
         """Draw the robot and its objects, show its state, and take the person's requests.
 
         The task is the one that the robot does, empty while the person drives; the speed is simulated time over real
-        time.
+        time. What the loop commands differs from the source's command where the body helps the hands.
         """
         self._steer()
         if self.link.dark is not None and self.link.dark != self._dark:
@@ -338,7 +338,7 @@ class LivePage:
             while self._moved:
                 name = self._moved.pop()
                 self._sliders[name].value = getattr(self.source.requested, name)
-        self._say(simulation, forces, task, speed)
+        self._say(simulation, forces, task, speed, commanded or self.source.command)
 
     def _show_who_drives(self) -> None:
         """Let the sliders follow another program's commands while they come, and nobody move them."""
@@ -368,13 +368,13 @@ class LivePage:
         self._world.wxyz = rotations.from_yaw_pitch_roll(-self._view[2], 0.0, 0.0)
         self._world.position = -rotations.rotation_z(-self._view[2]) @ np.array([*self._view[:2], 0.0])
 
-    def _say(self, simulation: Engine, forces: str, task: str, speed: float) -> None:
+    def _say(self, simulation: Engine, forces: str, task: str, speed: float, commanded: Command) -> None:
         """Tell the pages what to display."""
         state, requested, command = simulation.state(), self.source.requested, self.source.command
         assert state.position is not None
         self._kinematics.update(state)
         measured = self._kinematics.measured(simulation.ground_height(state.position[:2]))
-        allowed, changes = feasible(command.clamp(simulation.robot)[0], simulation.robot)
+        allowed, changes = feasible(commanded.clamp(simulation.robot)[0], simulation.robot)
         gait = command.gait.label
         coming = "" if requested.gait is command.gait else f", slows down for {requested.gait.label}"
         notice = self.source.notice if time.monotonic() < self.source.noticed else ""

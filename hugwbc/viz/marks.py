@@ -28,7 +28,7 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 LAYERS = {
     "hands": "commanded hands",
     "steps": "footsteps",
-    "forces": "contact forces",
+    "forces": "contact forces, 1 mm for 1 N (at hands 5 mm)",
     "balance": "centre of mass and support",
     "phases": "gait phases",
 }

@@ -63,7 +63,7 @@ class Panel:
 def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
     """Plot commanded (dashed) and measured velocities, height, pitch and waist, and swing height with sole clearance.
 
-    Every other one of the chapters is shaded.
+    A command that differs between the runs has their colours. Every other one of the chapters is shaded.
     """
     panels = []
     for name in (*MEASURED_NAMES, "l"):
@@ -73,11 +73,14 @@ def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -
                 # Lines that lie on each other stay visible, above all the quick ones of the soles.
                 measured = trace.clearance.max(axis=1) if name == "l" else trace.measured[:, MEASURED_NAMES.index(name)]
                 axes.plot(trace.time, measured, color=colour, alpha=0.75 if name == "l" else 0.9)
-            longest = max(traces, key=lambda trace: trace.time[-1])
-            commanded = longest.command[:, COMMAND_NAMES.index(name)]
-            if name == "l":  # which has no meaning while standing
-                commanded = np.where(longest.gait == Gait.STANDING, np.nan, commanded)
-            axes.plot(longest.time, commanded, color=INK, linestyle="--", linewidth=1.0, drawstyle="steps-post")
+            commanded = [_commanded(trace, name) for trace in traces]
+            longest = max(commanded, key=len)
+            # A behaviour gives each controller its own commands, and so do hands that the body helps.
+            shared = all(np.allclose(one, longest[: len(one)], atol=1e-3, equal_nan=True) for one in commanded)
+            for trace, one, colour in zip(traces, commanded, LABEL_COLOURS, strict=False):
+                if one is longest or not shared:
+                    look = {"color": INK if shared else colour, "linestyle": "--", "linewidth": 1.0}
+                    axes.plot(trace.time, one, drawstyle="steps-post", **look)
             axes.set_ylabel(COMMAND_UNITS[name])
             low, high = axes.get_ylim()
             missing = max(0.0, SMALLEST_SPAN - (high - low)) / 2  # so that ripples of a constant quantity look small
@@ -85,6 +88,12 @@ def tracking_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -
 
         panels.append(_time_panel(TITLES[name], draw, traces, chapters))
     return panels
+
+
+def _commanded(trace: Trace, name: str) -> np.ndarray:
+    """Return the commanded values of a run, shape (T,); NaN for a swing height while standing, which has no meaning."""
+    values = trace.command[:, COMMAND_NAMES.index(name)]
+    return np.where(trace.gait == Gait.STANDING, np.nan, values) if name == "l" else values
 
 
 def hand_panels(traces: Sequence[Trace], chapters: Sequence[Chapter] = ()) -> list[Panel]:
@@ -162,15 +171,16 @@ def path_panel(traces: Sequence[Trace]) -> Panel:
     """Draw the ways of the robots from above, each with a triangle that points ahead where it ended."""
 
     def draw(axes: "Axes") -> None:
-        for number, (trace, colour) in enumerate(zip(traces, LABEL_COLOURS, strict=False)):
+        # Names of robots that end side by side are readable, and stand in the order of the robots.
+        ranks = np.argsort(np.argsort([trace.qpos[-1, 1] for trace in traces])) - (len(traces) - 1) / 2
+        for rank, trace, colour in zip(ranks.tolist(), traces, LABEL_COLOURS, strict=False):
             way = trace.qpos[:, :2]
             axes.plot(way[:, 0], way[:, 1], color=colour)
             yaw = float(rotations.yaw_of(trace.qpos[-1, 3:7]))
             ahead: Any = (3, 0, np.degrees(yaw) - 90.0)  # a triangle, turned
             axes.plot(*way[-1], marker="X" if trace.fell else ahead, color=colour, markersize=11)
-            # Each name is a line higher than the one before, so that robots that end side by side have readable names.
-            above = (8, 8 + 11 * number)
-            axes.annotate(trace.name, way[-1], above, textcoords="offset points", color=colour, fontsize=9)
+            place: Any = {"xytext": (10, 11 * rank), "textcoords": "offset points", "va": "center"}
+            axes.annotate(trace.name, way[-1], **place, color=colour, fontsize=9)
         axes.plot(0.0, 0.0, "s", color=INK, markersize=4)
         points = np.concatenate([trace.qpos[:, :2] for trace in traces])
         low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN

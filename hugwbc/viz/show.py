@@ -240,7 +240,7 @@ def drive(
 
     def draw(_: Snapshot) -> bool:
         page.disturb(loop.simulation)
-        page.show(loop.simulation, speed=clock.speed)
+        page.show(loop.simulation, speed=clock.speed, commanded=loop.control.chain.command)
         again, task = page.take("reset"), page.take_task()
         if again or task is not None:
             page.source.stand()

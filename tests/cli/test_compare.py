@@ -40,7 +40,8 @@ def test_a_scene_that_varies_is_named_with_its_seed_and_older_files_are_told(tmp
     assert main([*words, "--sensing", "exact", "--no-video", "--out", str(tmp_path)]) == 0
     assert json.loads((tmp_path / "summary.json").read_text())["scene"] == "workshop"
     report = (tmp_path / "report.html").read_text()
-    assert "in the scene workshop. Exact sensors, seed 7 (selection)." in report
+    assert "in the scene workshop. Robot h1, exact sensors, drives real, ground firm, seed 7 (selection)." in report
+    assert "Scene of hold: object " in report and "left the world at 0.00 s." in report
     left = f"left from an earlier run: {tmp_path / 'compare.mp4'}, {tmp_path / 'table.tex'}"
     lines = capsys.readouterr().out.splitlines()
     assert left in lines and any(re.fullmatch("scene of hold: object '.*' left the world at 0.00 s", x) for x in lines)

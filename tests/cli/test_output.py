@@ -70,6 +70,8 @@ def test_trying_whether_a_file_can_be_written_leaves_nothing_and_changes_nothing
         output.check_writable(tmp_path / "old.json" / "c")
     with pytest.raises(ConfigError, match="can be written"), output.output_folder(tmp_path / "old.json" / "c"):
         pass
+    with pytest.raises(ConfigError, match="is a file; give a folder"), output.output_folder(tmp_path / "old.json"):
+        pass
 
 
 def test_only_new_and_empty_folders_are_removed(tmp_path):

@@ -62,6 +62,7 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path, capsys):
         (["report", "--experiments", "contact"], "Did you mean 'contacts'"),
         (["report", "--controllers", "qp", "qp"], "give at least one, each once"),
         (["report", "--controllers", "learned=nothing"], "unknown policy 'nothing'"),
+        (["report", "--seed", "-4"], "hugwbc: seed is -4; give 0 or more"),
     ):
         assert main([*words, *out]) == 2
         assert message in capsys.readouterr().err

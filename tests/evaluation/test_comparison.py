@@ -15,8 +15,10 @@ from hugwbc.evaluation.comparison import (
 )
 from hugwbc.evaluation.metrics import arrived, hand_travel
 from hugwbc.runtime.controllers import ControllerSpec, HoldController
+from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.scripts.hand_paths import Hold
 from hugwbc.scripts.script import SCRIPT_NAMES, HandMotion, Script, Segment, load_script, while_walking
+from hugwbc.viz.framing import title_of
 
 REACH = HandMotion(Hold((0.35, 0.3, 0.25)), Hold((0.35, -0.3, 0.25)))
 SCRIPT = Script("test", (Segment("stand", 0.3, ramp=0.1), Segment("reach", 0.9, hands=REACH, ramp=0.5)))
@@ -152,6 +154,9 @@ def test_the_headline_says_the_smallest_and_the_largest_error_of_any_number_of_c
     assert "height 0 (hold, until its fall) to 0.03 m (qp), hands once there " in text
     assert "turning" not in text, "a difference that nobody sees"
     assert headline({"qp": figures["qp"]}) == "qp stayed up for 10.0 s."
+    knelt = dataclasses.replace(learned, safety=SafetyReport(lowered=9))
+    assert headline({"qp": summarise(knelt)}) == "qp knelt down, since the state or a motor was lost."
+    assert title_of(knelt) == "learned (knelt down)" and title_of(learned) == "learned"
 
 
 def test_the_headline_says_that_a_hand_does_not_arrive(reaching):

@@ -46,6 +46,26 @@ def test_workers_end_when_the_process_that_they_work_for_is_killed():
         process.communicate(timeout=20)  # the workers have the same standard output: it ends when the last of them does
 
 
+@pytest.mark.parametrize("begun", [False, True])
+def test_ctrl_c_ends_workers_at_once_and_without_their_stacks(begun):
+    job = "print(1, flush=True) or __import__('time').sleep(300)" if begun else "__import__('time').sleep(300)"
+    said = "" if begun else "threading.Timer(0.2, print, ['1'], {'flush': True}).start()"  # while workers start
+    script = f"""import threading
+from hugwbc.evaluation.execution import Execution
+try:
+    with Execution(2) as execution:
+        {said}
+        list(execution.run(eval, [{job!r}] * 9))
+except KeyboardInterrupt:
+    print("stopped")"""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    with subprocess.Popen([sys.executable, "-c", script], **pipes) as process:
+        assert process.stdout is not None and process.stdout.readline() == "1\n"
+        os.killpg(process.pid, signal.SIGINT)
+        printed, errors = process.communicate(timeout=60)
+    assert printed.endswith("stopped\n") and errors == ""
+
+
 def test_each_thread_has_its_own_controller_as_long_as_its_files_stay_the_same():
     spec = ControllerSpec("hold")
     here, there = _controller(spec, "a"), []

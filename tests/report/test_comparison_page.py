@@ -17,7 +17,7 @@ from hugwbc.runtime.safety_report import SafetyReport
 from hugwbc.scripts.script import Script, Segment
 from hugwbc.viz import plots
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter
-from hugwbc.viz.plots import hand_panels, torque_panels, tracking_panels
+from hugwbc.viz.plots import hand_panels, path_panel, torque_panels, tracking_panels
 from hugwbc.viz.replay import replay_html, write_replay
 
 NASTY = 'a<b>&"$x_1'
@@ -67,6 +67,13 @@ def test_too_few_or_too_many_runs_are_refused(make_run: Callable, count: int) ->
             draw(runs)
 
 
+def test_runs_of_several_robots_are_refused(make_run: Callable) -> None:
+    runs = [make_run(), dataclasses.replace(make_run(), robot="g1")]
+    for draw in (replay_html, lambda r: comparison_page.report_html("t", r)):
+        with pytest.raises(ConfigError, match="the runs are of h1 and g1; give runs of one robot"):
+            draw(runs)
+
+
 def test_one_sample_is_enough(make_run: Callable) -> None:
     run = make_run(seconds=0.02)
     assert len(run.time) == 1
@@ -105,6 +112,27 @@ def test_measured_curve_is_higher_where_the_quantity_is(make_run: Callable) -> N
     assert curve[curve[:, 0] < middle - 20, 1].min() > curve[curve[:, 0] > middle + 20, 1].max() + 50
     (other,) = _curves(panels["Body pitch p"], LABEL_COLOURS[0])
     assert np.ptp(other[:, 1]) < 50
+
+
+def test_names_beside_the_ends_of_ways_are_in_the_order_of_the_robots(make_run: Callable) -> None:
+    runs = [make_run(), make_run(name="learned", seed=2)]
+    heights = []
+    for left in (0.1, 0.0, -0.1):
+        runs[0].qpos[:, 1] = left
+        found = re.findall(r' y="([\d.]+)"[^>]*>(qp|learned)<', path_panel(runs).svg)
+        heights.append({name: float(height) for height, name in found})
+    assert heights[0]["qp"] < heights[0]["learned"] - 10, "the picture's y points down"
+    assert abs(heights[1]["qp"] - heights[1]["learned"]) > 10, "and names stand apart where robots do not"
+    assert heights[2]["qp"] > heights[2]["learned"] + 10
+
+
+def test_a_command_is_one_line_for_all_runs_or_one_in_the_colour_of_each(make_run: Callable) -> None:
+    runs = [make_run(), make_run(name="learned", seed=2, seconds=0.5)]
+    runs[1].command[10:, 6] = 0.3  # pitch
+    panels = {panel.title: panel.svg for panel in tracking_panels(runs)}
+    dashed = {title: re.findall(r"stroke-dasharray[^\"]*stroke: ([#\w]+)", svg) for title, svg in panels.items()}
+    assert dashed["Forward velocity v_x"] == ["currentColor"]
+    assert dashed["Body pitch p"] == list(LABEL_COLOURS[:2])
 
 
 def test_a_comparison_begins_with_a_sentence_and_a_picture_and_links_its_video(make_run, tmp_path, monkeypatch):

@@ -486,6 +486,7 @@ def test_films_of_cameras_are_where_lerobot_looks_for_them(tmp_path, monkeypatch
         (["--replay", "out"], "out is no data set of `hugwbc tasks --record`"),
         (["--record", "new", "--cameras", "heed"], "Did you mean 'head'"),
         (["--record", "new", "--episodes", "0"], "episodes is 0"),
+        (["--record", "new", "--seed", "-1"], "seed is -1; it should be greater than or equal to 0"),
         (["--task", "fetch_box", "fetch_box"], "each once"),
     ],
 )

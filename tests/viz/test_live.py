@@ -263,6 +263,20 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(p
     page.close()
 
 
+def test_the_page_shows_the_commands_with_which_the_body_helps_the_hands():
+    own = Simulation(sensing="exact")
+    page = opened_page(own)
+    page.link.clock = lambda: 100.0  # the page is never silent
+    loop = ControlLoop(WholeBodyController(load_robot()), page.source, own, UpperBodySource(load_robot()))
+    for handle in page._handles.values():
+        handle.position = (1.0, 0.0, 0.0)
+    page._hands_on.value = page._body_on.value = True
+    drive(loop, page, 0.4, perform=lambda name: "", tell=lambda words: None)
+    status = page.link._status
+    assert status["asked"]["p"] == 0.0 and status["commanded"]["p"] > 0.02, "it leans ahead"
+    page.close()
+
+
 def test_a_page_that_is_silent_for_two_seconds_during_a_task_ends_it():
     simulation, now = Simulation(sensing="exact", scene=tray_on_a_table()), [100.0]
     page = LivePage(simulation, name="test", tasks=("carry",))
@@ -327,7 +341,7 @@ class Driven:
         self._thread.join()
         self.page.close()
 
-    def until(self, condition, seconds=40.0):
+    def until(self, condition, seconds=300.0):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if condition():
@@ -355,7 +369,7 @@ def browser():
 
 def opened(browser, address):
     page = browser.new_page(viewport=SIZE)
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(300_000)
     page.goto(address)
     page.get_by_role("button", name="walking").wait_for()
     page.get_by_role("slider").first.wait_for()
@@ -403,6 +417,10 @@ def test_a_gait_button_and_a_slider_make_the_robot_walk_and_stand_again(driven, 
     page.get_by_role("button", name="standing").click()
     assert driven.until(lambda: driven.loop.control.chain.command.gait is Gait.STANDING)
     assert not simulation.fallen
+    # In a low window too, the whole list of keys does not push the button to stop out of it.
+    page.set_viewport_size({"width": 1000, "height": 480})
+    page.evaluate("document.querySelectorAll('#drive details').forEach(part => { part.open = true; })")
+    assert page.get_by_role("button", name="stop").bounding_box()["y"] > 0.0
 
 
 @pytest.mark.slow
@@ -428,7 +446,7 @@ def test_keys_drive_the_robot_and_a_page_that_is_closed_stops_it(driven, browser
     assert driven.until(lambda: source.command.v_x > 0.4)
     page.close()
     closed = simulation.time  # the robot's time: on a busy computer it runs slower than the clock on the wall
-    assert driven.until(lambda: source.command.v_x == 0.0, 10.0)
+    assert driven.until(lambda: source.command.v_x == 0.0)
     assert simulation.time - closed < 0.5 + 0.1, "0.1 s for the loop of this test"
     assert driven.until(lambda: source.command.gait is Gait.STANDING)
     assert driven.until(lambda: np.linalg.norm(simulation.data.qvel[:2]) < 0.1)
@@ -481,7 +499,7 @@ def test_a_dragged_hand_target_takes_the_hand_along(driven, browser_page):
             page.mouse.move(*(start + share * np.subtract(end, start)))
             drawn(page)
         page.mouse.up()
-        if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 5.0):
+        if driven.until(lambda: driven.page.source.hands.left[2] > before[2] + 0.05, 20.0):
             break
     moved = np.array(driven.page.source.hands.left)
     assert moved[2] > before[2] + 0.05

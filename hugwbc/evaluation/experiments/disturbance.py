@@ -212,9 +212,9 @@ EXPERIMENT = Experiment(
     note="Largest forces with at least 98 % survival; the interval is the bracket in which the search ended.",
     section=Section(
         "Disturbance tolerance",
-        "Largest force at the torso of a standing robot with at least 98 % survival, from its front (0°) to its left "
-        "(90°), found by bisection; the interval is the bracket in which the search ended. The paper's figure has "
-        "no numbers.",
+        "Largest force at the torso of a standing robot with at least 98 % survival (in the quick profile: that one "
+        "robot survives), by where it pushes: 0° ahead, 90° to the left. It is found by bisection; the interval is the "
+        "bracket in which the search ended. The paper's figure has no numbers.",
         # With one rollout per force the search finds where a single robot falls, not 98 % survival.
         lambda: [DisturbanceSettings(rollouts=1, first=80.0, resolution=0.25, duration=4.0)],
         lambda: [DisturbanceSettings(rollouts=4096)],
