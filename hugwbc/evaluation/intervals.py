@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
@@ -132,27 +133,10 @@ def _bounds(resampled: np.ndarray, count: int) -> tuple[float, float]:
     Its tails are smaller than those of the confidence, by as much as Student's interval is wider than one with the
     standard deviation of a resample: Phi(-sqrt(n / (n - 1)) t) in place of Phi(-1.96).
     """
-    wide = math.sqrt(count / (count - 1)) * student_quantile((1.0 + CONFIDENCE) / 2, count - 1)
+    wide = math.sqrt(count / (count - 1)) * stdtrit(count - 1, (1.0 + CONFIDENCE) / 2)
     tail = statistics.NormalDist().cdf(-wide)
     low, high = np.quantile(resampled, (tail, 1.0 - tail)).tolist()
     return low, high
-
-
-@functools.cache
-def student_quantile(part: float, freedom: int) -> float:
-    """Return the quantile above 0.5 of Student's distribution, for a whole number of degrees of freedom.
-
-    It inverts the closed form of the distribution (Abramowitz & Stegun 1964, 26.7.3 and 26.7.4) by bisection.
-    """
-    odd = freedom % 2
-    powers = np.arange(odd, freedom - 1, 2)
-    factors = np.cumprod([1.0, *(powers[:-1] + 1.0) / (powers[:-1] + 2.0)])[: powers.size]
-    low, high = 0.0, math.pi / 2  # of the angle whose tangent is t / sqrt(freedom)
-    while low < (angle := (low + high) / 2) < high:
-        within = math.sin(angle) * float(factors @ math.cos(angle) ** powers)
-        within = 2.0 / math.pi * (angle + within) if odd else within
-        low, high = (angle, high) if within < 2.0 * part - 1.0 else (low, angle)
-    return math.sqrt(freedom) * math.tan(low)
 
 
 def _difference(means: np.ndarray, power: int) -> np.ndarray:
