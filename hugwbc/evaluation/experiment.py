@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError, ResultFileError
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure, judged_fairly
@@ -127,7 +127,7 @@ def run_experiment(
     except (pl.exceptions.PolarsError, TypeError, ValueError) as error:
         if measured == len(rows):
             raise
-        raise ResultFileError(
+        raise ConfigError(
             f"{table.path} has rows that experiment '{experiment.name}' did not write ({error}); remove it, and its "
             "episodes run again"
         ) from error

@@ -13,7 +13,7 @@ import numpy as np
 
 from hugwbc import rotations
 from hugwbc.commands import MEASURED_NAMES, Command, command_ranges
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.numeric import smooth_step
@@ -191,7 +191,7 @@ def _check_stands(name: str, joints: dict[str, np.ndarray], height: np.ndarray) 
             todo = "give a clip of a person who stands; if this one does, turn the file so that its rest pose does, too"
         said = f"{name}: a robot on its feet cannot follow: {', '.join(told[:_TOLD])}; {todo}"
         if bad.mean() > _MOST_BAD:
-            raise MotionFileError(said)
+            raise ConfigError(said)
         _log.warning("%s", said)
 
 
