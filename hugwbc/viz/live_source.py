@@ -135,8 +135,7 @@ class LiveSource:
         self._command = Command.from_array(value + np.clip(np.clip(requested, low, high) - value, -step, step), gait)
         return self._command
 
-    def hands_at(self, t: float) -> HandTargets | None:
-        """Return the present hand targets."""
+    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
         return self._stream.hands_at(t) if self._stream is not None and self.following else self.hands
 
     def _follow(self) -> bool:
