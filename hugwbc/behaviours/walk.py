@@ -292,7 +292,7 @@ class _Walk:
             view = yield Action(_walking(view, velocity), kept(view), progress=self.progress)
             share = min((view.time - time) / _BIAS_TIME, 1.0)
             time = view.time
-            asked, walked = view.last.command.array()[:3], _walked(view)
+            asked, walked = view.last.command.array()[:3], view.state.heading_velocity
             felt = np.zeros(3) if view.hand_force is None else view.hand_force.sum(axis=0)
             felt = felt @ rotations.rotation_z(view.state.yaw)
             told, held = _held(*pace(time, np.array([asked - bias, walked, felt])))
@@ -343,17 +343,8 @@ def _coming(view: View, error: np.ndarray) -> np.ndarray:
     "The condition for dynamic stability", Journal of Biomechanics, 2005.
     """
     left = error.copy()
-    left[:2] -= _COMING * _walked(view)[:2]
+    left[:2] -= _COMING * view.state.heading_velocity[:2]
     return left
-
-
-def _walked(view: View) -> np.ndarray:
-    """Return the estimated velocity in the heading frame and the yaw rate, shape (3,)."""
-    state = view.state
-    assert state.velocity is not None
-    velocity = rotations.rotation_z(-state.yaw) @ state.velocity
-    rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
-    return np.array([velocity[0], velocity[1], rate])
 
 
 def _held(wanted: np.ndarray, walked: np.ndarray, felt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
