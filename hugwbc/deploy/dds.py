@@ -159,7 +159,10 @@ class DdsEndpoint:
         end = time.perf_counter() + timeout
         self._call_count += 1
         identity = time.time_ns() + self._call_count
-        request = _request(identity, number, parameter)
+        header = _api("RequestHeader_")(
+            _api("RequestIdentity_")(identity, number), _api("RequestLease_")(0), _api("RequestPolicy_")(0, False)
+        )
+        request = _api("Request_")(header, parameter, [])
         again = 0.0
         while (now := time.perf_counter()) < end:
             if now >= again:  # an answer is lost while the other side has not yet found this one's reader
@@ -183,7 +186,8 @@ class DdsEndpoint:
         for request in reader.take(N=HISTORY):
             if getattr(request, "header", None) is not None:
                 code, data = self._service(request.header.identity.api_id, request.parameter)
-                writer.write(_response(request, code, data))
+                header = _api("ResponseHeader_")(request.header.identity, _api("ResponseStatus_")(code))
+                writer.write(_api("Response_")(header, data, []))
 
     def _switcher(self) -> tuple[Any, Any]:
         """Return writer and reader of calls and answers, made when they are first needed."""
@@ -204,6 +208,10 @@ class DdsEndpoint:
         del self._participant, self._domain
 
 
+def _api(name: str) -> type:
+    return idl_class(f"unitree_api.{name}")
+
+
 def check_network(net: str, domain: int) -> None:
     """Check that a network interface and a DDS domain exist."""
     names = [name for _, name in socket.if_nameindex()]
@@ -219,19 +227,3 @@ def _cyclonedds() -> Any:  # noqa: ANN401  an optional package
         for name in ("builtin", "core", "domain", "pub", "qos", "sub", "topic", "util"):
             importlib.import_module(f"cyclonedds.{name}")
         return importlib.import_module("cyclonedds")
-
-
-def _api(name: str) -> type:
-    return idl_class(f"unitree_api.{name}")
-
-
-def _request(identity: int, number: int, parameter: str) -> Any:  # noqa: ANN401  a message of the maker's
-    header = _api("RequestHeader_")(
-        _api("RequestIdentity_")(identity, number), _api("RequestLease_")(0), _api("RequestPolicy_")(0, False)
-    )
-    return _api("Request_")(header, parameter, [])
-
-
-def _response(request: Any, code: int, data: str) -> Any:  # noqa: ANN401  messages of the maker's
-    header = _api("ResponseHeader_")(request.header.identity, _api("ResponseStatus_")(code))
-    return _api("Response_")(header, data, [])

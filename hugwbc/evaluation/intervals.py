@@ -1,7 +1,6 @@
 """Confidence intervals of means over episodes."""
 
 import dataclasses
-import functools
 import math
 import statistics
 from collections.abc import Callable, Iterable, Sequence
@@ -101,7 +100,12 @@ def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int
     Episodes are resampled for both at once: what makes one harder than another does not count. A power of 2 takes root
     mean squares instead of means.
     """
-    return _paired(np.array([mine, theirs], dtype=float) ** power, functools.partial(_difference, power=power))
+
+    def difference(means: np.ndarray) -> np.ndarray:
+        roots = means ** (1.0 / power)
+        return roots[0] - roots[1]
+
+    return _paired(np.array([mine, theirs], dtype=float) ** power, difference)
 
 
 def paired_ratio(mine: Sequence[float], theirs: Sequence[float]) -> Estimate:
@@ -137,11 +141,6 @@ def _bounds(resampled: np.ndarray, count: int) -> tuple[float, float]:
     tail = statistics.NormalDist().cdf(-wide)
     low, high = np.quantile(resampled, (tail, 1.0 - tail)).tolist()
     return low, high
-
-
-def _difference(means: np.ndarray, power: int) -> np.ndarray:
-    mine, theirs = means ** (1.0 / power)
-    return mine - theirs
 
 
 def exact_test(one: int, other: int) -> float:

@@ -189,14 +189,6 @@ def _pelvis_velocity(sensed: Sensed) -> Array:
     return namespace(command).zeros_like(command[:, :3]) if velocity is None else velocity
 
 
-def _joint_position(sensed: Sensed) -> Array:
-    return single(sensed.q) - single(sensed.pose)
-
-
-def _gait(sensed: Sensed) -> Array:
-    return namespace(sensed.gait).stack([sensed.gait == int(gait) for gait in Gait], 1)
-
-
 def _wave(name: Literal["sin", "cos"], phase: Callable[[Sensed], Array]) -> Callable[[Sensed], Array]:
     def read(sensed: Sensed) -> Array:
         angle = 2.0 * math.pi * double(phase(sensed))
@@ -231,7 +223,9 @@ TERMS: dict[str, ObservationTerm] = {
         signs=_VECTOR,
         read=lambda s: s.gravity,
     ),
-    "joint_position": _term(about="q minus the pose at action 0", size="joints", signs="joints", read=_joint_position),
+    "joint_position": _term(
+        about="q minus the pose at action 0", size="joints", signs="joints", read=lambda s: single(s.q) - single(s.pose)
+    ),
     "absolute_joint_position": _term(about="q", size="joints", signs="joints", read=lambda s: s.q),
     "joint_velocity": _term(about="dq", size="joints", signs="joints", scale=0.05, read=lambda s: s.dq),
     "last_action": _term(about="last action", size="joints", signs="joints", read=lambda s: s.action),
@@ -246,7 +240,7 @@ TERMS: dict[str, ObservationTerm] = {
         about="1 for the gait, else 0: " + ", ".join(gait.label for gait in Gait),
         size=len(Gait),
         signs="gaits",
-        read=_gait,
+        read=lambda s: namespace(s.gait).stack([s.gait == int(gait) for gait in Gait], 1),
     ),
     "foot_sin": _term(
         about="sin(2 pi phase) of the left and the right foot",
