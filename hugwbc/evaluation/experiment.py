@@ -35,7 +35,6 @@ class Section(Generic[S]):
         full: returns the settings of its runs in the full profile: the paper's sizes.
         pictures: returns the pictures of all results, given the labels of the report's controllers.
         unavailable: returns why this installation cannot run it, as a sentence; empty if it can.
-        ablation: whether policies of other trainings take part, as in the paper's ablation.
     """
 
     title: str
@@ -44,7 +43,6 @@ class Section(Generic[S]):
     full: Callable[[], Sequence[S]]
     pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence[Panel]] = lambda measured, controllers: ()
     unavailable: Callable[[], str] = lambda: ""
-    ablation: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -128,7 +128,6 @@ INTERVENTION = Experiment(
             InterventionSettings(gait=gait, episodes=3 * 256, duration=21.0)
             for gait in ("standing", "walking", "jumping")  # for which the paper has figures
         ],
-        ablation=True,
     ),
 )
 
@@ -190,6 +189,5 @@ FOOT_DISPLACEMENT = Experiment(
         "the length and counted.",
         lambda: [FootDisplacementSettings(episodes=9)],
         lambda: [FootDisplacementSettings(episodes=3 * 96)],
-        ablation=True,
     ),
 )
