@@ -10,6 +10,7 @@ import logging
 import pathlib
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from hugwbc import rotations
 from hugwbc.commands import MEASURED_NAMES, Command, command_ranges
@@ -144,8 +145,7 @@ def retarget(clip: BodyClip, robot: Robot) -> WholeBodyMotion:
     reach = arm * np.einsum("fij,fsj->fsi", back, joints["wrist"] - joints["shoulder"])
     reach = _smooth(reach.reshape(len(reach), 6), _SMOOTH_POSE).reshape(reach.shape)
     moving = (np.hypot(v_x, v_y) > _MOVING[0]) | (np.abs(omega) > _MOVING[1])
-    around = np.ones(2 * int(_AROUND * MOTION_FPS) + 1)
-    walking = np.convolve(np.pad(moving, len(around) // 2), around, mode="valid") > 0.5
+    walking = maximum_filter1d(moving, 2 * int(_AROUND * MOTION_FPS) + 1, mode="constant")
     ranges = command_ranges(Gait.WALKING, robot)
     _, p, w = pose.T
     return WholeBodyMotion(
@@ -202,12 +202,8 @@ def _runs(mask: np.ndarray) -> list[list[int]]:
 
 def _smooth(values: np.ndarray, deviation: float) -> np.ndarray:
     """Return columns after a Gaussian filter with a standard deviation in time [s]; the ends are held."""
-    half = int(3.0 * deviation * MOTION_FPS)
-    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (deviation * MOTION_FPS)) ** 2)
-    kernel /= kernel.sum()
-    columns = np.reshape(values, (len(values), -1)).T
-    smooth = [np.convolve(np.pad(column, half, mode="edge"), kernel, mode="valid") for column in columns]
-    return np.stack(smooth, axis=1).reshape(values.shape)
+    sigma = deviation * MOTION_FPS
+    return gaussian_filter1d(values, sigma, axis=0, mode="nearest", radius=int(3.0 * sigma))
 
 
 def _yaw_of_pair(pair: np.ndarray) -> np.ndarray:
@@ -260,13 +256,7 @@ class MotionScore:
         if rows:
             frames = [frame for frame, _, _ in rows]
             off = np.stack([values for _, values, _ in rows]) - motion.asked[frames]
-            window = min(len(off), int(MOTION_FPS))
-            for index in range(3):
-                off[:, index] = np.convolve(
-                    np.pad(off[:, index], (window // 2, (window - 1) // 2), mode="edge"),
-                    np.ones(window) / window,
-                    "valid",
-                )
+            off[:, :3] = uniform_filter1d(off[:, :3], min(len(off), int(MOTION_FPS)), axis=0, mode="nearest")
             missed |= _named(_rms(off))
             far = np.stack([hands for _, _, hands in rows]) - motion.hands[frames]
             missed["hands"] = float(_rms(np.linalg.norm(far, axis=-1).ravel()))
