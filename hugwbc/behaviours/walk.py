@@ -213,22 +213,14 @@ class _Walk:
     pelvis sways from foot to foot. Standing begins when the mean of a stride is near the goal, at a moment in which the
     sway carries the robot there. Where it then stands outside of the tolerances, it walks again, and aims off by what
     the last steps before a stand have moved it so far: a learned policy puts its feet up to 5 cm ahead.
-
-    Attributes:
-        goal: returns the goal as it is known now.
-        speed: highest speed [m/s].
-        stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
-        tolerance: distance from the goal at which it has arrived [m].
-        keep_yaw: whether it does not turn to face a goal that is far.
-        progress: how far it is.
     """
 
-    goal: Callable[[View], Goal]
-    speed: float
-    stand: bool
-    tolerance: float
-    keep_yaw: bool = False
-    progress: str = ""
+    goal: Callable[[View], Goal]  # returns the goal as it is known now
+    speed: float  # highest speed [m/s]
+    stand: bool  # whether it ends standing; otherwise it ends as soon as it is near, still walking
+    tolerance: float  # distance from the goal at which it has arrived [m]
+    keep_yaw: bool = False  # whether it does not turn to face a goal that is far
+    progress: str = ""  # how far it is
 
     def course(self, view: View) -> Course:
         """Walk."""

@@ -26,22 +26,16 @@ Measured = tuple[str, Any, pl.DataFrame]
 
 @dataclasses.dataclass(frozen=True)
 class Section(Generic[S]):
-    """What the report says of an experiment.
+    """What the report says of an experiment."""
 
-    Attributes:
-        title: heading.
-        text: how the figures are measured.
-        quick: returns the settings of its runs in the report's quick profile: few and short episodes.
-        full: returns the settings of its runs in the full profile: the paper's sizes.
-        pictures: returns the pictures of all results, given the labels of the report's controllers.
-        unavailable: returns why this installation cannot run it, as a sentence; empty if it can.
-    """
-
-    title: str
-    text: str
+    title: str  # heading
+    text: str  # how the figures are measured
+    # returns the settings of its runs in the report's quick profile: few and short episodes
     quick: Callable[[], Sequence[S]]
-    full: Callable[[], Sequence[S]]
+    full: Callable[[], Sequence[S]]  # returns the settings of its runs in the full profile: the paper's sizes
+    # returns the pictures of all results, given the labels of the report's controllers
     pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence[Panel]] = lambda measured, controllers: ()
+    # returns why this installation cannot run it, as a sentence; empty if it can
     unavailable: Callable[[], str] = lambda: ""
 
 

@@ -46,20 +46,13 @@ _HALF_TURN = np.diag([1.0, -1.0, -1.0])
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BodyClip:
-    """Positions of a person's joints over time; x and y level, z up, left and right as the person's.
+    """Positions of a person's joints over time; x and y level, z up, left and right as the person's."""
 
-    Attributes:
-        name: name of the clip, such as that of its file.
-        fps: frames per second.
-        joints: positions of the left and the right joint by name (`JOINTS`), in the units of the file, shape
-            (frames, 2, 3) each.
-        unused: joints of the file that are not read.
-    """
-
-    name: str
-    fps: float
+    name: str  # name of the clip, such as that of its file
+    fps: float  # frames per second
+    # positions of the left and the right joint by name (`JOINTS`), in the units of the file, shape (frames, 2, 3) each
     joints: dict[str, np.ndarray]
-    unused: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()  # joints of the file that are not read
 
     def length(self, *joints: str) -> float:
         """Return the length of a chain of joints, the median over both sides and time, in the units of the file."""

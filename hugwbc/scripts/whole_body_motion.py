@@ -46,25 +46,16 @@ _UNITS = {"h": ("cm", 100.0), "p": ("deg", np.rad2deg(1.0)), "w": ("deg", np.rad
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WholeBodyMotion:
-    """A clip at `MOTION_FPS` as a command source; the robot stands before its start and holds its end.
+    """A clip at `MOTION_FPS` as a command source; the robot stands before its start and holds its end."""
 
-    Attributes:
-        name: name of the clip.
-        asked: what the clip asks, by name in `MEASURED_NAMES`, shape (frames, 6); units as in `Command`.
-        hands: where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3).
-        walking: whether the robot walks, shape (frames,), bool.
-        reachable: `hands` as the pitch and waist angle within the command ranges have them [m], the same shape.
-        robot: whose ranges the commands have.
-        unused: joints of the file that are dropped.
-    """
-
-    name: str
-    asked: np.ndarray
-    hands: np.ndarray
-    walking: np.ndarray
+    name: str  # name of the clip
+    asked: np.ndarray  # what the clip asks, by name in `MEASURED_NAMES`, shape (frames, 6); units as in `Command`
+    hands: np.ndarray  # where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3)
+    walking: np.ndarray  # whether the robot walks, shape (frames,), bool
+    # `hands` as the pitch and waist angle within the command ranges have them [m], the same shape
     reachable: np.ndarray
-    robot: Robot
-    unused: tuple[str, ...] = ()
+    robot: Robot  # whose ranges the commands have
+    unused: tuple[str, ...] = ()  # joints of the file that are dropped
 
     @property
     def duration(self) -> float:

@@ -53,17 +53,11 @@ def seeds(robot: Robot) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PostureTable:
-    """A table of collision-free postures of the left arm and of the hand positions that they give.
+    """A table of collision-free postures of the left arm and of the hand positions that they give."""
 
-    Attributes:
-        q: joint positions [rad], shape (n, k).
-        hands: hand positions in the pelvis frame with the waist at zero [m], shape (n, 3).
-        mirror: signs that turn a posture into that of the right arm, shape (k,).
-    """
-
-    q: np.ndarray
-    hands: np.ndarray
-    mirror: np.ndarray
+    q: np.ndarray  # joint positions [rad], shape (n, k)
+    hands: np.ndarray  # hand positions in the pelvis frame with the waist at zero [m], shape (n, 3)
+    mirror: np.ndarray  # signs that turn a posture into that of the right arm, shape (k,)
 
     def candidates(self, arm: int, point: np.ndarray, waist: float, q: np.ndarray, count: int) -> np.ndarray:
         """Return starts of a search for a posture with the hand at a point, the most promising first.

@@ -62,19 +62,13 @@ _ARM_JOINTS = ("shoulder_pitch", "elbow", "shoulder_roll", "shoulder_yaw")
 
 @settings(kw_only=True)
 class FaultsSettings(CountedSettings):
-    """Settings of faults.
+    """Settings of faults."""
 
-    Attributes:
-        episodes: number of episodes of each fault; encoders and times differ
-        only: words; faults whose name contains one of them, such as "for good" or IMU; without any, all
-        settle: time from which on the faults start [s]
-        duration: length of an episode [s]
-    """
-
-    episodes: Count = 20
+    episodes: Count = 20  # number of episodes of each fault; encoders and times differ
+    # words; faults whose name contains one of them, such as "for good" or IMU; without any, all
     only: tuple[str, ...] = ()
-    settle: NotNegative = 3.0
-    duration: Positive = 8.0
+    settle: NotNegative = 3.0  # time from which on the faults start [s]
+    duration: Positive = 8.0  # length of an episode [s]
     varied = frozenset({"faults", "latency"})
 
     def __post_init__(self) -> None:

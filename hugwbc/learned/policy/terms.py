@@ -29,25 +29,20 @@ _TOLERANCE = 1e-4  # of a mirror image, relative to the larger of 1 and the numb
 
 @dataclasses.dataclass(frozen=True)
 class Part:
-    """A few numbers of an observation that belong together.
+    """A few numbers of an observation that belong together."""
 
-    Attributes:
-        about: what they are.
-        size: how many they are; "joints" or "links" for one for each of the robot's joints or `Robot.contact_links`.
-        signs: factors, +1 or -1, that make the mirror image of the numbers; "joints", "gaits" or "links" for numbers in
-            the order of the robot's joints, of `Gait` or of `Robot.contact_links`.
-        sides: whether they are those of the left side, then those of the right one: in a mirror image the two change
-            places, and `signs` are those of one side.
-        scale: factor that brings them to about 1, one for all or one for each.
-        noise: half-width of the noise in training on a term that is read besides the paper's, in physical units; it
-            comes on top of the errors of the sensors.
-    """
-
-    about: str
+    about: str  # what they are
+    # how many they are; "joints" or "links" for one for each of the robot's joints or `Robot.contact_links`
     size: int | Literal["joints", "links"]
+    # factors, +1 or -1, that make the mirror image of the numbers; "joints", "gaits" or "links" for numbers in the
+    # order of the robot's joints, of `Gait` or of `Robot.contact_links`
     signs: tuple[float, ...] | Literal["joints", "gaits", "links"]
+    # whether they are those of the left side, then those of the right one: in a mirror image the two change places, and
+    # `signs` are those of one side
     sides: bool = False
-    scale: float | tuple[float, ...] = 1.0
+    scale: float | tuple[float, ...] = 1.0  # factor that brings them to about 1, one for all or one for each
+    # half-width of the noise in training on a term that is read besides the paper's, in physical units; it comes on top
+    # of the errors of the sensors
     noise: float = 0.0
 
     def count(self, robot: Robot) -> int:
