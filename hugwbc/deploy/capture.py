@@ -68,16 +68,12 @@ class Capture:
 
 
 class CapturedWorld:
-    """View of robot, objects and grippers for a behaviour, from the last capture.
-
-    Attributes:
-        grips: last gripper requests, to be published.
-    """
+    """View of robot, objects and grippers for a behaviour, from the last capture."""
 
     def __init__(self, tell: Callable[[str], None] = lambda problem: None) -> None:
         """Begin without a capture; what goes wrong with the captures is told."""
         self._tell = tell
-        self.grips: tuple[Grip, ...] = ()
+        self.grips: tuple[Grip, ...] = ()  # last gripper requests, to be published
         self._last: Capture | None = None
         self._now = 0.0
 

@@ -197,10 +197,6 @@ class Detours:
 
     A route is taken if the arm is free of collisions on it, with the body and the other arm as they are now, and left
     where they have come into its way. Each call checks one route: first the direct one, then those via known postures.
-
-    Attributes:
-        active: whether each arm is on a detour, shape (2,), bool.
-        count: number of detours that were started.
     """
 
     def __init__(self, config: ArmIKConfig, descent: Descent, robot: Robot) -> None:
@@ -210,8 +206,8 @@ class Detours:
         self._ways = [[[], *([posture] for posture in postures)] for postures in seeds(robot)]
         self._tried = [0, 0]
         self._vias: list[list[np.ndarray]] = [[], []]
-        self.active = np.zeros(2, dtype=bool)
-        self.count = 0
+        self.active = np.zeros(2, dtype=bool)  # whether each arm is on a detour, shape (2,), bool
+        self.count = 0  # number of detours that were started
 
     def reset(self) -> None:
         """Abandon all detours."""

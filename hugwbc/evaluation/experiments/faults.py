@@ -137,12 +137,7 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
 
 
 class GroundSpeeds:
-    """Speeds of the pelvis and where links touch the ground; called after every physics step (`rollout`'s `on_step`).
-
-    Attributes:
-        touch_speed: see `episode`.
-        before: whether another link than the feet touched the ground before that time.
-    """
+    """Speeds of the pelvis and where links touch the ground; called after every physics step."""
 
     def __init__(self, simulation: Simulation, start: float) -> None:
         """Watch a robot from a time [s] on."""
@@ -152,8 +147,8 @@ class GroundSpeeds:
         legs = [part for part, pair in robot.pairs.items() if pair[0] in robot.legs]
         self._legs = {robot.base, *(link for part in legs for link in robot.moved[part])}
         self._touched: set[str] = set()
-        self.touch_speed: float | None = None
-        self.before = False
+        self.touch_speed: float | None = None  # see `episode`
+        self.before = False  # whether another link than the feet touched the ground before that time
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
         """Take the true state after a physics step."""
