@@ -48,10 +48,6 @@ class TargetError(HugwbcError):
     """A hand or arm target that is not finite or has the wrong shape."""
 
 
-class MotionFileError(HugwbcError):
-    """A motion file that cannot be read or does not hold a motion of the arms or of the whole body."""
-
-
 class PolicyFileError(HugwbcError):
     """A policy or checkpoint file that is truncated, corrupted, foreign or of another version."""
 
@@ -65,15 +61,7 @@ class ModelError(HugwbcError):
 
 
 class ConfigError(HugwbcError):
-    """A configuration value outside its valid range."""
-
-
-class ResultFileError(HugwbcError):
-    """A file of evaluation results that is damaged, foreign or of another version, or a folder that cannot be used."""
-
-
-class WorkerError(HugwbcError):
-    """Worker processes or a cluster that cannot be reached or ended during an evaluation."""
+    """A setting outside its valid range, or a file that does not hold what it should."""
 
 
 class SceneError(HugwbcError):

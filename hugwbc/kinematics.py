@@ -160,14 +160,13 @@ class Kinematics:
         state = self._state
         if state is None or state.position is None or state.velocity is None:
             raise ValueError("measured() needs a state with position and velocity; call update() with one first")
-        velocity = rotations.rotation_z(-state.yaw) @ state.velocity
-        yaw_rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
+        v_x, v_y, omega = state.heading_velocity.tolist()
         below = (ground_height, ground_height) if sole_ground is None else sole_ground
         soles = [self.position(f"{side}_sole")[2] - height for side, height in zip(SIDES, below, strict=True)]
         return Measured(
-            v_x=float(velocity[0]),
-            v_y=float(velocity[1]),
-            omega=float(yaw_rate),
+            v_x=v_x,
+            v_y=v_y,
+            omega=omega,
             h=float(state.position[2] - ground_height - self.robot.nominal_height),
             p=float(rotations.pitch_of(state.orientation)),
             w=float(state.q[self.robot.waist]),

@@ -73,6 +73,13 @@ class RobotState:
         """Heading of the pelvis [rad]."""
         return float(rotations.yaw_of(self.orientation))
 
+    @property
+    def heading_velocity(self) -> np.ndarray:
+        """v_x, v_y of the pelvis in its heading [m/s] and its yaw rate omega [rad/s], shape (3,); needs a velocity."""
+        assert self.velocity is not None
+        velocity = rotations.rotation_z(-self.yaw) @ self.velocity
+        return np.array([*velocity[:2], rotations.rotate(self.orientation, self.angular_velocity)[2]])
+
     @functools.cached_property
     def is_finite(self) -> bool:
         """Whether all numbers in the fields that are present are finite."""

@@ -70,7 +70,7 @@ try compare-task $HUGWBC compare --task press_button --seed 1 --controllers qp -
 for file in report.html replay.html summary.json compare.mp4; do
     try "compare-$file" test -s "$OUT/compare/$file"
 done
-try report $HUGWBC report --controllers hold --experiments single-command --ablation --out "$OUT/report"
+try report $HUGWBC report --controllers hold --experiments single-command --out "$OUT/report"
 
 # Evaluate
 try single-command $EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS

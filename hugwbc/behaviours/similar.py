@@ -9,7 +9,6 @@ import re
 import numpy as np
 
 from hugwbc.behaviours.course import Behaviour, Course, Failure
-from hugwbc.commands import Command
 from hugwbc.hand_wrench import FREE, HandWrench
 from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
@@ -68,16 +67,13 @@ def _seen(view: View, size: float, robot: Robot | None) -> View:
 
 
 def _asked(action: Action, size: float) -> Action:
+    lengths = {name: size * getattr(action.command, name) for name in _LENGTHS}
     return dataclasses.replace(
         action,
-        command=_command(action.command, size),
+        command=dataclasses.replace(action.command, **lengths),
         hands=None if action.hands is None else _hands(action.hands, size),
         grips=tuple(dataclasses.replace(one, breaking_force=size**3 * one.breaking_force) for one in action.grips),
     )
-
-
-def _command(command: Command, size: float) -> Command:
-    return dataclasses.replace(command, **{name: size * getattr(command, name) for name in _LENGTHS})
 
 
 def _hands(hands: HandTargets, size: float) -> HandTargets:

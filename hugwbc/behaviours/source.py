@@ -103,8 +103,7 @@ class BehaviourSource:
         self._behaviour = behaviour
         self.restart()
 
-    def restart(self) -> None:
-        """Begin again at the next view."""
+    def restart(self) -> None:  # noqa: D102
         self.status, self.reason, self.action = Status.RUNNING, "", Action()
         self.view: View | None = None
         self._course: Course | None = None
@@ -160,17 +159,14 @@ class BehaviourSource:
                 self.reason = f"the behaviour raised {extensions.described(error)}{hint}"
         return at_rest(view)
 
-    def command_at(self, t: float) -> Command:
-        """Return the command of this tick."""
+    def command_at(self, t: float) -> Command:  # noqa: D102
         return self.action.command
 
-    def hands_at(self, t: float) -> HandTargets | None:
-        """Return the hand targets of this tick."""
+    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
         return self.action.hands
 
     @property
-    def grips(self) -> tuple[Grip, ...]:
-        """Requests to the idealised gripper at this tick."""
+    def grips(self) -> tuple[Grip, ...]:  # noqa: D102
         return self.action.grips
 
     @property

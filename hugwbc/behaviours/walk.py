@@ -216,22 +216,14 @@ class _Walk:
     pelvis sways from foot to foot. Standing begins when the mean of a stride is near the goal, at a moment in which the
     sway carries the robot there. Where it then stands outside of the tolerances, it walks again, and aims off by what
     the last steps before a stand have moved it so far: a learned policy puts its feet up to 5 cm ahead.
-
-    Attributes:
-        goal: returns the goal as it is known now.
-        speed: highest speed [m/s].
-        stand: whether it ends standing; otherwise it ends as soon as it is near, still walking.
-        tolerance: distance from the goal at which it has arrived [m].
-        keep_yaw: whether it does not turn to face a goal that is far.
-        progress: how far it is.
     """
 
-    goal: Callable[[View], Goal]
-    speed: float
-    stand: bool
-    tolerance: float
-    keep_yaw: bool = False
-    progress: str = ""
+    goal: Callable[[View], Goal]  # returns the goal as it is known now
+    speed: float  # highest speed [m/s]
+    stand: bool  # whether it ends standing; otherwise it ends as soon as it is near, still walking
+    tolerance: float  # distance from the goal at which it has arrived [m]
+    keep_yaw: bool = False  # whether it does not turn to face a goal that is far
+    progress: str = ""  # how far it is
 
     def course(self, view: View) -> Course:
         """Walk."""
@@ -295,7 +287,7 @@ class _Walk:
             view = yield Action(_walking(view, velocity), kept(view), progress=self.progress)
             share = min((view.time - time) / _BIAS_TIME, 1.0)
             time = view.time
-            asked, walked = view.last.command.array()[:3], _walked(view)
+            asked, walked = view.last.command.array()[:3], view.state.heading_velocity
             felt = np.zeros(3) if view.hand_force is None else view.hand_force.sum(axis=0)
             felt = felt @ rotations.rotation_z(view.state.yaw)
             told, held = _held(*pace(time, np.array([asked - bias, walked, felt])))
@@ -346,17 +338,8 @@ def _coming(view: View, error: np.ndarray) -> np.ndarray:
     "The condition for dynamic stability", Journal of Biomechanics, 2005.
     """
     left = error.copy()
-    left[:2] -= _COMING * _walked(view)[:2]
+    left[:2] -= _COMING * view.state.heading_velocity[:2]
     return left
-
-
-def _walked(view: View) -> np.ndarray:
-    """Return the estimated velocity in the heading frame and the yaw rate, shape (3,)."""
-    state = view.state
-    assert state.velocity is not None
-    velocity = rotations.rotation_z(-state.yaw) @ state.velocity
-    rate = rotations.rotate(state.orientation, state.angular_velocity)[2]
-    return np.array([velocity[0], velocity[1], rate])
 
 
 def _held(wanted: np.ndarray, walked: np.ndarray, felt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -32,22 +32,15 @@ class BenchOptions:
 
 @dataclasses.dataclass(frozen=True)
 class BenchFigures:
-    """Figures of all measurements.
+    """Figures of all measurements."""
 
-    Attributes:
-        training: speed of training and its parts, by number of robots.
-        qp: speed of `qp`, by gait.
-        episodes: speed of an episode with everything in the loop, by controller and activity.
-        policy_tick_ms, ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms].
-        threads: threads of training, its environment and bare physics.
-    """
-
-    training: list["TrainingSpeed"]
-    qp: dict[str, "QpSpeed"]
-    episodes: dict[str, "EpisodeSpeed"]
+    training: list["TrainingSpeed"]  # speed of training and its parts, by number of robots
+    qp: dict[str, "QpSpeed"]  # speed of `qp`, by gait
+    episodes: dict[str, "EpisodeSpeed"]  # speed of an episode with everything in the loop, by controller and activity
+    # policy_tick_ms and ik_tick_ms: p50 and p99 of one call of the policy and of the hand IK [ms]
     policy_tick_ms: dict[str, float | None]
     ik_tick_ms: dict[str, float | None]
-    threads: int
+    threads: int  # threads of training, its environment and bare physics
 
 
 def run(words: Sequence[str]) -> int:

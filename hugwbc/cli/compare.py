@@ -49,7 +49,6 @@ class CompareOptions:
     # Controllers to compare: learned, qp, hold, the name of a plug-in, FILE.py:NAME, the path of a policy or contract
     # (docs/evaluation.md); NAME=POLICY gives one its own policy, such as unitree-h1=motion.pt
     controllers: tuple[str, ...] = ("learned", "qp")
-    policy: str | None = None  # Name of a shipped policy, or path of a policy file, for the learned controller
     seed: int = REPORT_SEED  # Seed of the sensor noise, and of what varies in the scene
     out: pathlib.Path = pathlib.Path("out/compare")  # Folder for summary.json, report.html, replay.html and the video
     video: bool = True  # Write a video if the machine can render one
@@ -65,7 +64,6 @@ class TableOptions:
 
     # controllers as of `hugwbc compare`; differences are from the first one
     controllers: tuple[str, ...] = CompareOptions.controllers
-    policy: str | None = None  # name of a shipped policy, or path of a policy file, for the learned controller
     out: pathlib.Path = CompareOptions.out  # folder for table.tex, figures.csv and figure.svg
 
 
@@ -81,7 +79,7 @@ def _measure(words: Sequence[str]) -> int:
     options = evaluate.parse_options(f"compare --experiment {experiment.name}", experiment, words, TableOptions)
     chosen, place = options.controller, options.execution
     check_count(len(chosen.controllers), "controllers")
-    specs = _specs(chosen)
+    specs = [ControllerSpec.parse(words) for words in chosen.controllers]
     entries = [
         study.Entry(experiment, options.experiment, spec, label)
         for spec, label in zip(specs, labels(specs), strict=True)
@@ -117,7 +115,7 @@ def _play(words: Sequence[str]) -> int:
     played = _task(options) if options.task is not None else _script(options)
     scene = None if options.scene is None else load_scene(options.scene)
     script = played if isinstance(played, Script) else None
-    specs = _specs(options)
+    specs = [ControllerSpec.parse(words) for words in options.controllers]
     controllers = {label: spec.told(options.arena).build() for label, spec in zip(labels(specs), specs, strict=True)}
     output.check_writable(options.json)
     output.say_arena(options.arena, options.json)
@@ -164,19 +162,6 @@ def _task(options: CompareOptions) -> Task:
     if options.script != CompareOptions.script or options.walk is not None or options.scene is not None:
         raise ConfigError("a task and a script, a walk or a scene are both given; give one or the other")
     return load_task(str(options.task)).sized(options.arena.known_robot)
-
-
-def _specs(options: CompareOptions | TableOptions) -> list[ControllerSpec]:
-    """Return the controllers, the learned one with `--policy`."""
-    specs = [ControllerSpec.parse(words) for words in options.controllers]
-    if options.policy is None:
-        return specs
-    if ControllerSpec("learned") not in specs:
-        raise ConfigError(
-            f"--policy is for learned, and the controllers are {', '.join(options.controllers)}; add learned, or leave "
-            "the policy out"
-        )
-    return [ControllerSpec("learned", options.policy) if spec == ControllerSpec("learned") else spec for spec in specs]
 
 
 def _write_video(options: CompareOptions, traces: Sequence[Trace], script: Script | None) -> list[pathlib.Path]:

@@ -22,7 +22,7 @@ from hugwbc.deploy.remote import OF_KEY, Request, Sticks, listen
 from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.transport import Endpoint, release_modes
 from hugwbc.deploy.watchdogs import Limits
-from hugwbc.errors import ConfigError, DeploymentError, ResultFileError
+from hugwbc.errors import ConfigError, DeploymentError
 from hugwbc.robot import Robot
 from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec
@@ -203,7 +203,7 @@ def _replay(options: DeployOptions, path: pathlib.Path) -> int:
     robot, pilot, age = _build(recording.header)
     result = replay(recording, pilot, Messages(robot), age)
     if not result.decisions:
-        raise ResultFileError(f"{path} has no commands to compare: it was cut off; record it again with --record")
+        raise ConfigError(f"{path} has no commands to compare: it was cut off; record it again with --record")
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"
     say(f"{result.states} states, {result.decisions} commands: {same}")
     if result.last is not None:

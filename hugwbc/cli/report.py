@@ -23,10 +23,6 @@ class ReportOptions:
     # Controllers, as --controller of `hugwbc evaluate`, or with a policy of their own, as learned=runs/mine or
     # unitree-h1=motion.pt; the first two are compared with each other
     controllers: tuple[str, ...] = ("learned", "qp")
-    # Further policies, by name or path, that take part only in the experiments of intervention: the paper's ablation of
-    # what moved the arms in training, which a policy's file names. By default the H1's shipped policies of each
-    # training that --controllers has no policy of.
-    ablation: tuple[str, ...] | None = None
     experiments: tuple[str, ...] = ()  # Run only these experiments; by default all of the report
     seed: int = REPORT_SEED  # Seed of all experiments
     workers: int = 2  # Number of processes that share the episodes
@@ -42,7 +38,7 @@ def run(words: Sequence[str]) -> int:
     options = parse(ReportOptions, words, "report")
     from hugwbc.report.report_plan import ReportPlan
 
-    plan = ReportPlan(options.profile, options.controllers, options.ablation, options.experiments, options.seed)
+    plan = ReportPlan(options.profile, options.controllers, options.experiments, options.seed)
     execution, store = Execution(options.workers, cluster=options.cluster), Store(options.results, fresh=options.fresh)
     with output_folder(options.out), output_folder(options.results):
         with progress(f"report, {options.profile}") as advance, execution:

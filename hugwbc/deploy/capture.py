@@ -68,16 +68,12 @@ class Capture:
 
 
 class CapturedWorld:
-    """View of robot, objects and grippers for a behaviour, from the last capture.
-
-    Attributes:
-        grips: last gripper requests, to be published.
-    """
+    """View of robot, objects and grippers for a behaviour, from the last capture."""
 
     def __init__(self, tell: Callable[[str], None] = lambda problem: None) -> None:
         """Begin without a capture; what goes wrong with the captures is told."""
         self._tell = tell
-        self.grips: tuple[Grip, ...] = ()
+        self.grips: tuple[Grip, ...] = ()  # last gripper requests, to be published
         self._last: Capture | None = None
         self._now = 0.0
 
@@ -91,26 +87,21 @@ class CapturedWorld:
         self._now = now
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the objects."""
+    def names(self) -> tuple[str, ...]:  # noqa: D102
         return () if self._last is None else self._last.names
 
-    def picture(self) -> Picture | None:
-        """Return the last picture; None before the first."""
+    def picture(self) -> Picture | None:  # noqa: D102
         if self._last is None:
             return None
         return Picture(self._last.time, max(self._now - self._last.time, 0.0), self._last.poses, self._last.robot)
 
-    def held(self, side: str) -> str | None:
-        """Return what a hand holds; None for nothing."""
+    def held(self, side: str) -> str | None:  # noqa: D102
         return None if self._last is None else self._last.held[SIDES.index(side)]
 
-    def grip(self, grips: tuple[Grip, ...]) -> None:
-        """Note the gripper requests."""
+    def grip(self, grips: tuple[Grip, ...]) -> None:  # noqa: D102
         self.grips = grips
 
-    def note(self, problem: str) -> None:
-        """Tell what has gone wrong."""
+    def note(self, problem: str) -> None:  # noqa: D102
         self._tell(problem)
 
 

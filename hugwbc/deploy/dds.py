@@ -98,13 +98,11 @@ class DdsEndpoint:
         topic.data_type = _Raw
         return topic
 
-    def send(self, message: bytes) -> None:
-        """Send a message; network errors are silent, like lost messages."""
+    def send(self, message: bytes) -> None:  # noqa: D102
         with contextlib.suppress(self._error):
             self._writer.write(_Raw(to_cdr(self._sends, message)))
 
-    def receive(self, timeout: float) -> list[bytes]:
-        """Return the messages that have arrived, oldest first; wait up to `timeout` [s] for the first one."""
+    def receive(self, timeout: float) -> list[bytes]:  # noqa: D102
         self._answer()
         with contextlib.suppress(self._error):
             samples = self._reader.take(N=HISTORY)
@@ -124,8 +122,7 @@ class DdsEndpoint:
         kinds = {writer.type_name.replace("::msg::dds_::", ".") for writer in writers}
         return next(iter(kinds - {self._receives}), None)
 
-    def rivals(self) -> int:
-        """Return how many messages others have sent in this end's place; see `Endpoint.rivals`."""
+    def rivals(self) -> int:  # noqa: D102
         if self._rivals is None:
             policy, qos = self._dds.qos.Policy, self._dds.qos.Qos
             others = qos(policy.Reliability.BestEffort, policy.History.KeepLast(1), policy.IgnoreLocal.Participant)
@@ -134,27 +131,21 @@ class DdsEndpoint:
             return sum(isinstance(sample, _Raw) for sample in self._rivals.take(N=HISTORY))
         return 0
 
-    def stop_receiving(self) -> None:
-        """Leave the states and the rivals to another process of this end."""
+    def stop_receiving(self) -> None:  # noqa: D102
         # An entity of cyclonedds is deleted with its last reference; whatever depends on another one goes first.
         self._wait.detach(self._condition)
         del self._condition, self._wait
         del self._reader, self._rivals
         self._receiving = False
 
-    def publish(self, topic: str, text: str) -> None:
-        """Send a text on a topic besides states and commands."""
+    def publish(self, topic: str, text: str) -> None:  # noqa: D102
         if topic not in self._text_writers:
             writer = self._dds.pub.DataWriter(self._participant, self._topic(topic, _TEXT), qos=self._reliable)
             self._text_writers[topic] = writer
         with contextlib.suppress(self._error):
             self._text_writers[topic].write(idl_class(_TEXT)(text))
 
-    def texts(self, topic: str) -> list[str]:
-        """Return the texts that have arrived on a topic since the last call, oldest first.
-
-        The first call subscribes.
-        """
+    def texts(self, topic: str) -> list[str]:  # noqa: D102
         if topic not in self._text_readers:
             reader = self._dds.sub.DataReader(self._participant, self._topic(topic, _TEXT), qos=self._reliable)
             self._text_readers[topic] = reader
@@ -163,13 +154,15 @@ class DdsEndpoint:
             return [sample.data for sample in samples if isinstance(getattr(sample, "data", None), str)]
         return []
 
-    def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
-        """Call the robot's motion switcher and wait for the answer; see `Endpoint.call`."""
+    def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:  # noqa: D102
         writer, reader = self._switcher()
         end = time.perf_counter() + timeout
         self._call_count += 1
         identity = time.time_ns() + self._call_count
-        request = _request(identity, number, parameter)
+        header = _api("RequestHeader_")(
+            _api("RequestIdentity_")(identity, number), _api("RequestLease_")(0), _api("RequestPolicy_")(0, False)
+        )
+        request = _api("Request_")(header, parameter, [])
         again = 0.0
         while (now := time.perf_counter()) < end:
             if now >= again:  # an answer is lost while the other side has not yet found this one's reader
@@ -193,7 +186,8 @@ class DdsEndpoint:
         for request in reader.take(N=HISTORY):
             if getattr(request, "header", None) is not None:
                 code, data = self._service(request.header.identity.api_id, request.parameter)
-                writer.write(_response(request, code, data))
+                header = _api("ResponseHeader_")(request.header.identity, _api("ResponseStatus_")(code))
+                writer.write(_api("Response_")(header, data, []))
 
     def _switcher(self) -> tuple[Any, Any]:
         """Return writer and reader of calls and answers, made when they are first needed."""
@@ -204,8 +198,7 @@ class DdsEndpoint:
             self._calls = writer(self._participant, written), reader(self._participant, read)
         return self._calls
 
-    def close(self) -> None:
-        """Leave the network."""
+    def close(self) -> None:  # noqa: D102
         if self._receiving:
             self.stop_receiving()
         self._calls = None
@@ -213,6 +206,10 @@ class DdsEndpoint:
         self._text_readers.clear()
         del self._writer
         del self._participant, self._domain
+
+
+def _api(name: str) -> type:
+    return idl_class(f"unitree_api.{name}")
 
 
 def check_network(net: str, domain: int) -> None:
@@ -230,19 +227,3 @@ def _cyclonedds() -> Any:  # noqa: ANN401  an optional package
         for name in ("builtin", "core", "domain", "pub", "qos", "sub", "topic", "util"):
             importlib.import_module(f"cyclonedds.{name}")
         return importlib.import_module("cyclonedds")
-
-
-def _api(name: str) -> type:
-    return idl_class(f"unitree_api.{name}")
-
-
-def _request(identity: int, number: int, parameter: str) -> Any:  # noqa: ANN401  a message of the maker's
-    header = _api("RequestHeader_")(
-        _api("RequestIdentity_")(identity, number), _api("RequestLease_")(0), _api("RequestPolicy_")(0, False)
-    )
-    return _api("Request_")(header, parameter, [])
-
-
-def _response(request: Any, code: int, data: str) -> Any:  # noqa: ANN401  messages of the maker's
-    header = _api("ResponseHeader_")(request.header.identity, _api("ResponseStatus_")(code))
-    return _api("Response_")(header, data, [])

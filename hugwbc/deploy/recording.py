@@ -19,7 +19,7 @@ from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.remote import Request
 from hugwbc.deploy.watchdogs import Intake
-from hugwbc.errors import ResultFileError
+from hugwbc.errors import ConfigError
 from hugwbc.files import writing
 from hugwbc.state import RobotState
 
@@ -96,7 +96,7 @@ class Recording:
         """Read the header."""
         self._path = path
         if not path.is_file():
-            raise ResultFileError(f"there is no recording {path}; give the path of a file that --record has written")
+            raise ConfigError(f"there is no recording {path}; give the path of a file that --record has written")
         try:
             with path.open("rb") as file:
                 line = file.readline(_LONGEST_HEADER)
@@ -107,10 +107,8 @@ class Recording:
             raise self._error(f"its format is not '{FORMAT}'")
         self.header = header  # what was run
 
-    def _error(self, what: str) -> ResultFileError:
-        return ResultFileError(
-            f"{self._path} is not a recording of a deployment: {what}; record it again with --record"
-        )
+    def _error(self, what: str) -> ConfigError:
+        return ConfigError(f"{self._path} is not a recording of a deployment: {what}; record it again with --record")
 
     def entries(self) -> Iterator[Entry]:
         """Yield the entries; one that was cut off ends the recording."""

@@ -9,7 +9,7 @@ import types
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from hugwbc.errors import ConfigError, WorkerError, needing
+from hugwbc.errors import ConfigError, needing
 
 Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
@@ -73,7 +73,7 @@ class Execution:
                 yield future.result()
         except self._broken as error:
             self.close(wait=False)
-            raise WorkerError(
+            raise ConfigError(
                 f"a worker ended in the middle of an episode: killed, or out of memory ({error}). Finished episodes "
                 "are kept where results are stored; run the same again, with fewer workers if memory was short"
             ) from error
@@ -118,7 +118,7 @@ def connect(address: str) -> tuple[Any, tuple[type[BaseException], ...]]:
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        raise WorkerError(
+        raise ConfigError(
             f"no Dask scheduler answers at {address} ({error}); valid is tcp://HOST:PORT; start one with "
             "`dask scheduler`, and workers with `dask worker ADDRESS`, each with this version of hugwbc"
         ) from error

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from hugwbc.controller import Controller
-from hugwbc.errors import ConfigError, ResultFileError
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure, judged_fairly
@@ -26,25 +26,17 @@ Measured = tuple[str, Any, pl.DataFrame]
 
 @dataclasses.dataclass(frozen=True)
 class Section(Generic[S]):
-    """What the report says of an experiment.
+    """What the report says of an experiment."""
 
-    Attributes:
-        title: heading.
-        text: how the figures are measured.
-        quick: returns the settings of its runs in the report's quick profile: few and short episodes.
-        full: returns the settings of its runs in the full profile: the paper's sizes.
-        pictures: returns the pictures of all results, given the labels of the report's controllers.
-        unavailable: returns why this installation cannot run it, as a sentence; empty if it can.
-        ablation: whether policies of other trainings take part, as in the paper's ablation.
-    """
-
-    title: str
-    text: str
+    title: str  # heading
+    text: str  # how the figures are measured
+    # returns the settings of its runs in the report's quick profile: few and short episodes
     quick: Callable[[], Sequence[S]]
-    full: Callable[[], Sequence[S]]
+    full: Callable[[], Sequence[S]]  # returns the settings of its runs in the full profile: the paper's sizes
+    # returns the pictures of all results, given the labels of the report's controllers
     pictures: Callable[[Sequence[Measured], Sequence[str]], Sequence[Panel]] = lambda measured, controllers: ()
+    # returns why this installation cannot run it, as a sentence; empty if it can
     unavailable: Callable[[], str] = lambda: ""
-    ablation: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,7 +119,7 @@ def run_experiment(
     except (pl.exceptions.PolarsError, TypeError, ValueError) as error:
         if measured == len(rows):
             raise
-        raise ResultFileError(
+        raise ConfigError(
             f"{table.path} has rows that experiment '{experiment.name}' did not write ({error}); remove it, and its "
             "episodes run again"
         ) from error

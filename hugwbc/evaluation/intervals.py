@@ -1,13 +1,13 @@
 """Confidence intervals of means over episodes."""
 
 import dataclasses
-import functools
 import math
 import statistics
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
@@ -100,7 +100,12 @@ def paired_difference(mine: Sequence[float], theirs: Sequence[float], power: int
     Episodes are resampled for both at once: what makes one harder than another does not count. A power of 2 takes root
     mean squares instead of means.
     """
-    return _paired(np.array([mine, theirs], dtype=float) ** power, functools.partial(_difference, power=power))
+
+    def difference(means: np.ndarray) -> np.ndarray:
+        roots = means ** (1.0 / power)
+        return roots[0] - roots[1]
+
+    return _paired(np.array([mine, theirs], dtype=float) ** power, difference)
 
 
 def paired_ratio(mine: Sequence[float], theirs: Sequence[float]) -> Estimate:
@@ -132,32 +137,10 @@ def _bounds(resampled: np.ndarray, count: int) -> tuple[float, float]:
     Its tails are smaller than those of the confidence, by as much as Student's interval is wider than one with the
     standard deviation of a resample: Phi(-sqrt(n / (n - 1)) t) in place of Phi(-1.96).
     """
-    wide = math.sqrt(count / (count - 1)) * student_quantile((1.0 + CONFIDENCE) / 2, count - 1)
+    wide = math.sqrt(count / (count - 1)) * stdtrit(count - 1, (1.0 + CONFIDENCE) / 2)
     tail = statistics.NormalDist().cdf(-wide)
     low, high = np.quantile(resampled, (tail, 1.0 - tail)).tolist()
     return low, high
-
-
-@functools.cache
-def student_quantile(part: float, freedom: int) -> float:
-    """Return the quantile above 0.5 of Student's distribution, for a whole number of degrees of freedom.
-
-    It inverts the closed form of the distribution (Abramowitz & Stegun 1964, 26.7.3 and 26.7.4) by bisection.
-    """
-    odd = freedom % 2
-    powers = np.arange(odd, freedom - 1, 2)
-    factors = np.cumprod([1.0, *(powers[:-1] + 1.0) / (powers[:-1] + 2.0)])[: powers.size]
-    low, high = 0.0, math.pi / 2  # of the angle whose tangent is t / sqrt(freedom)
-    while low < (angle := (low + high) / 2) < high:
-        within = math.sin(angle) * float(factors @ math.cos(angle) ** powers)
-        within = 2.0 / math.pi * (angle + within) if odd else within
-        low, high = (angle, high) if within < 2.0 * part - 1.0 else (low, angle)
-    return math.sqrt(freedom) * math.tan(low)
-
-
-def _difference(means: np.ndarray, power: int) -> np.ndarray:
-    mine, theirs = means ** (1.0 / power)
-    return mine - theirs
 
 
 def exact_test(one: int, other: int) -> float:

@@ -36,23 +36,14 @@ ACTIVITIES = (*COMMANDS, "fetch_box")
 
 @dataclasses.dataclass(frozen=True)
 class TrainingSpeed:
-    """Speed of training and of its parts, in control steps of one robot per second.
+    """Speed of training and of its parts, in control steps of one robot per second."""
 
-    Attributes:
-        device: where everything is computed.
-        count: number of robots.
-        bare: speed of the engine alone, with the same model, states and substeps.
-        environment: speed with observations, rewards and resets, without the learner.
-        learner: speed of the learner alone.
-        training: speed of all together.
-    """
-
-    device: str
-    count: int
-    bare: float
-    environment: float
-    learner: float
-    training: float
+    device: str  # where everything is computed
+    count: int  # number of robots
+    bare: float  # speed of the engine alone, with the same model, states and substeps
+    environment: float  # speed with observations, rewards and resets, without the learner
+    learner: float  # speed of the learner alone
+    training: float  # speed of all together
 
 
 def training_speed(count: int, control_steps: int, iterations: int, threads: int, device: Device) -> TrainingSpeed:
@@ -112,19 +103,12 @@ def _now(env: HumanoidEnv) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class QpSpeed:
-    """Speed and reliability of `qp` in one gait.
+    """Speed and reliability of `qp` in one gait."""
 
-    Attributes:
-        tick_ms: p50 and p99 of the time for a call, from state to joint command [ms].
-        cpu_ms: the same in processor time, which other processes do not lengthen [ms].
-        unsolved: share of the calls whose QP was not solved, or only without its joint limits.
-        ticks: number of calls that were measured.
-    """
-
-    tick_ms: dict[str, float | None]
-    cpu_ms: dict[str, float | None]
-    unsolved: float
-    ticks: int
+    tick_ms: dict[str, float | None]  # p50 and p99 of the time for a call, from state to joint command [ms]
+    cpu_ms: dict[str, float | None]  # the same in processor time, which other processes do not lengthen [ms]
+    unsolved: float  # share of the calls whose QP was not solved, or only without its joint limits
+    ticks: int  # number of calls that were measured
 
 
 def qp_speed(command: Command, duration: float) -> QpSpeed:
@@ -150,20 +134,13 @@ def qp_speed(command: Command, duration: float) -> QpSpeed:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeSpeed:
-    """Speed of an episode with everything in the loop: physics, sensors, estimator, controller, filter and record.
+    """Speed of an episode with everything in the loop: physics, sensors, estimator, controller, filter and record."""
 
-    Attributes:
-        factor: simulated time for each second of processor time.
-        physics: processor time of the episode divided by that of bare MuJoCo steps of a standing robot, measured in
-            the same run.
-        period_ms: p50 and p99.9 of the time for a control period [ms].
-        share: p99.9 of that time as a share of the control period.
-    """
-
-    factor: float
+    factor: float  # simulated time for each second of processor time
+    # processor time of the episode divided by that of bare MuJoCo steps of a standing robot, measured in the same run
     physics: float
-    period_ms: dict[str, float]
-    share: float
+    period_ms: dict[str, float]  # p50 and p99.9 of the time for a control period [ms]
+    share: float  # p99.9 of that time as a share of the control period
 
 
 def episode_speed(controller: Controller, activity: str, duration: float) -> EpisodeSpeed:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from hugwbc import extensions
-from hugwbc.errors import ConfigError, ResultFileError
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import Row, Settings
 from hugwbc.evaluation.plans import Plan
 from hugwbc.files import digest, digest_of, is_own, note, noting, write_whole, writing
@@ -161,7 +161,7 @@ def _read(path: pathlib.Path, key: dict[str, Any]) -> dict[str, Row]:
     except OSError:
         first, lines = "", []
     if first != json.dumps(key):
-        raise ResultFileError(f"{path} is not a table of episodes; move it away, or choose another folder")
+        raise ConfigError(f"{path} is not a table of episodes; move it away, or choose another folder")
     rows: dict[str, Row] = {}
     now = functools.cache(digest_of)
     for line in lines:

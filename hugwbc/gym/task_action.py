@@ -14,18 +14,13 @@ from hugwbc.tasks.demonstration import ACTION_NAMES
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One number of an action.
+    """One number of an action."""
 
-    Attributes:
-        name: what it is.
-        low, high: the values that -1 and 1 stand for; a switch has none and is on above 0.
-        unit: of these values; empty for a switch.
-    """
-
-    name: str
+    name: str  # what it is
+    # low and high: the values that -1 and 1 stand for; a switch has none and is on above 0
     low: float = 0.0
     high: float = 0.0
-    unit: str = ""
+    unit: str = ""  # of these values; empty for a switch
 
     @property
     def is_switch(self) -> bool:

@@ -125,14 +125,10 @@ class StoppedError(Exception):
 
 
 class Stop:
-    """The request to stop; the work checks it between its steps.
-
-    Attributes:
-        requested: whether the work was asked to stop.
-    """
+    """The request to stop; the work checks it between its steps."""
 
     def __init__(self) -> None:
-        self.requested = False
+        self.requested = False  # whether the work was asked to stop
 
     def check(self) -> None:
         """End the work with a `StoppedError` on request."""

@@ -23,50 +23,36 @@ _HELD, _SLOWEST_HELD = 0.8, 0.08  # share of a velocity that a held robot lacks,
 
 
 class SmoothCommand(NamedTuple):
-    """A command that never jumps, with the rates of its body posture.
+    """A command that never jumps, with the rates of its body posture."""
 
-    Attributes:
-        gait: gait as commanded.
-        velocity: v_x and v_y, heading frame [m/s], shape (2,).
-        omega: yaw rate [rad/s].
-        f: stride frequency [Hz].
-        l: swing apex above the ground [m].
-        posed: whether h and p have almost arrived. Leaps change them slowly, so that they start with them.
-        h, p, w: pelvis height above nominal [m], pelvis pitch [rad] and waist angle [rad].
-        h_rate, p_rate, w_rate: their rates [m/s], [rad/s], [rad/s].
-    """
-
-    gait: Gait
-    velocity: np.ndarray
-    omega: float
-    f: float
+    gait: Gait  # gait as commanded
+    velocity: np.ndarray  # v_x and v_y, heading frame [m/s], shape (2,)
+    omega: float  # yaw rate [rad/s]
+    f: float  # stride frequency [Hz]
+    # swing apex above the ground [m]
     l: float  # noqa: E741  the paper's symbol
-    posed: bool
+    posed: bool  # whether h and p have almost arrived. Leaps change them slowly, so that they start with them
+    # h, p, w: pelvis height above nominal [m], pelvis pitch [rad] and waist angle [rad]
     h: float
     p: float
     w: float
+    # h_rate, p_rate, w_rate: their rates [m/s], [rad/s], [rad/s]
     h_rate: float
     p_rate: float
     w_rate: float
 
 
 class GaitState(NamedTuple):
-    """The gait state, which decides how much of a command can be followed now.
+    """The gait state, which decides how much of a command can be followed now."""
 
-    Attributes:
-        stepping: whether the robot still steps, whatever the command. The limits of walking hold until it stands.
-        running: gait that the robot is still in. It comes to rest before it changes to the commanded gait, at its own
-            frequency and within its own limits.
-        waiting: whether the robot is not ready to travel yet.
-        stray: by how much the robot is faster along the heading than commanded, as after a push [m/s].
-        fastest: largest speed that the ground allows [m/s].
-    """
-
+    # whether the robot still steps, whatever the command. The limits of walking hold until it stands
     stepping: bool = False
+    # gait that the robot is still in. It comes to rest before it changes to the commanded gait, at its own frequency
+    # and within its own limits
     running: Gait = Gait.STANDING
-    waiting: bool = False
-    stray: float = 0.0
-    fastest: float = math.inf
+    waiting: bool = False  # whether the robot is not ready to travel yet
+    stray: float = 0.0  # by how much the robot is faster along the heading than commanded, as after a push [m/s]
+    fastest: float = math.inf  # largest speed that the ground allows [m/s]
 
 
 _STILL = GaitState()

@@ -21,21 +21,13 @@ _LONGEST_AGE = 0.03  # [s], age up to which a prediction is better than the read
 
 
 class FrameMotion(NamedTuple):
-    """A frame and its motion, in world axes.
+    """A frame and its motion, in world axes."""
 
-    Attributes:
-        position: origin of the frame [m], shape (3,).
-        rotation: axes of the frame in the world, shape (3, 3).
-        jacobian: Jacobian of the linear, then of the angular velocity, shape (6, nv).
-        velocity: linear velocity [m/s], then angular velocity [rad/s], shape (6,).
-        drift: acceleration at zero generalised acceleration, dJ/dt v [m/s^2], [rad/s^2], shape (6,).
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    jacobian: np.ndarray
-    velocity: np.ndarray
-    drift: np.ndarray
+    position: np.ndarray  # origin of the frame [m], shape (3,)
+    rotation: np.ndarray  # axes of the frame in the world, shape (3, 3)
+    jacobian: np.ndarray  # Jacobian of the linear, then of the angular velocity, shape (6, nv)
+    velocity: np.ndarray  # linear velocity [m/s], then angular velocity [rad/s], shape (6,)
+    drift: np.ndarray  # acceleration at zero generalised acceleration, dJ/dt v [m/s^2], [rad/s^2], shape (6,)
 
 
 class Dynamics(Kinematics):

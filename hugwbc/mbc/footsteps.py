@@ -24,19 +24,13 @@ _SHORTEST = 0.06  # [s], shortest remaining time of a step that is retimed; a fo
 
 
 class Pendulum(NamedTuple):
-    """The robot as a linear inverted pendulum about the stance foot.
+    """The robot as a linear inverted pendulum about the stance foot."""
 
-    Attributes:
-        pivot: nominal centre of pressure in the world [m], shape (2,).
-        com: centre of mass in the world, shifted by forces on the hands (`Dynamics.hand_shift`) [m], shape (2,).
-        omega: natural frequency sqrt(g / height) [1/s].
-        dcm: divergent component of motion in the world [m], shape (2,).
-    """
-
-    pivot: np.ndarray
+    pivot: np.ndarray  # nominal centre of pressure in the world [m], shape (2,)
+    # centre of mass in the world, shifted by forces on the hands (`Dynamics.hand_shift`) [m], shape (2,)
     com: np.ndarray
-    omega: float
-    dcm: np.ndarray
+    omega: float  # natural frequency sqrt(g / height) [1/s]
+    dcm: np.ndarray  # divergent component of motion in the world [m], shape (2,)
 
     @classmethod
     def about(cls, pivot: np.ndarray, dynamics: Dynamics, gradient: np.ndarray | None = None) -> "Pendulum":
@@ -109,41 +103,25 @@ def nominal_offset(
 
 
 class StepRequest(NamedTuple):
-    """A step to plan: where the robot is and the gait that the step belongs to.
+    """A step to plan: where the robot is and the gait that the step belongs to."""
 
-    Attributes:
-        pendulum: robot as a pendulum about the stance foot.
-        velocity: planned velocity, heading frame [m/s], shape (2,).
-        yaw_rate: planned turning rate [rad/s].
-        heading: heading of the robot now [rad].
-        pivot_ahead: distance of the pendulum's pivot ahead of the stance ankle [m].
-        swing: foot in the air, 0 for left, 1 for right.
-        step_time: nominal duration T of the step [s].
-        cop_reach: largest distance of the centre of pressure from the ankle along the foot [m].
-    """
-
-    pendulum: Pendulum
-    velocity: np.ndarray
-    yaw_rate: float
-    heading: float
-    pivot_ahead: float
-    swing: int
-    step_time: float
-    cop_reach: float
+    pendulum: Pendulum  # robot as a pendulum about the stance foot
+    velocity: np.ndarray  # planned velocity, heading frame [m/s], shape (2,)
+    yaw_rate: float  # planned turning rate [rad/s]
+    heading: float  # heading of the robot now [rad]
+    pivot_ahead: float  # distance of the pendulum's pivot ahead of the stance ankle [m]
+    swing: int  # foot in the air, 0 for left, 1 for right
+    step_time: float  # nominal duration T of the step [s]
+    cop_reach: float  # largest distance of the centre of pressure from the ankle along the foot [m]
 
 
 class StepPlan(NamedTuple):
-    """Where to step, and the centre of pressure until then.
+    """Where to step, and the centre of pressure until then."""
 
-    Attributes:
-        foothold: place of the swing foot's pivot, world [m], shape (2,).
-        cop: centre of pressure of the stance foot, world [m], shape (2,).
-        missed: from the nearest foothold within reach to the wanted one, forward and left of the foot [m]; zeros if the
-            wanted one is within reach.
-    """
-
-    foothold: np.ndarray
-    cop: np.ndarray
+    foothold: np.ndarray  # place of the swing foot's pivot, world [m], shape (2,)
+    cop: np.ndarray  # centre of pressure of the stance foot, world [m], shape (2,)
+    # from the nearest foothold within reach to the wanted one, forward and left of the foot [m]; zeros if the wanted
+    # one is within reach
     missed: tuple[float, float]
 
 

@@ -63,19 +63,12 @@ class QpStatus(enum.Enum):
 
 
 class QpSolution(NamedTuple):
-    """Accelerations, forces and torques of one solve.
+    """Accelerations, forces and torques of one solve."""
 
-    Attributes:
-        status: whether they can be used.
-        acceleration: dv/dt in the order of the dynamics, shape (nv,).
-        forces: forces of the ground on `CONTACT_POINTS`, world axes [N], shape (4, 3).
-        torque: joint torques in the robot's joint order [N*m], shape (n,).
-    """
-
-    status: QpStatus
-    acceleration: np.ndarray
-    forces: np.ndarray
-    torque: np.ndarray
+    status: QpStatus  # whether they can be used
+    acceleration: np.ndarray  # dv/dt in the order of the dynamics, shape (nv,)
+    forces: np.ndarray  # forces of the ground on `CONTACT_POINTS`, world axes [N], shape (4, 3)
+    torque: np.ndarray  # joint torques in the robot's joint order [N*m], shape (n,)
 
 
 class WholeBodyQp:

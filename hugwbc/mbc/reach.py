@@ -154,17 +154,11 @@ def highest_fall(
 
 
 class _Leg(NamedTuple):
-    """The hip torque that a leg's motion takes, in the nominal pose.
+    """The hip torque that a leg's motion takes, in the nominal pose."""
 
-    Attributes:
-        hip_height: height of the hip above the ankle of a standing foot at h = 0 [m].
-        swung: inertia about the hip's pitch axis, with the drive's [kg m^2].
-        lifted: torque of the hip per acceleration of the knee, if the hip bends by half as much [kg m^2].
-    """
-
-    hip_height: float
-    swung: float
-    lifted: float
+    hip_height: float  # height of the hip above the ankle of a standing foot at h = 0 [m]
+    swung: float  # inertia about the hip's pitch axis, with the drive's [kg m^2]
+    lifted: float  # torque of the hip per acceleration of the knee, if the hip bends by half as much [kg m^2]
 
 
 @functools.cache

@@ -21,19 +21,12 @@ _GROUND_TIME = 0.1  # [s], time constant of the ground height from one stance fo
 
 
 class Tick(NamedTuple):
-    """The inputs of a gait in one tick of the controller.
+    """The inputs of a gait in one tick of the controller."""
 
-    Attributes:
-        dynamics: robot model at the current state.
-        command: command to follow.
-        velocity: planned velocity, the command's with the trim's correction, heading frame [m/s], shape (2,).
-        dt: time since the last tick [s].
-    """
-
-    dynamics: Dynamics
-    command: SmoothCommand
-    velocity: np.ndarray
-    dt: float
+    dynamics: Dynamics  # robot model at the current state
+    command: SmoothCommand  # command to follow
+    velocity: np.ndarray  # planned velocity, the command's with the trim's correction, heading frame [m/s], shape (2,)
+    dt: float  # time since the last tick [s]
 
 
 class References:

@@ -21,75 +21,47 @@ _INFEASIBILITY_TOLERANCE = 1e-9
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RigidBody:
-    """The robot as one body, in axes along the heading.
+    """The robot as one body, in axes along the heading."""
 
-    Attributes:
-        mass: mass of the robot [kg].
-        inertia: angular momentum per angular velocity of the pelvis while the feet stay [kg m^2], shape (3, 3).
-        coupling: angular momentum per velocity of the centre of mass while the feet stay [kg m], shape (3, 3).
-        frozen_inertia: inertia of all links together about the centre of mass [kg m^2], shape (3, 3).
-        com, velocity: position and velocity of the centre of mass [m], [m/s], shape (3,).
-        tilt: rotation from the desired to the actual orientation of the pelvis [rad], shape (3,).
-        momentum: angular momentum about the centre of mass [kg m^2/s], shape (3,).
-    """
-
-    mass: float
+    mass: float  # mass of the robot [kg]
+    # angular momentum per angular velocity of the pelvis while the feet stay [kg m^2], shape (3, 3)
     inertia: np.ndarray
-    coupling: np.ndarray
-    frozen_inertia: np.ndarray
+    coupling: np.ndarray  # angular momentum per velocity of the centre of mass while the feet stay [kg m], shape (3, 3)
+    frozen_inertia: np.ndarray  # inertia of all links together about the centre of mass [kg m^2], shape (3, 3)
+    # com and velocity: position and velocity of the centre of mass [m], [m/s], shape (3,)
     com: np.ndarray
     velocity: np.ndarray
-    tilt: np.ndarray
-    momentum: np.ndarray
+    tilt: np.ndarray  # rotation from the desired to the actual orientation of the pelvis [rad], shape (3,)
+    momentum: np.ndarray  # angular momentum about the centre of mass [kg m^2/s], shape (3,)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stance:
-    """Where and for how long the ground can push, in the axes of the body.
+    """Where and for how long the ground can push, in the axes of the body."""
 
-    Attributes:
-        points: contact points [m], two per foot, foot after foot, shape (P, 3).
-        ankles: points on the axes of the ankle joints [m], shape (P / 2, 3).
-        lateral: directions of these axes, shape (P / 2, 3).
-        time_left: time until the feet leave the ground [s], positive.
-    """
-
-    points: np.ndarray
-    ankles: np.ndarray
-    lateral: np.ndarray
-    time_left: float
+    points: np.ndarray  # contact points [m], two per foot, foot after foot, shape (P, 3)
+    ankles: np.ndarray  # points on the axes of the ankle joints [m], shape (P / 2, 3)
+    lateral: np.ndarray  # directions of these axes, shape (P / 2, 3)
+    time_left: float  # time until the feet leave the ground [s], positive
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TakeOff:
-    """Where the stance should lead, in the axes of the body.
+    """Where the stance should lead, in the axes of the body."""
 
-    Attributes:
-        height: height of the centre of mass when the feet leave the ground [m].
-        velocity: velocity of the centre of mass at that moment [m/s], shape (3,).
-        spin: desired angular velocity, now and at take-off [rad/s], shape (3,).
-        flight: duration of the flight that follows [s]; zero to come to rest.
-    """
-
-    height: float
-    velocity: np.ndarray
-    spin: np.ndarray
-    flight: float
+    height: float  # height of the centre of mass when the feet leave the ground [m]
+    velocity: np.ndarray  # velocity of the centre of mass at that moment [m/s], shape (3,)
+    spin: np.ndarray  # desired angular velocity, now and at take-off [rad/s], shape (3,)
+    flight: float  # duration of the flight that follows [s]; zero to come to rest
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ForcePlan:
-    """Forces of the ground until the feet leave it.
+    """Forces of the ground until the feet leave it."""
 
-    Attributes:
-        solved: whether the solver converged.
-        forces: force on each point in N intervals of equal length [N], shape (N, P, 3).
-        interval: length of an interval [s].
-    """
-
-    solved: bool
-    forces: np.ndarray
-    interval: float
+    solved: bool  # whether the solver converged
+    forces: np.ndarray  # force on each point in N intervals of equal length [N], shape (N, P, 3)
+    interval: float  # length of an interval [s]
 
     def at(self, time: float) -> np.ndarray:
         """Return the forces at a time [s] after the plan was made [N], shape (P, 3)."""

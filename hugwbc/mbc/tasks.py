@@ -24,19 +24,12 @@ _WORLD_ROWS = np.eye(6)
 
 
 class TaskTerms(NamedTuple):
-    """Rows of a least-squares cost: sum of weight * (jacobian dv/dt + drift - acceleration)^2.
+    """Rows of a least-squares cost: sum of weight * (jacobian dv/dt + drift - acceleration)^2."""
 
-    Attributes:
-        jacobian: task velocity per generalised velocity, shape (k, nv).
-        drift: rate of the task velocity at dv/dt = 0, shape (k,).
-        acceleration: desired rate of the task velocity, shape (k,).
-        weight: cost per squared acceleration error, shape (k,).
-    """
-
-    jacobian: np.ndarray
-    drift: np.ndarray
-    acceleration: np.ndarray
-    weight: np.ndarray
+    jacobian: np.ndarray  # task velocity per generalised velocity, shape (k, nv)
+    drift: np.ndarray  # rate of the task velocity at dv/dt = 0, shape (k,)
+    acceleration: np.ndarray  # desired rate of the task velocity, shape (k,)
+    weight: np.ndarray  # cost per squared acceleration error, shape (k,)
 
 
 class Task(Protocol):
@@ -95,13 +88,10 @@ class CentreOfMassMotionTask:
 
     in world axes. There is no feedback here: it is in the force plan, which starts from the measured state and is
     solved many times during a stance.
-
-    Attributes:
-        feedforward: planned acceleration, world axes [m/s^2], shape (3,).
     """
 
     def __init__(self, params: ControllerParams) -> None:
-        self.feedforward = np.zeros(3)
+        self.feedforward = np.zeros(3)  # planned acceleration, world axes [m/s^2], shape (3,)
         self._weight = np.array(params.motion_weight)
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
@@ -115,13 +105,10 @@ class AngularMomentumTask:
     .. math:: \dot k^* = \dot k_{ff} - k_d\, k, \qquad k = A_G(q)\, v
 
     in world axes [kg m^2/s]. Without a plan :math:`\dot k_{ff} = 0`; with a plan :math:`k_d = 0`.
-
-    Attributes:
-        planned: :math:`\dot k_{ff}`, world axes [N m], shape (3,); None without a plan.
     """
 
     def __init__(self, params: ControllerParams) -> None:
-        self.planned: np.ndarray | None = None
+        self.planned: np.ndarray | None = None  # dot k_ff, world axes [N m], shape (3,); None without a plan
         self._weight = np.array(params.momentum_weight)
         self._planned_weight = np.array(params.planned_momentum_weight)
         self._damping = params.momentum_damping
@@ -145,15 +132,11 @@ class PelvisHeightTask:
     .. math:: \ddot z^* = k_p (z_d - z) + k_d (\dot z_d - \dot z)
 
     with z the height in the world [m].
-
-    Attributes:
-        target: z_d [m].
-        rate: its rate [m/s].
     """
 
     def __init__(self, params: ControllerParams) -> None:
-        self.target = 0.0
-        self.rate = 0.0
+        self.target = 0.0  # z_d [m]
+        self.rate = 0.0  # its rate [m/s]
         self._gains = params.height_gains
         self._weight = np.array([params.height_weight])
 
@@ -214,15 +197,11 @@ class PelvisTravelTask:
     with c the centre of mass along the heading [m]. The pelvis follows the pendulum instead of the centre of mass,
     because the velocity command is the pelvis's, and because the mass of the lifted leg would shake it to and fro.
     There is no row across the heading: a single line-shaped foot has no authority there.
-
-    Attributes:
-        heading: direction of the row [rad].
-        feedforward: acceleration of the pendulum [m/s^2].
     """
 
     def __init__(self, params: ControllerParams) -> None:
-        self.heading = 0.0
-        self.feedforward = 0.0
+        self.heading = 0.0  # direction of the row [rad]
+        self.feedforward = 0.0  # acceleration of the pendulum [m/s^2]
         self._weight = np.array([params.travel_weight])
 
     def evaluate(self, dynamics: Dynamics) -> TaskTerms:
@@ -275,16 +254,12 @@ class StanceContactTask:
 
     There is no roll row. The sole is 3 cm wide and the leg has no ankle roll, so that two full contacts would have rank
     11 of 12, and a single one would tie the sway of the base to its roll.
-
-    Attributes:
-        slope: :math:`\theta_d` [rad].
-        settle: downward speed of a foot that should stand but is still above the ground [m/s].
     """
 
     def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:
         self._axes = foot_axes(robot)
-        self.slope = 0.0
-        self.settle = 0.0
+        self.slope = 0.0  # theta_d [rad]
+        self.settle = 0.0  # downward speed of a foot that should stand but is still above the ground [m/s]
         self._frame = f"{side}_sole"
         self._damping = params.contact_damping
         self._pitch_stiffness = params.contact_pitch_stiffness

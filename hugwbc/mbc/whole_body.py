@@ -28,29 +28,17 @@ _ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them withou
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Diagnostics:
-    """State of the controller after a tick.
+    """State of the controller after a tick."""
 
-    Attributes:
-        status: outcome of the QP; failed before the first tick, and with a state that is not usable.
-        mode: mode of the gait plan.
-        swing: side of the swinging foot of a walk, or None.
-        contact_forces: force of the ground by contact point, world axes [N], each of shape (3,).
-        fallbacks: number of ticks since the reset without a joint command.
-        relaxed: number of ticks since the reset in which the joint limits had to be dropped.
-        out_of_reach: number of ticks since the reset in which the foothold of a walk was further away than a step.
-        failed_plans: number of force plans since the reset that were not solved; the feet pushed evenly instead.
-        friction: coefficient that the contact forces may use; less than usual after a slip.
-    """
-
-    status: QpStatus
-    mode: Mode
-    swing: str | None
-    contact_forces: dict[str, np.ndarray]
-    fallbacks: int
-    relaxed: int
-    out_of_reach: int
-    failed_plans: int
-    friction: float
+    status: QpStatus  # outcome of the QP; failed before the first tick, and with a state that is not usable
+    mode: Mode  # mode of the gait plan
+    swing: str | None  # side of the swinging foot of a walk, or None
+    contact_forces: dict[str, np.ndarray]  # force of the ground by contact point, world axes [N], each of shape (3,)
+    fallbacks: int  # number of ticks since the reset without a joint command
+    relaxed: int  # number of ticks since the reset in which the joint limits had to be dropped
+    out_of_reach: int  # number of ticks since the reset in which the foothold of a walk was further away than a step
+    failed_plans: int  # number of force plans since the reset that were not solved; the feet pushed evenly instead
+    friction: float  # coefficient that the contact forces may use; less than usual after a slip
 
 
 class WholeBodyController:

@@ -16,7 +16,7 @@ from hugwbc.scripts.script import Script
 from hugwbc.settings import seed_class
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter, check_traces, title_of
 from hugwbc.viz.plots import Panel, hand_panels, path_panel, torque_panels, tracking_panels
-from hugwbc.viz.replay import write_replay
+from hugwbc.viz.replay import replay_html
 
 COMPARISON_FILES = SUMMARY, REPORT, REPLAY = "summary.json", "report.html", "replay.html"
 COMMANDED = "Commanded and measured"
@@ -72,7 +72,7 @@ def write_comparison(
     write_whole(folder / SUMMARY, json.dumps(finite_json(dict(summary)), indent=2) + "\n")
     spans = [] if script is None else segment_spans(script)
     chapters = [Chapter(begin, label) for label, begin, _ in spans]
-    write_replay(folder / REPLAY, traces, title=title, chapters=chapters)
+    write_whole(folder / REPLAY, replay_html(traces, title=title, chapters=chapters))
     tables = [*([] if script is None else [segment_table(script, traces)]), figures]
     problems = [f"Scene of {trace.name}: {problem}." for trace in traces for problem in trace.problems]
     counters = {trace.name: dataclasses.asdict(trace.safety) for trace in traces}

@@ -10,12 +10,9 @@ from typing import Any, Literal
 
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.evaluation.experiment import Result
-from hugwbc.evaluation.experiments.intervention import TRAINED
 from hugwbc.evaluation.study import Entry, run_study
-from hugwbc.learned.policy import policy_file, shipped_policies
-from hugwbc.learned.policy.records import robot_of, versions
+from hugwbc.learned.policy.records import versions
 from hugwbc.report.report_page import Report, sections
-from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.settings import REPORT_SEED
 from hugwbc.sim.engine import check_seed
@@ -29,9 +26,6 @@ class ReportPlan:
 
     profile: Literal["quick", "full"]  # quick, with few and short episodes; or full, with the paper's sizes
     controllers: tuple[str, ...]  # 1 to 4 controllers, as `ControllerSpec.parse` takes them
-    # policies that take part only in the experiments of the ablation, by name or path; None for the shipped ones of the
-    # default robot, with a training that no controller has
-    ablation: tuple[str, ...] | None = None
     experiments: tuple[str, ...] = ()  # names of the experiments; all with a section if empty
     seed: int = REPORT_SEED  # seed of all experiments
 
@@ -45,9 +39,6 @@ class ReportPlan:
                 raise UnknownNameError("experiment of the report", name, known)
             if reason := known[name].unavailable():
                 raise ConfigError(reason)
-        if self.ablation and self.experiments and not any(known[name].ablation for name in self.experiments):
-            moved = ", ".join(name for name, section in known.items() if section.ablation)
-            raise ConfigError(f"--ablation is for {moved}; add one of them to --experiments, or leave it out")
 
     @functools.cached_property
     def specs(self) -> list[ControllerSpec]:
@@ -56,19 +47,8 @@ class ReportPlan:
 
     @functools.cached_property
     def labels(self) -> dict[ControllerSpec, str]:
-        """What each controller and each policy of the ablation is called."""
-        specs = [*self.specs, *self.further]
-        return dict(zip(specs, labels(specs), strict=True))
-
-    @functools.cached_property
-    def further(self) -> list[ControllerSpec]:
-        """The policies that take part only in the experiments of the ablation."""
-        if self.ablation is not None:
-            return [ControllerSpec("learned", name) for name in self.ablation]
-        trainings = {spec.training for spec in self.specs}
-        names = [name for name in shipped_policies() if robot_of(policy_file(name)) == DEFAULT_ROBOT]
-        shipped = [ControllerSpec("learned", name) for name in names]
-        return [spec for spec in shipped if spec.training not in trainings]
+        """What each controller is called."""
+        return dict(zip(self.specs, labels(self.specs), strict=True))
 
     @functools.cached_property
     def entries(self) -> list[Entry]:
@@ -78,7 +58,7 @@ class ReportPlan:
             for experiment, section in sections()
             if (not self.experiments or experiment.name in self.experiments) and not section.unavailable()
             for settings in (section.quick() if self.profile == "quick" else section.full())
-            for spec in (*self.specs, *(self.further if section.ablation else ()))
+            for spec in self.specs
         ]
 
     def run(self, **options: Any) -> Report:  # noqa: ANN401
@@ -89,7 +69,6 @@ class ReportPlan:
     def _notes(self, results: list[Result]) -> list[str]:
         """Say how the report was made, and what it lacks."""
         words = [f"--profile {self.profile}", f"--controllers {' '.join(self.controllers)}", f"--seed {self.seed}"]
-        words += [f"--ablation {' '.join(self.ablation)}"] if self.ablation is not None else []
         words += [f"--experiments {' '.join(self.experiments)}"] if self.experiments else []
         made = ", ".join(f"{name} {version}" for name, version in versions().items())
         episodes = sum(len(result.rows) for result in results)
@@ -105,8 +84,4 @@ class ReportPlan:
         if not self.experiments:
             missing = [(section.title, section.unavailable()) for _, section in sections()]
             notes += [f"The section '{title}' is missing: {reason}." for title, reason in missing if reason]
-        trainings = {spec.training for spec in (*self.specs, *self.further)}
-        lacking = [words for training, words in TRAINED.items() if training not in trainings]
-        if lacking and any(entry.experiment.section.ablation for entry in self.entries if entry.experiment.section):
-            notes.append(f"Of the paper's ablation there is no policy {', nor '.join(lacking)}: see `--ablation`.")
         return notes

@@ -138,26 +138,21 @@ class SimulatedWorld:
         self._simulation = simulation
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the objects."""
+    def names(self) -> tuple[str, ...]:  # noqa: D102
         return self._simulation.objects.names
 
-    def picture(self) -> Picture | None:
-        """Return the newest picture; None without a scene."""
+    def picture(self) -> Picture | None:  # noqa: D102
         return self._simulation.objects.picture()
 
-    def held(self, side: str) -> str | None:
-        """Return what the gripper of a hand holds; None for nothing."""
+    def held(self, side: str) -> str | None:  # noqa: D102
         gripper = self._simulation.gripper
         return None if gripper is None else gripper.held(side)
 
-    def grip(self, grips: tuple[Grip, ...]) -> None:
-        """Carry out the gripper requests."""
+    def grip(self, grips: tuple[Grip, ...]) -> None:  # noqa: D102
         if grips:
             carry_out(grips, self._simulation)
 
-    def note(self, problem: str) -> None:
-        """Note a problem of the scene, for the verdict."""
+    def note(self, problem: str) -> None:  # noqa: D102
         self._simulation.objects.problems.append(problem)
 
 

@@ -14,7 +14,7 @@ import warnings
 
 import numpy as np
 
-from hugwbc.errors import MotionFileError, needing
+from hugwbc.errors import ConfigError, needing
 from hugwbc.robot import SIDES
 
 _log = logging.getLogger(__name__)
@@ -46,20 +46,13 @@ _HALF_TURN = np.diag([1.0, -1.0, -1.0])
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BodyClip:
-    """Positions of a person's joints over time; x and y level, z up, left and right as the person's.
+    """Positions of a person's joints over time; x and y level, z up, left and right as the person's."""
 
-    Attributes:
-        name: name of the clip, such as that of its file.
-        fps: frames per second.
-        joints: positions of the left and the right joint by name (`JOINTS`), in the units of the file, shape
-            (frames, 2, 3) each.
-        unused: joints of the file that are not read.
-    """
-
-    name: str
-    fps: float
+    name: str  # name of the clip, such as that of its file
+    fps: float  # frames per second
+    # positions of the left and the right joint by name (`JOINTS`), in the units of the file, shape (frames, 2, 3) each
     joints: dict[str, np.ndarray]
-    unused: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()  # joints of the file that are not read
 
     def length(self, *joints: str) -> float:
         """Return the length of a chain of joints, the median over both sides and time, in the units of the file."""
@@ -83,13 +76,13 @@ def load_bvh(path: str | pathlib.Path) -> BodyClip:
         names = list(read.joint_names)
     except (OSError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:
         words = str(error).replace("\n", " ")
-        raise MotionFileError(
+        raise ConfigError(
             f"cannot read {path}: {words}; give a BVH file with positions of the root and rotations of every joint"
         ) from error
     if len(positions) < 2 or not np.all(np.isfinite(positions)):
-        raise MotionFileError(f"{path} holds fewer than 2 frames or numbers that are not finite; repair the motion")
+        raise ConfigError(f"{path} holds fewer than 2 frames or numbers that are not finite; repair the motion")
     if not _RATES[0] <= fps <= _RATES[1]:
-        raise MotionFileError(
+        raise ConfigError(
             f"{path} has {fps:.3g} frames per second; valid: {_RATES[0]:g} to {_RATES[1]:g}. The frame time is in "
             f"seconds: divide {1.0 / fps if fps else math.inf:g} by 1000 if it is in milliseconds"
         )
@@ -150,7 +143,7 @@ def find_joints(
             for joint, index in zip(joints, best, strict=True)
             for role, own in _OWN.items()
         ):
-            raise MotionFileError(
+            raise ConfigError(
                 f"{path}: the {side} {kind} ({', '.join(joints)}) is not clear from the joints "
                 f"{', '.join(names[c] for c in mine) or 'of the file'}; name three in a row {side} {usual}, "
                 "and those within a segment twist"

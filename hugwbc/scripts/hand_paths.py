@@ -212,15 +212,10 @@ _COLUMNS = "t,x,y,z"
 
 @settings
 class Recorded(HandPath):
-    """A path through samples, linear between them; it starts with the first, whatever the clock.
+    """A path through samples, linear between them; it starts with the first, whatever the clock."""
 
-    Attributes:
-        time: times of the samples, increasing [s].
-        points: positions at these times [m].
-    """
-
-    time: tuple[float, ...]
-    points: tuple[Point, ...]
+    time: tuple[float, ...]  # times of the samples, increasing [s]
+    points: tuple[Point, ...]  # positions at these times [m]
 
     def __post_init__(self) -> None:
         if not self.time or len(self.points) != len(self.time):

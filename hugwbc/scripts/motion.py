@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import ConfigError
 from hugwbc.files import write_whole
 from hugwbc.numeric import minimum_jerk
 from hugwbc.robot import Robot, load_mirror
@@ -136,14 +136,14 @@ def check_motion(what: str, motion: ArmMotion) -> str:
     """
     fps, positions, robot = motion.fps, np.asarray(motion.positions), motion.robot
     if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
-        raise MotionFileError(f"{what} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
+        raise ConfigError(f"{what} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
     if positions.shape != (max(1, len(positions)), len(robot.arm_names)) or not np.all(np.isfinite(positions)):
-        raise MotionFileError(
+        raise ConfigError(
             f"{what} has positions that are not finite, or not one frame or more of {len(robot.arm_names)} arm "
             f"joints, but of shape {positions.shape}; repair or cut the motion"
         )
     if (largest := np.abs(positions).max()) > 2.0 * np.pi:
-        raise MotionFileError(
+        raise ConfigError(
             f"{what} has angles up to {largest:.1f}, more than a full turn in radians; if they are degrees, convert "
             "them with np.deg2rad, otherwise unwrap them"
         )
@@ -158,7 +158,7 @@ def check_motion(what: str, motion: ArmMotion) -> str:
     )
     warning += f"rad ({robot.arm_names[past.max(axis=0).argmax()]})"
     if np.mean(worst > _BEYOND[0]) > _BEYOND[1]:
-        raise MotionFileError(
+        raise ConfigError(
             f"{warning}; give radians that the arms can reach, with the signs and zeros of the {robot.name}"
         )
     return f"{warning}; they are clamped"
@@ -169,23 +169,23 @@ def _read_motion(path: str | pathlib.Path, robot: Robot) -> tuple[ArmMotion, str
     path = pathlib.Path(path)
     if path.suffix.lower() not in _READABLE:
         valid = f"valid for arms: {' and '.join(_READABLE)}, for the whole body with play --motion: .bvh; convert it"
-        raise MotionFileError(f"cannot read {path}: '{path.suffix}' is not a motion file type; {valid}")
+        raise ConfigError(f"cannot read {path}: '{path.suffix}' is not a motion file type; {valid}")
     arrays = _read_csv(path) if path.suffix.lower() == ".csv" else read_arrays(path)
     absent = [field for field in _FIELDS if field not in arrays]
     if absent:
-        raise MotionFileError(f"{path} lacks {', '.join(absent)}; a motion file is an .npz with {', '.join(_FIELDS)}")
+        raise ConfigError(f"{path} lacks {', '.join(absent)}; a motion file is an .npz with {', '.join(_FIELDS)}")
     fps, names, positions = (arrays[field] for field in _FIELDS)
     found = unique_names(path, names)
     missing = [name for name in robot.arm_names if name not in found]
     if missing:
-        raise MotionFileError(f"{path} lacks the joints {', '.join(missing)}; it must hold all of {robot.arm_names}")
+        raise ConfigError(f"{path} lacks the joints {', '.join(missing)}; it must hold all of {robot.arm_names}")
     if positions.ndim != 2 or not is_real(positions) or positions.shape[0] < 2 or positions.shape[1] != len(found):
-        raise MotionFileError(
+        raise ConfigError(
             f"{path} has positions of shape {positions.shape}, {positions.dtype}; valid: at least 2 frames of "
             f"{len(found)} joint angles, one for each joint name"
         )
     if fps.size != 1 or not is_real(fps):
-        raise MotionFileError(f"{path} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
+        raise ConfigError(f"{path} has fps = {fps}; give one number from {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g}")
     arms = positions[:, [found.index(name) for name in robot.arm_names]].astype(float)
     unused = tuple(name for name in found if name not in robot.arm_names)
     motion = ArmMotion(path.stem, float(fps.item()), arms, robot, unused)
@@ -198,18 +198,18 @@ def _read_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
     """Return the fields of a motion from a table."""
     names, table = read_table(path, f"{_TIME} [s] and one per joint [rad]")
     if _TIME not in names:
-        raise MotionFileError(f"{path}:1: no column is named {_TIME}; the first line names {_TIME} [s] and the joints")
+        raise ConfigError(f"{path}:1: no column is named {_TIME}; the first line names {_TIME} [s] and the joints")
     if len(table) < 2:
-        raise MotionFileError(f"{path} has {len(table)} frames; a motion needs at least 2")
+        raise ConfigError(f"{path} has {len(table)} frames; a motion needs at least 2")
     column = names.index(_TIME)
     check_times(str(path), table[:, column])
     steps = np.diff(table[:, column])
     mean = float(steps.mean())
     if not np.all(np.abs(steps - mean) <= _UNEVEN * mean):
-        raise MotionFileError(f"{path}: the times do not rise in equal steps; resample the motion")
+        raise ConfigError(f"{path}: the times do not rise in equal steps; resample the motion")
     if not FRAME_RATES[0] <= 1.0 / mean <= FRAME_RATES[1]:
         shortest, longest = 1.0 / FRAME_RATES[1], 1.0 / FRAME_RATES[0]
-        raise MotionFileError(
+        raise ConfigError(
             f"{path} has {mean:g} s between its times; give {_TIME} in seconds (divide milliseconds by 1000), "
             f"{shortest:g} to {longest:g} s apart"
         )
@@ -228,18 +228,18 @@ def read_arrays(path: pathlib.Path) -> dict[str, np.ndarray]:
         with pathlib.Path(path).open("rb") as stream:
             # NumPy takes any other file for a pickle and advises to allow pickles.
             if not zipfile.is_zipfile(stream):
-                raise MotionFileError(f"cannot read {path}: it is not an .npz archive")
+                raise ConfigError(f"cannot read {path}: it is not an .npz archive")
             with zipfile.ZipFile(stream) as archive:
                 size = sum(member.file_size for member in archive.infolist())
                 others = [name for name in archive.namelist() if not name.endswith(".npy")]
         if size > LARGEST_MOTION:
-            raise MotionFileError(f"{path} unpacks to {size} bytes; valid: up to {LARGEST_MOTION}. Cut the motion")
+            raise ConfigError(f"{path} unpacks to {size} bytes; valid: up to {LARGEST_MOTION}. Cut the motion")
         if others:
-            raise MotionFileError(f"cannot read {path}: {others[0]!r} is not a NumPy array; write it with np.savez")
+            raise ConfigError(f"cannot read {path}: {others[0]!r} is not a NumPy array; write it with np.savez")
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except UNREADABLE as error:
-        raise MotionFileError(f"cannot read {path}: {error}; give an .npz file without pickled objects") from error
+        raise ConfigError(f"cannot read {path}: {error}; give an .npz file without pickled objects") from error
 
 
 def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
@@ -247,7 +247,7 @@ def unique_names(path: pathlib.Path, names: np.ndarray) -> list[str]:
     found = [name.decode(errors="replace") if isinstance(name, bytes) else str(name) for name in np.ravel(names)]
     twice = [name for name, count in collections.Counter(found).items() if count > 1]
     if twice:
-        raise MotionFileError(f"{path} names the joints {_listed(twice)} more than once; keep one column of each")
+        raise ConfigError(f"{path} names the joints {_listed(twice)} more than once; keep one column of each")
     return found
 
 
@@ -266,7 +266,7 @@ def load_motions(folder: str | pathlib.Path, robot: Robot) -> list[ArmMotion]:
     """Read all motion files of a folder, ordered by name; what is not used or clamped is logged as by `load_motion`."""
     paths = motion_files(folder)
     if not paths:
-        raise MotionFileError(f"{folder} holds no motion files; give a folder with {' or '.join(_READABLE)} files")
+        raise ConfigError(f"{folder} holds no motion files; give a folder with {' or '.join(_READABLE)} files")
     read = [_read_motion(path, robot) for path in paths]
     motions, clamped = [motion for motion, _ in read], [warning for _, warning in read if warning]
     unused = list(dict.fromkeys(name for motion in motions for name in motion.unused))

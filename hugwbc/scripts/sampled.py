@@ -5,7 +5,7 @@ import pathlib
 
 import numpy as np
 
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import ConfigError
 
 _APART = 1.0  # [s] between samples, from which times may be in another unit: recordings are faster
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
@@ -17,16 +17,16 @@ def read_table(path: str | pathlib.Path, columns: str) -> tuple[list[str], np.nd
         with pathlib.Path(path).open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise MotionFileError(f"cannot read {path}: {error}; give a CSV file with the columns {columns}") from error
+        raise ConfigError(f"cannot read {path}: {error}; give a CSV file with the columns {columns}") from error
     names = [name.strip() for name in rows[0]] if rows else []
     table = []
     for number, row in enumerate(rows[1:], start=2):
         if row and len(row) != len(names):
-            raise MotionFileError(f"{path}:{number}: {len(row)} numbers for {len(names)} columns; give {columns}")
+            raise ConfigError(f"{path}:{number}: {len(row)} numbers for {len(names)} columns; give {columns}")
         try:
             table += [[float(value) for value in row]] if row else []
         except ValueError as error:
-            raise MotionFileError(f"{path}:{number}: {error}; give numbers for {columns}") from None
+            raise ConfigError(f"{path}:{number}: {error}; give numbers for {columns}") from None
     return names, np.array(table).reshape(len(table), len(names))
 
 
@@ -35,7 +35,7 @@ def check_times(what: str, time: np.ndarray) -> None:
     wrong = np.flatnonzero(~(np.diff(time) > 0.0))  # a NaN fails the comparison
     if wrong.size:
         before, after = time[wrong[0] : wrong[0] + 2]
-        raise MotionFileError(
+        raise ConfigError(
             f"{what}: {wrong.size} times do not rise, the first from {before:.10g} to {after:.10g} s; sort the "
             "samples, and write times with enough decimals"
         )
@@ -69,14 +69,14 @@ def check_pace(
     speed = moved / np.maximum(steps, step)  # stamps are rounded, and messages arrive in bursts
     if step >= _APART and speed.max() < pace[0] and moved.sum() > least:
         name = next((name for name, factor in _UNITS.items() if step <= factor), "nanoseconds")
-        raise MotionFileError(
+        raise ConfigError(
             f"{what} moves by at most {speed.max():.2g} {unit}/s, with {step:g} s between samples: "
             f"its times look like {name}; give seconds"
         )
     jumps = np.flatnonzero((speed > pace[1]) & (exact | (moved > least)))
     if jumps.size:
         first = jumps[0]
-        raise MotionFileError(
+        raise ConfigError(
             f"{what} jumps by {moved[first]:.3g} {unit} within {steps[first]:.3g} s at {time[first] - time[0]:.3f} s; "
             f"{jumps.size / moved.size:.1%} of its steps are faster than {pace[1]:g} {unit}/s; fill or cut the gap, "
             "and give all samples in the same unit"

@@ -180,10 +180,8 @@ class Constant:
     command: Command
     hands: HandTargets | None = None
 
-    def command_at(self, t: float) -> Command:
-        """Return the command."""
+    def command_at(self, t: float) -> Command:  # noqa: D102
         return self.command
 
-    def hands_at(self, t: float) -> HandTargets | None:
-        """Return the hand targets."""
+    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
         return self.hands

@@ -10,10 +10,11 @@ import logging
 import pathlib
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from hugwbc import rotations
 from hugwbc.commands import MEASURED_NAMES, Command, command_ranges
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
 from hugwbc.numeric import smooth_step
@@ -45,25 +46,16 @@ _UNITS = {"h": ("cm", 100.0), "p": ("deg", np.rad2deg(1.0)), "w": ("deg", np.rad
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WholeBodyMotion:
-    """A clip at `MOTION_FPS` as a command source; the robot stands before its start and holds its end.
+    """A clip at `MOTION_FPS` as a command source; the robot stands before its start and holds its end."""
 
-    Attributes:
-        name: name of the clip.
-        asked: what the clip asks, by name in `MEASURED_NAMES`, shape (frames, 6); units as in `Command`.
-        hands: where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3).
-        walking: whether the robot walks, shape (frames,), bool.
-        reachable: `hands` as the pitch and waist angle within the command ranges have them [m], the same shape.
-        robot: whose ranges the commands have.
-        unused: joints of the file that are dropped.
-    """
-
-    name: str
-    asked: np.ndarray
-    hands: np.ndarray
-    walking: np.ndarray
+    name: str  # name of the clip
+    asked: np.ndarray  # what the clip asks, by name in `MEASURED_NAMES`, shape (frames, 6); units as in `Command`
+    hands: np.ndarray  # where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3)
+    walking: np.ndarray  # whether the robot walks, shape (frames,), bool
+    # `hands` as the pitch and waist angle within the command ranges have them [m], the same shape
     reachable: np.ndarray
-    robot: Robot
-    unused: tuple[str, ...] = ()
+    robot: Robot  # whose ranges the commands have
+    unused: tuple[str, ...] = ()  # joints of the file that are dropped
 
     @property
     def duration(self) -> float:
@@ -144,8 +136,7 @@ def retarget(clip: BodyClip, robot: Robot) -> WholeBodyMotion:
     reach = arm * np.einsum("fij,fsj->fsi", back, joints["wrist"] - joints["shoulder"])
     reach = _smooth(reach.reshape(len(reach), 6), _SMOOTH_POSE).reshape(reach.shape)
     moving = (np.hypot(v_x, v_y) > _MOVING[0]) | (np.abs(omega) > _MOVING[1])
-    around = np.ones(2 * int(_AROUND * MOTION_FPS) + 1)
-    walking = np.convolve(np.pad(moving, len(around) // 2), around, mode="valid") > 0.5
+    walking = maximum_filter1d(moving, 2 * int(_AROUND * MOTION_FPS) + 1, mode="constant")
     ranges = command_ranges(Gait.WALKING, robot)
     _, p, w = pose.T
     return WholeBodyMotion(
@@ -191,7 +182,7 @@ def _check_stands(name: str, joints: dict[str, np.ndarray], height: np.ndarray) 
             todo = "give a clip of a person who stands; if this one does, turn the file so that its rest pose does, too"
         said = f"{name}: a robot on its feet cannot follow: {', '.join(told[:_TOLD])}; {todo}"
         if bad.mean() > _MOST_BAD:
-            raise MotionFileError(said)
+            raise ConfigError(said)
         _log.warning("%s", said)
 
 
@@ -202,12 +193,8 @@ def _runs(mask: np.ndarray) -> list[list[int]]:
 
 def _smooth(values: np.ndarray, deviation: float) -> np.ndarray:
     """Return columns after a Gaussian filter with a standard deviation in time [s]; the ends are held."""
-    half = int(3.0 * deviation * MOTION_FPS)
-    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (deviation * MOTION_FPS)) ** 2)
-    kernel /= kernel.sum()
-    columns = np.reshape(values, (len(values), -1)).T
-    smooth = [np.convolve(np.pad(column, half, mode="edge"), kernel, mode="valid") for column in columns]
-    return np.stack(smooth, axis=1).reshape(values.shape)
+    sigma = deviation * MOTION_FPS
+    return gaussian_filter1d(values, sigma, axis=0, mode="nearest", radius=int(3.0 * sigma))
 
 
 def _yaw_of_pair(pair: np.ndarray) -> np.ndarray:
@@ -260,13 +247,7 @@ class MotionScore:
         if rows:
             frames = [frame for frame, _, _ in rows]
             off = np.stack([values for _, values, _ in rows]) - motion.asked[frames]
-            window = min(len(off), int(MOTION_FPS))
-            for index in range(3):
-                off[:, index] = np.convolve(
-                    np.pad(off[:, index], (window // 2, (window - 1) // 2), mode="edge"),
-                    np.ones(window) / window,
-                    "valid",
-                )
+            off[:, :3] = uniform_filter1d(off[:, :3], min(len(off), int(MOTION_FPS)), axis=0, mode="nearest")
             missed |= _named(_rms(off))
             far = np.stack([hands for _, _, hands in rows]) - motion.hands[frames]
             missed["hands"] = float(_rms(np.linalg.norm(far, axis=-1).ravel()))

@@ -41,25 +41,19 @@ _PATTERN = re.compile(r"(?P<kind>[a-z-]+)(=(?P<what>[\w.]+))?@(?P<start>[^:]+)(:
 
 @settings
 class Fault:
-    """One fault.
+    """One fault."""
 
-    Attributes:
-        kind: imu-gone (its numbers are NaN), imu-bias (it is tilted by 2 degrees, and its gyro reads 0.1 rad/s too
-            much, in pitch), encoder-stuck (position and velocity of a joint stay at their last reading), encoder-noise
-            (of all joints, three times as much as usual), wild-speed (a joint's velocity reads 500 rad/s), frozen (all
-            readings stay, while time stamps continue), dropped (readings are lost at random, and the last one stands),
-            disordered (time stamps are wrong by up to 20 ms in both directions), or motor-dead (a joint has no torque
-            but its friction).
-        start: [s].
-        duration: [s]; infinite for good. A wild speed of duration 0 is a single reading.
-        joint: name of the joint; None for a fault that is not of a joint.
-        share: of readings that are dropped, within 0 and 1; None for other faults.
-    """
-
+    # imu-gone (its numbers are NaN), imu-bias (it is tilted by 2 degrees, and its gyro reads 0.1 rad/s too much, in
+    # pitch), encoder-stuck (position and velocity of a joint stay at their last reading), encoder-noise (of all joints,
+    # three times as much as usual), wild-speed (a joint's velocity reads 500 rad/s), frozen (all readings stay, while
+    # time stamps continue), dropped (readings are lost at random, and the last one stands), disordered (time stamps are
+    # wrong by up to 20 ms in both directions), or motor-dead (a joint has no torque but its friction)
     kind: Annotated[str, one_of("fault", lambda: FAULTS)]
-    start: NotNegative
+    start: NotNegative  # [s]
+    # [s]; infinite for good. A wild speed of duration 0 is a single reading
     duration: Annotated[float, Field(ge=0.0, allow_inf_nan=True)] = math.inf
-    joint: str | None = None
+    joint: str | None = None  # name of the joint; None for a fault that is not of a joint
+    # of readings that are dropped, within 0 and 1; None for other faults
     share: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
 
     def __post_init__(self) -> None:

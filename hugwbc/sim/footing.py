@@ -48,16 +48,12 @@ def add_footing(spec: mujoco.MjSpec, terrain: HeightField) -> None:
 
 
 class Footing:
-    """Positions of the plane and the spheres, for one robot or many.
-
-    Attributes:
-        geoms: indices of the spheres and, last, the plane.
-    """
+    """Positions of the plane and the spheres, for one robot or many."""
 
     def __init__(self, model: mujoco.MjModel, terrain: HeightField, place: Place = np.asarray) -> None:
         """Find the geoms of a model that `add_footing` has changed; `place` makes tensors of constants."""
         spheres = np.flatnonzero(model.geom_conaffinity == FOOT_CONTACT_BIT)
-        self.geoms = place(np.append(spheres, model.geom(PLANE_NAME).id))
+        self.geoms = place(np.append(spheres, model.geom(PLANE_NAME).id))  # indices of the spheres and, last, the plane
         self._heights, self._size = place(terrain.heights), terrain.size
         self._gradient = place(np.array(terrain.gradient))
         self._bodies = place(model.geom_bodyid[spheres])

@@ -87,9 +87,6 @@ class HandPull:
     """Pulls at the hand frames of both hands, half of the force at each.
 
     The direction is fixed in the robot's heading when the force sets in.
-
-    Attributes:
-        force: force on each hand in the world now [N], shape (2, 3).
     """
 
     def __init__(self, simulation: Engine, vector: np.ndarray, start: float, rise: float) -> None:
@@ -106,7 +103,7 @@ class HandPull:
         ]
         self._links = names
         self._yaw: float | None = None
-        self.force = np.zeros((len(SIDES), 3))
+        self.force = np.zeros((len(SIDES), 3))  # force on each hand in the world now [N], shape (2, 3)
 
     def update(self, state: RobotState) -> None:
         """Set the forces of the next physics step from the true state."""

@@ -348,8 +348,7 @@ class PhysxSimulation(Engine):
         return self._qvel.copy()
 
     @property
-    def torque(self) -> np.ndarray:
-        """Joint torques over the last physics step [N*m], shape (n,)."""
+    def torque(self) -> np.ndarray:  # noqa: D102
         return self._torque.copy()
 
     @property

@@ -51,11 +51,7 @@ def _drive(
 
 
 class WarpBatch(RobotBatch):
-    """The robots on MuJoCo Warp, in single precision; the tensors are views of Warp's arrays.
-
-    Attributes:
-        graphs: whether a control step is one CUDA graph instead of single kernels.
-    """
+    """The robots on MuJoCo Warp, in single precision; the tensors are views of Warp's arrays."""
 
     def __init__(self, count: int, *, device: str = "cuda", contacts: int = CONTACTS, **settings: Any) -> None:  # noqa: ANN401
         """Build the batch; the first one compiles for about a minute, the next ones find that in a cache.
@@ -74,7 +70,7 @@ class WarpBatch(RobotBatch):
             self._data = mjw.make_data(self.model, nworld=count, nconmax=contacts, njmax=ROWS)
         self._model.opt.warn_overflow = 0  # no lines from kernels
         d, layout = self._data, self.layout
-        self.graphs = self._device.is_cuda
+        self.graphs = self._device.is_cuda  # whether a control step is one CUDA graph instead of single kernels
         self._graph: wp.Graph | None = None
         self.qpos, self.qvel = wp.to_torch(d.qpos)[:, layout.qpos], wp.to_torch(d.qvel)[:, layout.qvel]
         self.ctrl, self.forces = wp.to_torch(d.ctrl)[:, layout.ctrl], wp.to_torch(d.xfrc_applied)
@@ -119,8 +115,7 @@ class WarpBatch(RobotBatch):
         with wp.ScopedDevice(self._device), wp.ScopedStream(stream):
             yield
 
-    def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:
-        """Advance all robots; return which diverged."""
+    def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:  # noqa: D102
         if len(self._targets) != substeps:
             self._targets, self._graph = self.ctrl.new_zeros(substeps, *self.ctrl.shape), None
         self._targets[:] = self.ctrl if targets is None else targets

@@ -140,32 +140,21 @@ def action_vector(view: View, action: Action, grip: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Demonstration:
-    """One episode of a task: T frames, `FPS` per second, from the start until the behaviour ended.
+    """One episode of a task: T frames, `FPS` per second, from the start until the behaviour ended."""
 
-    Attributes:
-        task: the task.
-        seed: seed of the scene and of the sensors.
-        controller: name of the controller.
-        robot: name of the robot.
-        state: what was known of the robot, shape (T, names of `state_names`).
-        objects: poses of the bodies of the scene as they were seen: position [m] and quaternion (w, x, y, z), in the
-            order of `Scene.body_names`, shape (T, bodies, 7).
-        action: the requests, shape (T, names of `ACTION_NAMES`).
-        qpos: true positions of all joints of the simulation, from which cameras are rendered, shape (T, model.nq).
-        steps: what the robot was at, in the words of the behaviour, one for each frame.
-        verdict: whether the task was done, from the true states.
-    """
-
-    task: Task
-    seed: int
-    controller: str
-    robot: str
-    state: np.ndarray
+    task: Task  # the task
+    seed: int  # seed of the scene and of the sensors
+    controller: str  # name of the controller
+    robot: str  # name of the robot
+    state: np.ndarray  # what was known of the robot, shape (T, names of `state_names`)
+    # poses of the bodies of the scene as they were seen: position [m] and quaternion (w, x, y, z), in the order of
+    # `Scene.body_names`, shape (T, bodies, 7)
     objects: np.ndarray
-    action: np.ndarray
+    action: np.ndarray  # the requests, shape (T, names of `ACTION_NAMES`)
+    # true positions of all joints of the simulation, from which cameras are rendered, shape (T, model.nq)
     qpos: np.ndarray
-    steps: tuple[str, ...]
-    verdict: Verdict
+    steps: tuple[str, ...]  # what the robot was at, in the words of the behaviour, one for each frame
+    verdict: Verdict  # whether the task was done, from the true states
 
 
 def demonstrate(

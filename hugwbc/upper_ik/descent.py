@@ -33,26 +33,19 @@ def _to_level(axis: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Goal:
-    """The goal of both hands in the pelvis frame.
+    """The goal of both hands in the pelvis frame."""
 
-    Attributes:
-        points: target positions [m], shape (2, 3).
-        directions: unit vectors from the elbows to the hands, shape (2, 3); NaN where they do not matter.
-        together: whether the hands hold one object; their relative position then has priority.
-        turns: axes of the left and the right hand, shape (3, 3); None where they do not matter.
-        level: whether the hands only have to be level; the third of these axes is then up; shape (2,), bool.
-        weight: of the orientations [m^2/rad^2]; None for that of the settings.
-        speed: speed of each target [m/s], shape (2,).
-        carried: speed at which the body carries each hand away from it [m/s], shape (2,).
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # target positions [m], shape (2, 3)
+    # unit vectors from the elbows to the hands, shape (2, 3); NaN where they do not matter
     directions: np.ndarray = dataclasses.field(default_factory=lambda: NOWHERE)
-    together: bool = False
+    together: bool = False  # whether the hands hold one object; their relative position then has priority
+    # axes of the left and the right hand, shape (3, 3); None where they do not matter
     turns: Sequence[np.ndarray | None] = (None, None)
+    # whether the hands only have to be level; the third of these axes is then up; shape (2,), bool
     level: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2, dtype=bool))
-    weight: float | None = None
-    speed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
+    weight: float | None = None  # of the orientations [m^2/rad^2]; None for that of the settings
+    speed: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))  # speed of each target [m/s], shape (2,)
+    # speed at which the body carries each hand away from it [m/s], shape (2,)
     carried: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 

@@ -53,17 +53,11 @@ def seeds(robot: Robot) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PostureTable:
-    """A table of collision-free postures of the left arm and of the hand positions that they give.
+    """A table of collision-free postures of the left arm and of the hand positions that they give."""
 
-    Attributes:
-        q: joint positions [rad], shape (n, k).
-        hands: hand positions in the pelvis frame with the waist at zero [m], shape (n, 3).
-        mirror: signs that turn a posture into that of the right arm, shape (k,).
-    """
-
-    q: np.ndarray
-    hands: np.ndarray
-    mirror: np.ndarray
+    q: np.ndarray  # joint positions [rad], shape (n, k)
+    hands: np.ndarray  # hand positions in the pelvis frame with the waist at zero [m], shape (n, 3)
+    mirror: np.ndarray  # signs that turn a posture into that of the right arm, shape (k,)
 
     def candidates(self, arm: int, point: np.ndarray, waist: float, q: np.ndarray, count: int) -> np.ndarray:
         """Return starts of a search for a posture with the hand at a point, the most promising first.
@@ -203,10 +197,6 @@ class Detours:
 
     A route is taken if the arm is free of collisions on it, with the body and the other arm as they are now, and left
     where they have come into its way. Each call checks one route: first the direct one, then those via known postures.
-
-    Attributes:
-        active: whether each arm is on a detour, shape (2,), bool.
-        count: number of detours that were started.
     """
 
     def __init__(self, config: ArmIKConfig, descent: Descent, robot: Robot) -> None:
@@ -216,8 +206,8 @@ class Detours:
         self._ways = [[[], *([posture] for posture in postures)] for postures in seeds(robot)]
         self._tried = [0, 0]
         self._vias: list[list[np.ndarray]] = [[], []]
-        self.active = np.zeros(2, dtype=bool)
-        self.count = 0
+        self.active = np.zeros(2, dtype=bool)  # whether each arm is on a detour, shape (2,), bool
+        self.count = 0  # number of detours that were started
 
     def reset(self) -> None:
         """Abandon all detours."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hugwbc.robot import SIDES
-from hugwbc.viz.framing import LABEL_COLOURS
+from hugwbc.viz.framing import LABEL_COLOURS, spans
 from hugwbc.viz.plots import INK, Panel, picture
 
 if TYPE_CHECKING:
@@ -32,13 +32,6 @@ def polar(title: str, angles: Sequence[float], series: Mapping[str, Sequence[flo
     return Panel(f"{title} [{unit}]", picture(title, draw, height=_POLAR_HEIGHT, projection="polar"))
 
 
-def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
-    """Return start and length of every stretch of evenly spaced samples in which something is on, shape (T,), bool."""
-    changes = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
-    step = time[1] - time[0] if len(time) > 1 else 1.0
-    return [(float(time[a]), float((b - a) * step)) for a, b in zip(changes[::2], changes[1::2], strict=True)]
-
-
 def gait_diagram(
     title: str, time: np.ndarray, contact: np.ndarray, clock: np.ndarray, controller: int, length: float
 ) -> Panel:
@@ -51,7 +44,8 @@ def gait_diagram(
 
     def draw(axes: "Axes") -> None:
         for foot, lane in enumerate((1.0, 0.0)):
-            axes.broken_barh(spans(time, contact[:, foot]), (lane - 0.36, 0.72), facecolors=colour, alpha=0.35)
+            bars = [(start, stop - start) for start, stop in spans(time, contact[:, foot])]
+            axes.broken_barh(bars, (lane - 0.36, 0.72), facecolors=colour, alpha=0.35)
             axes.plot(time, lane + 0.36 * clock[:, foot], color=INK, linewidth=1.1)
         axes.set_yticks([1.0, 0.0], SIDES)
         axes.set_ylim(-0.6, 1.6)

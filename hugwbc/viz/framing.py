@@ -30,6 +30,16 @@ def chapter_spans(chapters: Sequence[Chapter], begin: float, end: float) -> list
     return [(c.name, max(c.begin, begin), stop) for c, stop in zip(shown, ends, strict=True) if stop > begin]
 
 
+def spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
+    """Return begin and end of every stretch of samples in which something is on, shape (T,), bool.
+
+    A stretch lasts until the next sample, if there is one.
+    """
+    changes = np.flatnonzero(np.diff(on, prepend=False, append=False))
+    later = np.append(time, time[-1])
+    return [(float(time[a]), float(later[b])) for a, b in zip(changes[::2], changes[1::2], strict=True)]
+
+
 def snapshot(trace: Trace, sample: int) -> Snapshot:
     """Return what a picture of one sample of a run shows."""
     recorded = [name for name in SNAPSHOT_FIELDS if len(getattr(trace, name))]
@@ -92,8 +102,8 @@ def camera_path(traces: Sequence[Trace], fps: float, end: float) -> tuple[np.nda
 
 def _smooth(values: np.ndarray, fps: float) -> np.ndarray:
     """Return the moving average of the columns over `CAMERA_TIME`, shape (frames, columns)."""
-    half = max(1, int(CAMERA_TIME * fps / 2))
+    from scipy.ndimage import uniform_filter1d  # here: every verb that knows experiments imports this module
+
+    width = 2 * max(1, int(CAMERA_TIME * fps / 2)) + 1
     # The ends are repeated, so that the camera neither starts nor stops short of the robots.
-    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
-    kernel = np.full(2 * half + 1, 1 / (2 * half + 1))
-    return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)
+    return uniform_filter1d(values, width, axis=0, mode="nearest")

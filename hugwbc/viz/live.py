@@ -10,6 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import viser
+from PIL import ImageColor
 
 from hugwbc import rotations
 from hugwbc.commands import COMMAND_NAMES, COMMAND_UNITS, MEASURED_NAMES, VELOCITY_NAMES, Command, command_ranges
@@ -26,7 +27,7 @@ from hugwbc.viz.drive_keys import HIDE, TASK
 from hugwbc.viz.drive_link import HOST, SILENT_TIME, DriveLink, check_host, page_address
 from hugwbc.viz.live_source import LiveSource
 from hugwbc.viz.marks import HAND_FORCE_SCALE
-from hugwbc.viz.shapes import colour_meshes, rgb_of, shapes_of
+from hugwbc.viz.shapes import colour_meshes, shapes_of
 
 HANDS_AT_FIRST = {"left": (0.35, 0.25, 0.15), "right": (0.35, -0.25, 0.15)}  # [m], in the heading frame
 PUSH_FORCE, PUSH_TIME = 150.0, 0.2  # [N], [s]
@@ -134,7 +135,11 @@ class LivePage:
         frame = self.server.scene.add_frame(path, show_axes=False)
         for part, (colour, mesh) in enumerate(meshes.items()):
             self.server.scene.add_mesh_simple(
-                f"{path}/{part}", mesh.vertices, mesh.faces, color=rgb_of(colour), flat_shading=flat_shading
+                f"{path}/{part}",
+                mesh.vertices,
+                mesh.faces,
+                color=ImageColor.getrgb(colour)[:3],
+                flat_shading=flat_shading,
             )
         return frame
 

@@ -35,7 +35,7 @@ class LiveSource:
         self.hands: HandTargets | None = None  # None leaves the arms to the controller
         self.notice, self.noticed = "", -np.inf  # what was done with the last request, for people; shown until then
         self._walks_by_itself = self._paused = False
-        self._command = self.requested
+        self.command = self.requested  # as far as the ramps have come
         self._t = 0.0
         self._asking = threading.Lock()
 
@@ -43,11 +43,6 @@ class LiveSource:
         """Ask for nothing but standing."""
         with self._asking:
             self.requested, self._walks_by_itself = default_command(Gait.STANDING, self.robot), False
-
-    @property
-    def command(self) -> Command:
-        """The command as far as the ramps have come."""
-        return self._command
 
     def tell(self, notice: str, shown: float = NOTICE_TIME) -> None:
         """Say something to the person, shown for a time [s]."""
@@ -116,27 +111,26 @@ class LiveSource:
         """Return the command at time t [s], as far as the ramps have come; time that goes back starts from rest."""
         if self._follow():
             self._t = t
-            return self._command
+            return self.command
         if t < self._t:
-            self._t, self._command = 0.0, default_command(self.requested.gait, self.robot)
+            self._t, self.command = 0.0, default_command(self.requested.gait, self.robot)
         dt, self._t = t - self._t, t
-        requested, gait = self.requested.array(), self._command.gait
+        requested, gait = self.requested.array(), self.command.gait
         requested_gait = Gait.STANDING if self._paused else self.requested.gait
         if requested_gait is not gait:
-            moving = max(abs(getattr(self._command, name)) for name in VELOCITY_NAMES)
+            moving = max(abs(getattr(self.command, name)) for name in VELOCITY_NAMES)
             if moving <= SLOW or requested_gait is Gait.STANDING:
                 gait = requested_gait
             else:
                 requested[: len(VELOCITY_NAMES)] = 0.0  # come to rest first
         # The ranges are those of the present gait: the requested one may admit velocities that this one does not.
         low, high = np.array([command_ranges(gait, self.robot)[name].finishing for name in COMMAND_NAMES]).T
-        value = np.clip(self._command.array(), low, high)
+        value = np.clip(self.command.array(), low, high)
         step = RATES * dt
-        self._command = Command.from_array(value + np.clip(np.clip(requested, low, high) - value, -step, step), gait)
-        return self._command
+        self.command = Command.from_array(value + np.clip(np.clip(requested, low, high) - value, -step, step), gait)
+        return self.command
 
-    def hands_at(self, t: float) -> HandTargets | None:
-        """Return the present hand targets."""
+    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
         return self._stream.hands_at(t) if self._stream is not None and self.following else self.hands
 
     def _follow(self) -> bool:
@@ -146,7 +140,7 @@ class LiveSource:
         command = self._stream.command_at(0.0)
         self._stopped = self._stopped and self._stream.driven
         if self._stream.driven and not self._stopped:
-            self.following, self.requested, self._command = True, command, command
+            self.following, self.requested, self.command = True, command, command
         elif self.following:
             self.following = False
             self.stand()

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import meshcat.geometry as geometry
 import mujoco
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
@@ -98,7 +99,10 @@ class Marks:
         self._data.qpos[self._layout.qpos] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         centre, turn = self._sole(foot)
-        return Mark(position=centre, quaternion=_about_z(float(np.arctan2(turn[1, 0], turn[0, 0]))))
+        return Mark(
+            position=centre,
+            quaternion=rotations.from_yaw_pitch_roll(float(np.arctan2(turn[1, 0], turn[0, 0])), 0.0, 0.0),
+        )
 
     def footprints(self, trace: Trace) -> list[tuple[float, Mark]]:
         """Return the footprints of a run in the order in which they appear, each with the time of that [s]."""
@@ -136,7 +140,7 @@ class Marks:
     def _planned_steps(self, snapshot: Snapshot) -> dict[str, Mark]:
         """Return the planned footholds, on the ground below the lower sole and with the heading of the pelvis."""
         height = min(self._sole(foot)[0][2] for foot in range(2))
-        heading = _about_z(float(rotations.yaw_of(snapshot.qpos[3:7])))
+        heading = rotations.from_yaw_pitch_roll(float(rotations.yaw_of(snapshot.qpos[3:7])), 0.0, 0.0)
         marks = {}
         for side, foothold in zip(SIDES, snapshot.foothold, strict=True):
             known = bool(np.all(np.isfinite(foothold)))
@@ -201,27 +205,11 @@ def _forces(snapshot: Snapshot) -> dict[str, Mark]:
 
 
 def hull_edges(points: np.ndarray) -> list[tuple[int, int]]:
-    """Return the edges of the convex hull of at least two points seen from above, by Andrew's monotone chain.
-
-    The edges are pairs of indices, anticlockwise; a single pair if all points lie on a line.
-    """
-    order = [int(index) for index in np.lexsort((points[:, 1], points[:, 0]))]
-    halves = []
-    for way in (order, order[::-1]):  # the lower, then the upper half
-        half: list[int] = []
-        for index in way:
-            while len(half) > 1 and _turn(points[half[-2]], points[half[-1]], points[index]) <= 0.0:
-                half.pop()
-            half.append(index)
-        halves.append(half)
-    corners = halves[0][:-1] + halves[1][:-1]
-    edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    return edges[:1] if len(edges) == 2 else edges
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Return a number above 0 if the way from a to b to c turns left."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+    """Return the edges of the convex hull of at least two points seen from above, anticlockwise pairs of indices."""
+    if len(points) == 2:
+        return [(0, 1)]
+    corners = ConvexHull(points[:, :2], qhull_options="QJ").vertices.tolist()  # joggled: points may lie on a line
+    return list(zip(corners, corners[1:] + corners[:1], strict=True))
 
 
 def _bar(start: np.ndarray, end: np.ndarray) -> Mark:
@@ -229,10 +217,6 @@ def _bar(start: np.ndarray, end: np.ndarray) -> Mark:
     length, turn = max(float(np.linalg.norm(end - start)), 1e-6), np.zeros(4)
     mujoco.mju_quatZ2Vec(turn, end - start)
     return Mark(True, start, turn, np.array([1.0, 1.0, length]))
-
-
-def _about_z(yaw: float) -> np.ndarray:
-    return rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
 
 
 def mark_shapes(shapes: Sequence[Shape], label: str, robot: Robot) -> dict[str, list[Shape]]:
@@ -251,10 +235,10 @@ def mark_shapes(shapes: Sequence[Shape], label: str, robot: Robot) -> dict[str, 
         for name, colour in (("stance", STANCE), ("swing", SWING)):
             parts[f"phases/{side}/{name}"] = [_slab(robot, colour)]
     parts["balance/centre"] = [Shape(geometry.Sphere(CENTRE_RADIUS), BALANCE)]
-    parts["balance/plumb"] = [Shape(_rod(1.0, 0.5 * LINE_RADIUS), BALANCE, along_z(0.5) @ CYLINDER_TO_Z)]
-    parts["balance/ground"] = [Shape(_rod(0.004, GROUND_RADIUS), BALANCE, along_z(0.004) @ CYLINDER_TO_Z)]
+    parts["balance/plumb"] = [Shape(geometry.Cylinder(1.0, 0.5 * LINE_RADIUS), BALANCE, along_z(0.5) @ CYLINDER_TO_Z)]
+    parts["balance/ground"] = [Shape(geometry.Cylinder(0.004, GROUND_RADIUS), BALANCE, along_z(0.004) @ CYLINDER_TO_Z)]
     for index in range(EDGES):
-        edge = Shape(_rod(1.0, LINE_RADIUS), BALANCE, along_z(0.5) @ CYLINDER_TO_Z, on_top=True)
+        edge = Shape(geometry.Cylinder(1.0, LINE_RADIUS), BALANCE, along_z(0.5) @ CYLINDER_TO_Z, on_top=True)
         parts[f"balance/edge_{index}"] = [edge]
     return parts
 
@@ -276,14 +260,10 @@ def _sole_box(robot: Robot, height: float) -> geometry.Box:
     return geometry.Box([length + 2 * SOLE_EDGE, width + 2 * SOLE_EDGE, height])
 
 
-def _rod(length: float, radius: float) -> geometry.Cylinder:
-    return geometry.Cylinder(length, radius)
-
-
 def _arrow() -> list[Shape]:
     """Return an arrow of unit length along z."""
     shaft, head = 1.0 - HEAD, geometry.Cylinder(HEAD, radiusTop=0.0, radiusBottom=2.2 * FORCE_RADIUS)
     return [
-        Shape(_rod(shaft, FORCE_RADIUS), FORCE, along_z(0.5 * shaft) @ CYLINDER_TO_Z, 0.9, on_top=True),
+        Shape(geometry.Cylinder(shaft, FORCE_RADIUS), FORCE, along_z(0.5 * shaft) @ CYLINDER_TO_Z, 0.9, on_top=True),
         Shape(head, FORCE, along_z(1.0 - 0.5 * HEAD) @ CYLINDER_TO_Z, 0.9, on_top=True),
     ]

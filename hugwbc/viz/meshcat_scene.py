@@ -7,7 +7,7 @@ import meshcat
 import meshcat.geometry as geometry
 import mujoco
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageColor
 
 from hugwbc.robot import Robot
 from hugwbc.runtime.trace import Snapshot
@@ -15,7 +15,7 @@ from hugwbc.sim import scenes
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, lanes
 from hugwbc.viz.marks import UPRIGHT, Mark, Marks, footprint, mark_shapes
-from hugwbc.viz.shapes import Shape, hex_colour, homogeneous, rgb_of, shapes_of
+from hugwbc.viz.shapes import Shape, hex_colour, homogeneous, shapes_of
 
 CAMERA_POSITION = (2.3, 0.45, 0.8)  # [m] from the point looked at, in meshcat's camera axes (x, up, -y)
 # From the left and a little from behind: what a robot works at is ahead of it.
@@ -31,7 +31,9 @@ _LABELLED_MATERIALS = {"light": 0.3, "lamp": 1.0}  # share of the label colour i
 def labelled_colour(material: str, colour: str, label: str) -> str:
     """Return a colour ("#rrggbb") with the label mixed into shells and lamp, so that robots can be told apart."""
     share = _LABELLED_MATERIALS.get(material, 0.0)
-    return hex_colour(((1 - share) * np.array(rgb_of(colour)) + share * np.array(rgb_of(label))) / 255)
+    return hex_colour(
+        ((1 - share) * np.array(ImageColor.getrgb(colour)) + share * np.array(ImageColor.getrgb(label))) / 255
+    )
 
 
 class RobotView:
@@ -63,9 +65,8 @@ class RobotView:
         shapes = shapes_of(model)
         for index, shape in enumerate(shapes):
             colour = labelled_colour(shape.material, shape.colour, label)
-            self._add(
-                f"links/{shape.body}/{index}", shape, geometry.MeshPhongMaterial(color=_hex(colour), shininess=40)
-            )
+            material = geometry.MeshPhongMaterial(color=int(colour[1:], 16), shininess=40)
+            self._add(f"links/{shape.body}/{index}", shape, material)
         self._links = {f"links/{shape.body}": shape.body for shape in shapes}
         for name, parts in mark_shapes(shapes, label, robot).items():
             for index, part in enumerate(parts):
@@ -79,7 +80,7 @@ class RobotView:
     def _add(self, path: str, shape: Shape, material: geometry.Material | None = None) -> None:
         # The browser draws transparent parts last; without a depth test they then cover everything.
         last = {"transparent": True, "depthTest": False} if shape.on_top else {}
-        own = geometry.MeshPhongMaterial(color=_hex(shape.colour), opacity=shape.opacity, **last)
+        own = geometry.MeshPhongMaterial(color=int(shape.colour[1:], 16), opacity=shape.opacity, **last)
         self._node[path].set_object(shape.primitive, material or own)
         self._node[path].set_transform(shape.placement)
 
@@ -125,10 +126,6 @@ class RobotView:
             self.add_footprint(self._steps % LIVE_FOOTPRINTS, self.marks.footprint(snapshot.qpos, int(foot)))
             self._steps += 1
         self._on_ground = snapshot.foot_contact
-
-
-def _hex(colour: str) -> int:
-    return int(colour[1:], 16)
 
 
 def _tiles() -> geometry.Material:

@@ -2,10 +2,9 @@
 
 import base64
 import html
-import itertools
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import meshcat
 import numpy as np
@@ -14,7 +13,6 @@ from meshcat.animation import Animation, AnimationClip, AnimationTrack
 from meshcat.path import Path
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
-from hugwbc.files import write_whole
 from hugwbc.robot import load_robot
 from hugwbc.runtime.trace import Trace
 from hugwbc.viz.framing import (
@@ -26,6 +24,7 @@ from hugwbc.viz.framing import (
     frame_samples,
     lanes,
     snapshot,
+    spans,
     title_of,
 )
 from hugwbc.viz.marks import LAYERS, STANCE, SWING, Mark, in_stance
@@ -39,17 +38,13 @@ CONTACT = "#1c2430"
 ARMS = 0.75  # [m], how far a robot reaches to either side of its middle
 
 
-class _Command(Protocol):
-    def lower(self) -> dict[str, Any]: ...
-
-
 class _Recorder:
     """A stand-in for meshcat's window that keeps the commands instead of sending them to a server."""
 
     def __init__(self) -> None:
         self.commands: list[bytes] = []
 
-    def send(self, command: _Command) -> None:
+    def send(self, command: Any) -> None:  # noqa: ANN401  one of meshcat's
         # Single precision halves the size of the page; positions are still exact to a micrometre.
         self.commands.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
@@ -83,17 +78,6 @@ def replay_html(traces: Sequence[Trace], *, title: str = "hugwbc replay", chapte
     begin = float(traces[0].time[0])
     strips = {"@GAITS@": gait_bar(traces, begin, end), "@CHAPTERS@": chapter_bar(chapters, begin, end)}
     return _page(recorder.commands, traces, title, strips)
-
-
-def write_replay(
-    path: str | pathlib.Path,
-    traces: Sequence[Trace],
-    *,
-    title: str = "hugwbc replay",
-    chapters: Sequence[Chapter] = (),
-) -> None:
-    """Write `replay_html` to a file."""
-    write_whole(path, replay_html(traces, title=title, chapters=chapters))
 
 
 def chapter_bar(chapters: Sequence[Chapter], begin: float, end: float) -> str:
@@ -163,23 +147,15 @@ def gait_bar(traces: Sequence[Trace], begin: float, end: float) -> str:
         rows.append(f"<g><title>{html.escape(trace.name)}</title>")
         for foot in range(2):
             y = (2 * index + foot) * (ROW + GAP)
-            for start, stop, on in _stretches(trace.time, stance[:, foot]):
-                rows.append(_box(start, stop, y, ROW, STANCE if on else SWING))
-            for start, stop, on in _stretches(trace.time, trace.foot_contact[:, foot]):
-                if on:
-                    rows.append(_box(start, stop, y + 0.5 * (ROW - LINE), LINE, CONTACT))
+            rows.append(_box(begin, float(trace.time[-1]), y, ROW, SWING))
+            rows += [_box(*span, y, ROW, STANCE) for span in spans(trace.time, stance[:, foot])]
+            contacts = spans(trace.time, trace.foot_contact[:, foot])
+            rows += [_box(*span, y + 0.5 * (ROW - LINE), LINE, CONTACT) for span in contacts]
         y = 2 * index * (ROW + GAP)
         rows.append(_box(begin - 0.01 * (end - begin), begin, y, 2 * ROW + GAP, LABEL_COLOURS[index]) + "</g>")
     height = 2 * len(traces) * (ROW + GAP)
     view = f"{begin - 0.01 * (end - begin):.3f} 0 {1.01 * (end - begin):.3f} {height:g}"
     return f'<svg viewBox="{view}" preserveAspectRatio="none" style="height:{height:g}px">{"".join(rows)}</svg>'
-
-
-def _stretches(time: np.ndarray, values: np.ndarray) -> Iterator[tuple[float, float, bool]]:
-    """Yield the start [s], the end [s] and the value of every stretch of equal values."""
-    changes = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
-    for start, stop in itertools.pairwise(changes):
-        yield float(time[start]), float(time[min(stop, len(time) - 1)]), bool(values[start])
 
 
 def _box(start: float, stop: float, y: float, height: float, colour: str) -> str:

@@ -53,12 +53,6 @@ def hex_colour(rgb: Iterable[float]) -> str:
     return "#" + "".join(f"{round(255 * value):02x}" for value in rgb)
 
 
-def rgb_of(colour: str) -> tuple[int, int, int]:
-    """Return red, green and blue of "#rrggbb", each up to 255."""
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
-
-
 class _Fine:
     """Round shapes with smaller facets than meshcat's: patches that lie just above a shell would sink into it."""
 

@@ -15,18 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hugwbc import rotations
 from hugwbc.commands import COMMAND_UNITS, VELOCITY_NAMES, Command
 from hugwbc.controller import Controller
 from hugwbc.errors import HugwbcError
-from hugwbc.files import writing
+from hugwbc.files import write_whole, writing
 from hugwbc.robot import SIDES, Robot
 from hugwbc.runtime.loop import ControlLoop, world_targets
 from hugwbc.runtime.rollout import rollout
 from hugwbc.runtime.trace import Snapshot, Trace
 from hugwbc.scripts.view import CommandSource
 from hugwbc.sim import Engine, Force, Scene, Simulation
-from hugwbc.state import RobotState
 from hugwbc.upper_ik import UpperBodySource
 
 if TYPE_CHECKING:
@@ -160,11 +158,12 @@ def at_real_time(draw: Draw, simulation: Engine, clock: RealTime | None = None) 
 
 def keep_replay(path: str | pathlib.Path, traces: Sequence[Trace], *, tell: Tell = print) -> None:
     """Write a replay page of one to four runs side by side, and tell where it is."""
-    from hugwbc.viz.replay import write_replay
+    from hugwbc.viz.replay import replay_html
 
     path = pathlib.Path(path)
     with writing(path):
-        write_replay(path, traces, title=f"hugwbc {path.stem}: {', '.join(trace.name for trace in traces)}")
+        title = f"hugwbc {path.stem}: {', '.join(trace.name for trace in traces)}"
+        write_whole(path, replay_html(traces, title=title))
     tell(f"replay in {path}")
 
 
@@ -193,7 +192,7 @@ def run_live(
             loop.step(loop.decide(loop.simulation.time), loop.period)
             simulated += loop.period
             if loop.simulation.time > SETTLE:
-                velocities += loop.control.chain.command.array()[:3], walked(loop.simulation.state())
+                velocities += loop.control.chain.command.array()[:3], loop.simulation.state().heading_velocity
                 ticks += 1
             again = loop.simulation.fallen
             if draw is not None and (again or simulated >= next_frame):
@@ -260,13 +259,6 @@ def drive(
         page.source.tell(words)
 
     run_live(loop, duration, draw, clock=clock, tell=say)
-
-
-def walked(state: RobotState) -> np.ndarray:
-    """Return v_x, v_y [m/s] and omega [rad/s] of a robot from its true state, shape (3,)."""
-    assert state.velocity is not None
-    velocity = rotations.rotation_z(-state.yaw) @ state.velocity
-    return np.array([*velocity[:2], rotations.rotate(state.orientation, state.angular_velocity)[2]])
 
 
 def mean_velocities(commanded: np.ndarray, walked: np.ndarray) -> str:

@@ -18,7 +18,7 @@ import imageio.v2 as imageio
 import meshcat.geometry as geometry
 import mujoco
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from hugwbc import rotations
 from hugwbc.errors import UnknownNameError
@@ -29,7 +29,7 @@ from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, load_model
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter, camera_path, check_traces, frame_samples, lanes, snapshot
 from hugwbc.viz.marks import FORCE, FORCE_RADIUS, LAYERS, Mark, Marks, footprint, mark_shapes
 from hugwbc.viz.meshcat_scene import LOOK_AT_HEIGHT, labelled_colour
-from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, hex_colour, rgb_of, shapes_of
+from hugwbc.viz.shapes import CYLINDER_TO_Z, Shape, hex_colour, shapes_of
 
 FPS = 25
 WIDTH, HEIGHT = 1280, 720  # [pixel], multiples of 16 as the encoder requires
@@ -77,7 +77,11 @@ def write_video(
                 if on_progress is not None and line.strip().isdigit():
                     on_progress(int(line) / frame_count(traces))
         if process.returncode == 0:
-            return _put(film, path)
+            try:
+                write_whole(path, film.read_bytes())
+            except OSError as error:
+                return f"no video: cannot write {path}: {error.strerror}"
+            return None
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return f"no video: {lines[-1] if lines else f'the renderer ended with code {process.returncode}'}; {HINT}"
 
@@ -117,15 +121,6 @@ def write_captions(picture: np.ndarray, caption: Mapping[str, Any]) -> np.ndarra
     place = (picture.shape[1] // 2, picture.shape[0] - edge)
     draw.text(place, caption["chapter"], fill=ink, font=font, anchor="ms", stroke_width=2, stroke_fill=halo)
     return np.asarray(image)
-
-
-def _put(film: pathlib.Path, path: str | pathlib.Path) -> str | None:
-    """Move a finished video to its path; return None, or the reason why that failed."""
-    try:
-        write_whole(path, film.read_bytes())
-    except OSError as error:
-        return f"no video: cannot write {path}: {error.strerror}"
-    return None
 
 
 def renderer_environment() -> dict[str, str]:
@@ -210,7 +205,7 @@ def _arrow(placement: np.ndarray) -> np.ndarray:
 def _row(
     kind: mujoco.mjtGeom, size: np.ndarray, position: np.ndarray, turn: np.ndarray, colour: str, opacity: float
 ) -> np.ndarray:
-    rgba = [*(value / 255 for value in rgb_of(colour)), opacity]
+    rgba = [*(value / 255 for value in ImageColor.getrgb(colour)), opacity]
     return np.concatenate(([int(kind)], size, position, turn.ravel(), rgba))
 
 
@@ -252,7 +247,7 @@ def _stage(traces: Sequence[Trace]) -> mujoco.MjModel:
             robot.delete(element)
         for finish in robot.materials:
             colour = labelled_colour(finish.name, hex_colour(finish.rgba[:3]), LABEL_COLOURS[index])
-            finish.rgba = [*(value / 255 for value in rgb_of(colour)), 1.0]
+            finish.rgba = [*(value / 255 for value in ImageColor.getrgb(colour)), 1.0]
         for field in _SHARED:
             setattr(stage.option, field, getattr(robot.option, field))  # attached models must agree with the stage
         stage.attach(robot, prefix=f"{index}_", frame=stage.worldbody.add_frame())

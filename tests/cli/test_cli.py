@@ -27,7 +27,6 @@ BAD_INPUT = {
     "training folder": (["train", "--out", "/dev/null/run"], "cannot write /dev/null/run"),
     "processes": (["train", "--processes", "0"], "processes is 0; give 1 to"),
     "policy of the QP": (["play", "--controller", "qp", "--policy", "h1"], "controller 'qp' takes no policy"),
-    "policy of no controller": (["compare", "--controllers", "hold", "--policy", "h1"], "--policy is for learned"),
     "runs to draw": (["compare", "--controllers", *"abcde"], "give 1 to 4"),
     "port of no page": (["play", "--v-x", "0", "--port", "99"], "--port is for the live page; add --viewer live"),
     "host of no page": (["play", "--v-x", "0", "--host", "::1", "--expose"], "--host, --expose is for the live page"),

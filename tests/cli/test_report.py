@@ -36,7 +36,7 @@ def test_report_writes_page_and_csv_and_reads_what_is_stored(tmp_path, capsys, s
     assert {row["controller"] for row in rows} == {"hold", "learned"}
     assert "Contacts that agree with the clock" in page
     assert all(word in page for word in ("standing, hold", "standing, learned"))
-    assert "few and short episodes" in page and "--controllers hold learned" in page and "ablation" not in page
+    assert "few and short episodes" in page and "--controllers hold learned" in page
     assert "src=" not in page and "<script" not in page
     assert "hold is clearly better than learned in 0" in capsys.readouterr().out
 

@@ -18,7 +18,7 @@ from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.relay import Settings
 from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.state_machine import Mode
-from hugwbc.errors import ConfigError, ResultFileError
+from hugwbc.errors import ConfigError
 
 H1 = load_robot()
 
@@ -122,14 +122,14 @@ HEADER = json.dumps({"format": recording.FORMAT}).encode()
 def test_files_that_are_no_recordings_are_refused(tmp_path, content, words) -> None:
     path = tmp_path / "bad.bin"
     path.write_bytes(content)
-    with pytest.raises(ResultFileError, match=words):
+    with pytest.raises(ConfigError, match=words):
         list(Recording(path).entries())
 
 
 def test_paths_that_cannot_be_used_are_refused(tmp_path) -> None:
-    with pytest.raises(ResultFileError, match="no recording"):
+    with pytest.raises(ConfigError, match="no recording"):
         Recording(tmp_path / "missing.bin")
-    with pytest.raises(ResultFileError, match="no recording"):
+    with pytest.raises(ConfigError, match="no recording"):
         Recording(pathlib.Path("/dev/zero"))
     with pytest.raises(ConfigError, match="cannot write"):
         Recorder(tmp_path / "no" / "folder.bin", {})
@@ -139,7 +139,7 @@ def test_a_bomb_is_read_piece_by_piece(tmp_path) -> None:
     """100 MB of zeros in 100 kB: the first entry is damaged, and that is all that is looked at."""
     path = tmp_path / "bomb.bin"
     path.write_bytes(bad(HEADER, zlib.compress(bytes(100_000_000))))
-    with pytest.raises(ResultFileError, match="damaged"):
+    with pytest.raises(ConfigError, match="damaged"):
         list(Recording(path).entries())
 
 

@@ -7,7 +7,7 @@ import threading
 import distributed
 import pytest
 
-from hugwbc.errors import ConfigError, WorkerError
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import _controller, run_experiment
 from hugwbc.evaluation.experiments.random_commands import EXPERIMENT, RandomCommandsSettings
@@ -30,7 +30,7 @@ def test_jobs_run_here_or_in_processes_that_stay():
 
 def test_a_worker_that_dies_is_an_error_with_a_remedy_and_the_next_jobs_get_new_ones():
     with Execution(2) as execution:
-        with pytest.raises(WorkerError, match="run the same again"):
+        with pytest.raises(ConfigError, match="run the same again"):
             list(execution.run(eval, ["1", "2", DEATH, "4"]))
         assert sorted(execution.run(eval, ["1", "2"])) == [1, 2]
 

@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from hugwbc import Command
-from hugwbc.errors import ConfigError, HugwbcError, ResultFileError
+from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.evaluation import episode, store
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings, ending, simulate
@@ -163,7 +163,7 @@ def test_a_users_own_code_may_load_any_shipped_policy(tmp_path, monkeypatch):
 def test_a_file_that_is_no_table_is_refused_and_left(tmp_path, stored):
     for text in ("no json\n", '{"settings": {}}\n'):
         stored.write_text(text)
-        with pytest.raises(ResultFileError, match="not a table of episodes"):
+        with pytest.raises(ConfigError, match="not a table of episodes"):
             run_experiment(WAISTS, SETTINGS, HOLD, store=Store(tmp_path))
         assert stored.read_text() == text
 

@@ -7,7 +7,6 @@ from hugwbc.evaluation.intervals import (
     exact_test,
     paired_difference,
     paired_ratio,
-    student_quantile,
     wilson_percentage,
 )
 
@@ -40,16 +39,6 @@ def test_it_covers_the_mean_of_few_samples(count):
 def test_an_interval_of_few_samples_ends_with_them():
     few = bootstrap_mean([1.0, 2.0, 6.0])
     assert (few.value, few.low, few.high) == (3.0, 1.0, 6.0)
-
-
-@pytest.mark.parametrize(
-    ("freedom", "quantile"),
-    [(1, 12.706), (2, 4.303), (3, 3.182), (4, 2.776), (7, 2.365), (10, 2.228), (29, 2.045), (120, 1.980)],
-)
-def test_quantiles_of_student(freedom, quantile):
-    """Against a printed table (Abramowitz & Stegun 1964, table 26.10)."""
-    assert student_quantile(0.975, freedom) == pytest.approx(quantile, abs=5e-4)
-    assert student_quantile(0.975, 100_000) == pytest.approx(1.95996, abs=1e-4)
 
 
 def test_score_interval_of_a_part():

@@ -10,7 +10,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from hugwbc.cli import main
-from hugwbc.errors import ConfigError, ResultFileError
+from hugwbc.errors import ConfigError
 from hugwbc.evaluation import episode
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings
@@ -145,7 +145,7 @@ def test_a_damaged_table_is_refused_before_it_is_measured_afresh(tmp_path: pathl
     key = {"experiment": "mine", "files": {}}
     StoredTable(tmp_path / "a.jsonl", key).add(Plan(0), {"x": 1.0})
     (tmp_path / "a.jsonl").write_text((tmp_path / "a.jsonl").read_text().replace("mine", "mime"))
-    with pytest.raises(ResultFileError, match="not a table of episodes"):
+    with pytest.raises(ConfigError, match="not a table of episodes"):
         StoredTable(tmp_path / "a.jsonl", key, fresh=True)
 
 

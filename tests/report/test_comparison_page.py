@@ -18,7 +18,7 @@ from hugwbc.scripts.script import Script, Segment
 from hugwbc.viz import plots
 from hugwbc.viz.framing import LABEL_COLOURS, Chapter
 from hugwbc.viz.plots import hand_panels, path_panel, torque_panels, tracking_panels
-from hugwbc.viz.replay import replay_html, write_replay
+from hugwbc.viz.replay import replay_html
 
 NASTY = 'a<b>&"$x_1'
 
@@ -44,7 +44,7 @@ def test_every_counter_of_the_safety_report_is_named_for_people() -> None:
 
 def test_pages_load_nothing_and_escape_names(make_run: Callable, tmp_path: pathlib.Path) -> None:
     runs = [make_run(name=NASTY, fell=True), make_run(name="learned", seed=2)]
-    write_replay(tmp_path / "replay.html", runs, title="<script>alert(1)</script>")
+    (tmp_path / "replay.html").write_text(replay_html(runs, title="<script>alert(1)</script>"))
     text = comparison_page.report_html("<script>alert(1)</script>", runs, subtitle="<img src=x>")
     (tmp_path / "report.html").write_text(text, encoding="utf-8")
     for name, scripts in (("replay.html", 2), ("report.html", 0)):

@@ -4,14 +4,10 @@ import dataclasses
 
 import pytest
 
-from hugwbc.errors import ConfigError
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
 from hugwbc.evaluation.plans import Plan
-from hugwbc.learned.config import EnvConfig
-from hugwbc.learned.policy import save_policy
-from hugwbc.learned.policy.networks import Actor
 from hugwbc.report.report_page import Report, sections
 from hugwbc.report.report_plan import ReportPlan
 
@@ -46,23 +42,5 @@ def test_a_profile_has_every_section_for_every_controller(profile):
     plan = ReportPlan(profile, ("learned", "qp"), seed=3)
     available = {experiment.name for experiment, section in sections() if not section.unavailable()}
     assert {entry.experiment.name for entry in plan.entries} == available
-    assert [entry.spec for entry in plan.entries if not entry.experiment.section.ablation][:2] == plan.specs
+    assert [entry.spec for entry in plan.entries][:2] == plan.specs
     assert {entry.settings.seed for entry in plan.entries} == {3}
-
-
-def test_shipped_policies_of_other_robots_take_no_part():
-    plan = ReportPlan("quick", ("qp",), experiments=("intervention",))
-    assert [spec.policy for spec in plan.further] == ["h1"]
-
-
-def test_policies_of_the_ablation_run_where_the_arms_are_moved(tmp_path):
-    record = {"config": {"env": {"intervention": "motion"}}}
-    save_policy(tmp_path / "mine" / "policy.safetensors", Actor(63, 18, 19), EnvConfig().contract(), record)
-    plan = ReportPlan("quick", ("qp",), ablation=(str(tmp_path / "mine"),))
-    theirs = [entry.experiment.name for entry in plan.entries if entry.spec.name == "learned"]
-    assert theirs == ["intervention"] * 3 + ["foot-displacement"]
-    (note,) = [note for note in plan._notes([]) if "ablation" in note and "no policy" in note]
-    assert "no policy trained with noise, nor trained without intervention" in note
-    with pytest.raises(ConfigError, match="--ablation is for intervention, foot-displacement; add one of them"):
-        ReportPlan("quick", ("qp",), ablation=(str(tmp_path / "mine"),), experiments=("contacts", "ramp"))
-    assert ReportPlan("quick", ("qp",), ablation=(), experiments=("contacts",)).entries

@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from hugwbc.errors import HugwbcError, MotionFileError
+from hugwbc.errors import ConfigError, HugwbcError
 from hugwbc.robot import load_robot
 from hugwbc.scripts import Segment
 from hugwbc.scripts.motion import (
@@ -97,17 +97,17 @@ def test_joints_that_do_not_follow_a_motion_are_told(tmp_path: pathlib.Path, cap
     ],
 )
 def test_bad_files_are_refused(changes: dict, message: str, tmp_path: pathlib.Path) -> None:
-    with pytest.raises(MotionFileError, match=message):
+    with pytest.raises(ConfigError, match=message):
         load_motion(write(tmp_path / "bad.npz", **changes), ROBOT)
 
 
 def test_missing_and_foreign_files_are_refused(tmp_path: pathlib.Path) -> None:
     (tmp_path / "text.npz").write_text("no motion")
     for name, reason in (("none", "No such file"), ("text", r"it is not an \.npz archive$")):
-        with pytest.raises(MotionFileError, match=reason):
+        with pytest.raises(ConfigError, match=reason):
             load_motion(tmp_path / f"{name}.npz", ROBOT)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(MotionFileError, match="holds no motion files"):
+    with pytest.raises(ConfigError, match="holds no motion files"):
         load_motions(tmp_path / "empty", ROBOT)
 
 
@@ -154,12 +154,12 @@ def test_a_table_with_joint_names_is_a_motion(tmp_path: pathlib.Path, robot) -> 
     ],
 )
 def test_bad_tables_are_refused(lines: tuple[str, ...], message: str, tmp_path: pathlib.Path) -> None:
-    with pytest.raises(MotionFileError, match=message):
+    with pytest.raises(ConfigError, match=message):
         load_motion(table(tmp_path / "bad.csv", *lines), ROBOT)
 
 
 def test_other_kinds_of_files_are_refused(tmp_path: pathlib.Path) -> None:
-    with pytest.raises(MotionFileError, match=r"'\.fbx' is not a motion file type; valid for arms"):
+    with pytest.raises(ConfigError, match=r"'\.fbx' is not a motion file type; valid for arms"):
         load_motion(tmp_path / "dance.fbx", ROBOT)
 
 
@@ -176,7 +176,7 @@ def test_archives_made_to_harm_are_refused(tmp_path: pathlib.Path) -> None:
     huge = member(tmp_path / "huge.npz", "x.npy", b"\x93NUMPY\x01\x00" + len(shape).to_bytes(2, "little") + shape)
     pickled = member(tmp_path / "pickled.npz", "x.pkl", pickle.dumps({}))
     for path, message in ((bomb, "unpacks to"), (huge, "cannot read"), (pickled, "'x.pkl' is not a NumPy array")):
-        with pytest.raises(MotionFileError, match=message):
+        with pytest.raises(ConfigError, match=message):
             load_motion(path, ROBOT)
 
 
@@ -228,11 +228,11 @@ def test_a_table_may_have_any_clock_but_is_in_seconds(tmp_path: pathlib.Path) ->
     motion = waving(fps=125.0)
     times = np.arange(len(motion.positions)) / motion.fps
     assert load_motion(as_table(tmp_path / "unix.csv", motion, 1764208000.0 + times), ROBOT).fps == pytest.approx(125.0)
-    with pytest.raises(MotionFileError, match="8 s between samples: its times look like milliseconds; give seconds"):
+    with pytest.raises(ConfigError, match="8 s between samples: its times look like milliseconds; give seconds"):
         load_motion(as_table(tmp_path / "ms.csv", motion, 1e3 * times), ROBOT)
-    with pytest.raises(MotionFileError, match=r"20 s between its times; give t in seconds \(divide"):
+    with pytest.raises(ConfigError, match=r"20 s between its times; give t in seconds \(divide"):
         load_motion(as_table(tmp_path / "slow.csv", motion, 20.0 * np.arange(len(times))), ROBOT)
-    with pytest.raises(MotionFileError, match=r"from 0\.02 to 0\.02 s; .* with enough decimals"):
+    with pytest.raises(ConfigError, match=r"from 0\.02 to 0\.02 s; .* with enough decimals"):
         load_motion(as_table(tmp_path / "rounded.csv", motion, np.round(times, 2)), ROBOT)
 
 

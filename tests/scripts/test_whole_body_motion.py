@@ -7,7 +7,7 @@ from bvh_helpers import SKELETON, write_bvh
 
 from hugwbc import rotations
 from hugwbc.commands import MEASURED_NAMES
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.scripts.bvh import JOINTS, find_joints, load_bvh
@@ -180,7 +180,7 @@ def test_what_may_be_several_joints_is_refused_with_their_names():
         (doubled, r"left arm .* LeftHand, LeftHandEnd, LeftHandB; name three in a row left Arm, ForeArm, Hand"),
         (without, r"right arm .* RightShoulder, RightArm, RightForeArm; name"),
     ):
-        with pytest.raises(MotionFileError, match=words):
+        with pytest.raises(ConfigError, match=words):
             joints_of(skeleton)
 
 
@@ -240,7 +240,7 @@ def test_a_clip_that_leaves_the_feet_is_refused_with_the_times(words, pose, tmp_
 
     path = write_bvh(tmp_path / "part.bvh", move)
     message = rf"part: .*{words}[^0-9]* from (1\.[6-9]|2\.0) to 3\.[5-9] s.*cut the file to 0\.0 to (1\.[6-9]|2\.0) s"
-    with pytest.raises(MotionFileError, match=message):
+    with pytest.raises(ConfigError, match=message):
         load_whole_body_motion(path, load_robot())
 
 
@@ -253,7 +253,7 @@ def test_a_short_time_off_the_feet_is_told(tmp_path, caplog):
 
 @pytest.mark.parametrize("pose", ["plank", "on the back", "crawl"])
 def test_up_is_that_of_the_rest_pose_not_of_the_clip(pose, tmp_path):
-    with pytest.raises(MotionFileError, match=r"lying or head down from 0\.0 to 5\.0 s.*rest pose"):
+    with pytest.raises(ConfigError, match=r"lying or head down from 0\.0 to 5\.0 s.*rest pose"):
         load_whole_body_motion(write_bvh(tmp_path / "floor.bvh", lambda t: POSES[pose]), load_robot())
 
 
@@ -269,7 +269,7 @@ def test_bows_hops_and_lunges_stay_on_the_feet(tmp_path):
 
 
 def test_a_jump_of_the_root_is_refused(tmp_path):
-    with pytest.raises(MotionFileError, match=r"cut jumps by 1\.25 leg lengths within 0\.04 s at 1\.9"):
+    with pytest.raises(ConfigError, match=r"cut jumps by 1\.25 leg lengths within 0\.04 s at 1\.9"):
         load_whole_body_motion(
             write_bvh(tmp_path / "cut.bvh", lambda t: {"position": (100 * (t > 1.97), 80, 0)}), load_robot()
         )
@@ -281,24 +281,24 @@ def test_units_of_a_clip_are_told(tmp_path, caplog):
     assert "no angle is above 3.14; if these are radians, convert them to degrees" in caplog.text
     for time in ("33.3", "8.333", "1"):
         path.write_text(re.sub("Frame Time: .*", f"Frame Time: {time}", path.read_text()))
-        with pytest.raises(MotionFileError, match=rf"divide {time} by 1000 if it is in milliseconds"):
+        with pytest.raises(ConfigError, match=rf"divide {time} by 1000 if it is in milliseconds"):
             load_bvh(path)
     for time in ("inf", "1e-320"):
         path.write_text(re.sub("Frame Time: .*", f"Frame Time: {time}", path.read_text()))
-        with pytest.raises(MotionFileError, match=r"a\.bvh"):
+        with pytest.raises(ConfigError, match=r"a\.bvh"):
             load_bvh(path)
 
 
 def test_bad_clips_are_refused(tmp_path):
     path = write_bvh(tmp_path / "arm.bvh", without=("LeftHand",))
     with pytest.raises(
-        MotionFileError, match=r"the left arm .* not clear from the joints LeftArm, LeftForeArm; name three"
+        ConfigError, match=r"the left arm .* not clear from the joints LeftArm, LeftForeArm; name three"
     ):
         load_bvh(path)
     text = write_bvh(tmp_path / "whole.bvh").read_text()
     for content in ("", "no motion", text[:400], text[:-200], text.replace("Frame Time: 0.040000", "Frame Time: nan")):
         path.write_text(content)
-        with pytest.raises(MotionFileError, match=r"arm\.bvh"):
+        with pytest.raises(ConfigError, match=r"arm\.bvh"):
             load_bvh(path)
-    with pytest.raises(MotionFileError, match=r"none\.bvh"):
+    with pytest.raises(ConfigError, match=r"none\.bvh"):
         load_bvh(tmp_path / "none.bvh")

@@ -10,7 +10,7 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 
-from hugwbc.viz.replay import write_replay
+from hugwbc.viz.replay import replay_html
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader")
@@ -27,7 +27,7 @@ def _browse(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_replay_runs_and_shows_a_robot(make_run: Callable, tmp_path: pathlib.Path) -> None:
     page, picture = tmp_path / "replay.html", tmp_path / "replay.png"
-    write_replay(page, [make_run(seconds=2.0)])
+    page.write_text(replay_html([make_run(seconds=2.0)]))
     result = _browse("--dump-dom", f"{page.as_uri()}?t=1.2")
     assert not re.search(r"Uncaught|Error:", result.stderr)
     # The clock is written by the page's script, from the animation that the viewer has loaded: 50 frames at 25 Hz.
@@ -41,7 +41,7 @@ def test_replay_runs_and_shows_a_robot(make_run: Callable, tmp_path: pathlib.Pat
 
 def test_layers_are_shown_and_hidden(make_run: Callable, tmp_path: pathlib.Path) -> None:
     page, red = tmp_path / "replay.html", {}
-    write_replay(page, [make_run(seconds=2.0)])
+    page.write_text(replay_html([make_run(seconds=2.0)]))
     for hidden in ("", "forces", "hands,steps,balance,phases"):
         picture = tmp_path / "layers.png"
         result = _browse(f"--screenshot={picture}", f"{page.as_uri()}?t=1.2&hide={hidden}")

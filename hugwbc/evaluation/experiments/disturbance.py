@@ -14,6 +14,7 @@ from typing import Annotated
 import numpy as np
 import polars as pl
 from pydantic import Field
+from scipy.special import bdtr, bdtrc
 
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
@@ -118,21 +119,11 @@ class SurvivalSearch:
         """Return whether the load is tolerated; None if it takes more rollouts to tell."""
         risk, rollouts = 1.0 - SURVIVAL, self._settings.rollouts
         allowed = math.floor(risk * rollouts + 1e-9)
-        if self._failed > allowed or 1.0 - _binomial_cdf(self._failed - 1, self._count, risk) < DOUBT:
+        if self._failed > allowed or bdtrc(self._failed - 1, self._count, risk) < DOUBT:
             return False
-        if self._failed + rollouts - self._count <= allowed or _binomial_cdf(self._failed, self._count, risk) < DOUBT:
+        if self._failed + rollouts - self._count <= allowed or bdtr(self._failed, self._count, risk) < DOUBT:
             return True
         return None
-
-
-def _binomial_cdf(k: int, n: int, p: float) -> float:
-    """Return the probability of at most k successes in n trials of probability p in (0, 1)."""
-
-    def log_mass(i: int) -> float:
-        ways = math.lgamma(n + 1) - math.lgamma(i + 1) - math.lgamma(n - i + 1)
-        return ways + i * math.log(p) + (n - i) * math.log1p(-p)
-
-    return math.fsum(math.exp(log_mass(i)) for i in range(k + 1))
 
 
 def following(settings: DisturbanceSettings, rows: Sequence[Row]) -> list[Plan]:

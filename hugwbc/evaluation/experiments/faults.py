@@ -62,19 +62,13 @@ _ARM_JOINTS = ("shoulder_pitch", "elbow", "shoulder_roll", "shoulder_yaw")
 
 @settings(kw_only=True)
 class FaultsSettings(CountedSettings):
-    """Settings of faults.
+    """Settings of faults."""
 
-    Attributes:
-        episodes: number of episodes of each fault; encoders and times differ
-        only: words; faults whose name contains one of them, such as "for good" or IMU; without any, all
-        settle: time from which on the faults start [s]
-        duration: length of an episode [s]
-    """
-
-    episodes: Count = 20
+    episodes: Count = 20  # number of episodes of each fault; encoders and times differ
+    # words; faults whose name contains one of them, such as "for good" or IMU; without any, all
     only: tuple[str, ...] = ()
-    settle: NotNegative = 3.0
-    duration: Positive = 8.0
+    settle: NotNegative = 3.0  # time from which on the faults start [s]
+    duration: Positive = 8.0  # length of an episode [s]
     varied = frozenset({"faults", "latency"})
 
     def __post_init__(self) -> None:
@@ -143,12 +137,7 @@ def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row
 
 
 class GroundSpeeds:
-    """Speeds of the pelvis and where links touch the ground; called after every physics step (`rollout`'s `on_step`).
-
-    Attributes:
-        touch_speed: see `episode`.
-        before: whether another link than the feet touched the ground before that time.
-    """
+    """Speeds of the pelvis and where links touch the ground; called after every physics step."""
 
     def __init__(self, simulation: Simulation, start: float) -> None:
         """Watch a robot from a time [s] on."""
@@ -158,8 +147,8 @@ class GroundSpeeds:
         legs = [part for part, pair in robot.pairs.items() if pair[0] in robot.legs]
         self._legs = {robot.base, *(link for part in legs for link in robot.moved[part])}
         self._touched: set[str] = set()
-        self.touch_speed: float | None = None
-        self.before = False
+        self.touch_speed: float | None = None  # see `episode`
+        self.before = False  # whether another link than the feet touched the ground before that time
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
         """Take the true state after a physics step."""

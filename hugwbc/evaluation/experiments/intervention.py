@@ -106,18 +106,6 @@ def paper_alone(table: str, values: Mapping[str, float], units: Mapping[str, str
     ]
 
 
-def quick() -> list[InterventionSettings]:
-    """Return few episodes of the gaits for which the paper has figures."""
-    episodes = {"standing": 9, "walking": 24, "jumping": 24}
-    return [InterventionSettings(gait=gait, episodes=count, duration=5.0) for gait, count in episodes.items()]
-
-
-def full() -> list[InterventionSettings]:
-    """Return 256 episodes of each intervention for these gaits."""
-    gaits = ("standing", "walking", "jumping")
-    return [InterventionSettings(gait=gait, episodes=3 * 256, duration=21.0) for gait in gaits]
-
-
 INTERVENTION = Experiment(
     "intervention",
     "the same single commands with the arms moved by noise, by motions, and not at all",
@@ -132,9 +120,14 @@ INTERVENTION = Experiment(
         "of the same training (noise, motions or nothing), and an untrained controller with the one trained with "
         "noise. Where we have no policy, the paper's figures stand alone. The paper's motions are recorded from "
         "people, ours are generated or given.",
-        quick,
-        full,
-        ablation=True,
+        quick=lambda: [
+            InterventionSettings(gait=gait, episodes=count, duration=5.0)
+            for gait, count in {"standing": 9, "walking": 24, "jumping": 24}.items()
+        ],
+        full=lambda: [
+            InterventionSettings(gait=gait, episodes=3 * 256, duration=21.0)
+            for gait in ("standing", "walking", "jumping")  # for which the paper has figures
+        ],
     ),
 )
 
@@ -196,6 +189,5 @@ FOOT_DISPLACEMENT = Experiment(
         "the length and counted.",
         lambda: [FootDisplacementSettings(episodes=9)],
         lambda: [FootDisplacementSettings(episodes=3 * 96)],
-        ablation=True,
     ),
 )

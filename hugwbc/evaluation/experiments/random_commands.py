@@ -97,17 +97,6 @@ def figures(settings: RandomCommandsSettings, rows: pl.DataFrame) -> list[Figure
     return [*found, falls_figure(table, rows["fell"])]
 
 
-def quick() -> list[RandomCommandsSettings]:
-    """Return few episodes of standing and walking, as long as those of single commands."""
-    return [RandomCommandsSettings(gait=g, episodes=n, duration=5.0) for g, n in (("standing", 6), ("walking", 16))]
-
-
-def full() -> list[RandomCommandsSettings]:
-    """Return 256 episodes of every gait, as long as those of single commands."""
-    gaits = ("standing", "walking", "jumping", "hopping")
-    return [RandomCommandsSettings(gait=gait, episodes=256, duration=21.0) for gait in gaits]
-
-
 EXPERIMENT = Experiment(
     "random-commands",
     "draw all commands at random at once: errors and falls",
@@ -118,7 +107,13 @@ EXPERIMENT = Experiment(
     section=Section(
         "All commands at once",
         "All commands are drawn at random over their ranges. Errors are those of the episodes without a fall.",
-        quick,
-        full,
+        quick=lambda: [
+            RandomCommandsSettings(gait=gait, episodes=count, duration=5.0)
+            for gait, count in {"standing": 6, "walking": 16}.items()
+        ],
+        full=lambda: [
+            RandomCommandsSettings(gait=gait, episodes=256, duration=21.0)
+            for gait in ("standing", "walking", "jumping", "hopping")
+        ],
     ),
 )

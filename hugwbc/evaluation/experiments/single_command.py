@@ -164,18 +164,6 @@ def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]
     return found
 
 
-def quick() -> list[SingleCommandSettings]:
-    """Return few episodes of every gait."""
-    episodes = {"standing": 6, "walking": 16, "jumping": 16, "hopping": 8}
-    return [SingleCommandSettings(gait=gait, episodes=count, duration=5.0) for gait, count in episodes.items()]
-
-
-def full() -> list[SingleCommandSettings]:
-    """Return 256 episodes of every gait, 20 s after the settling time as in the paper."""
-    gaits = ("standing", "walking", "jumping", "hopping")
-    return [SingleCommandSettings(gait=gait, episodes=256, duration=21.0) for gait in gaits]
-
-
 EXPERIMENT = Experiment(
     "single-command",
     "sample each command over its range, the others at their defaults",
@@ -190,7 +178,13 @@ EXPERIMENT = Experiment(
         "others over samples of 20 ms. The impact of a foot after a swing is the "
         "sole's vertical speed in the physics step before the touch-down, and the largest vertical force on the foot "
         "in the stance after it. The figures of HOVER and ExBody are the paper's; they were not run here.",
-        quick,
-        full,
+        quick=lambda: [
+            SingleCommandSettings(gait=gait, episodes=count, duration=5.0)
+            for gait, count in {"standing": 6, "walking": 16, "jumping": 16, "hopping": 8}.items()
+        ],
+        full=lambda: [  # 20 s after the settling time, as in the paper
+            SingleCommandSettings(gait=gait, episodes=256, duration=21.0)
+            for gait in ("standing", "walking", "jumping", "hopping")
+        ],
     ),
 )

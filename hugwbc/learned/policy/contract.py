@@ -97,23 +97,16 @@ ActionScales = Annotated[tuple[Annotated[float, Field(ge=0, le=10)], ...], _EACH
 
 @settings
 class Term:
-    """One part of an observation.
+    """One part of an observation."""
 
-    Attributes:
-        term: one of `TERMS`, or "constant".
-        scale: a factor for all its numbers, or one for each.
-        joints: joints of a term that has them, or "all"; None for those that the policy moves.
-        names: commands of the term "command"; None for all.
-        offset: shift of the clock for a term that reads it, within one cycle [cycles].
-        value: numbers of a constant.
-    """
-
-    term: Annotated[str, one_of("observation term", lambda: (*TERMS, "constant"))]
-    scale: float | tuple[float, ...] = 1.0
+    term: Annotated[str, one_of("observation term", lambda: (*TERMS, "constant"))]  # one of `TERMS`, or "constant"
+    scale: float | tuple[float, ...] = 1.0  # a factor for all its numbers, or one for each
+    # joints of a term that has them, or "all"; None for those that the policy moves
     joints: Joints | Literal["all"] | None = None
-    names: tuple[CommandName, ...] | None = None
+    names: tuple[CommandName, ...] | None = None  # commands of the term "command"; None for all
+    # shift of the clock for a term that reads it, within one cycle [cycles]
     offset: Annotated[float, Field(gt=-1, lt=1)] = 0.0
-    value: tuple[float, ...] = ()
+    value: tuple[float, ...] = ()  # numbers of a constant
 
     def __post_init__(self) -> None:
         if (self.term == "constant") != bool(self.value):
@@ -141,75 +134,52 @@ Terms = tuple[Annotated[Term, BeforeValidator(_spelled_out)], ...]
 
 @settings
 class History:
-    """The arrangement of earlier observations in the network's input.
+    """The arrangement of earlier observations in the network's input."""
 
-    Attributes:
-        frames: number of observations in the input, including the newest.
-        order: order in time.
-        layout: whole observations one after the other, or each term with its past.
-        start: what replaces observations before the first.
-    """
-
-    frames: Annotated[int, Field(ge=1, le=1000)] = 1
-    order: Literal["oldest_first", "newest_first"] = "oldest_first"
+    frames: Annotated[int, Field(ge=1, le=1000)] = 1  # number of observations in the input, including the newest
+    order: Literal["oldest_first", "newest_first"] = "oldest_first"  # order in time
+    # whole observations one after the other, or each term with its past
     layout: Literal["by_frame", "by_term"] = "by_frame"
-    start: Literal["first_frame", "zeros"] = "first_frame"
+    start: Literal["first_frame", "zeros"] = "first_frame"  # what replaces observations before the first
 
 
 @settings(kw_only=True)
 class Contract:
-    """Everything about a policy that its network does not say; SI units, radians.
+    """Everything about a policy that its network does not say; SI units, radians."""
 
-    Attributes:
-        name: short name for tables; by default that of the file or folder.
-        robot: robot that the policy was made for.
-        period: time between two actions [s].
-        joints: joints that the policy moves, in the order of its actions; the others are held.
-        default_pose: positions of these joints at action 0 [rad].
-        kp, kd: gains of these joints [N*m/rad], [N*m*s/rad].
-        action_scale: joint target per unit of action, for each joint [rad].
-        observation: terms of the network's input.
-        history: earlier observations in that input.
-        command: terms of a second input, which has no history; the network has none if there are no terms.
-        action_clip: bound of the actions, before scaling.
-        observation_clip: bound of the scaled observations.
-        state: recurrent state of an ONNX network: the name of each state input and of the output with its next value.
-            A TorchScript network keeps its state itself.
-        action: network's output that holds the actions: its name, or its number in the tuple of a TorchScript network;
-            by default the one called action or actions, or the only one with a number for each joint.
-        clock_period: period of the clock [s]; None for a clock that follows the commanded stride frequency.
-        held_pose: positions of joints that the policy does not move, if they differ from the robot's nominal pose
-            [rad].
-        waist_rate: speed at which the waist's joint target follows the commanded w [rad/s].
-        squat_gain: factor of the commanded height and pitch that the legs' joint targets follow
-            (`hugwbc.learned.policy.leg_feed_forward`).
-        swing_gain: share of the clock's swing of the feet, up to the commanded height, that they follow.
-        feed_forward: what to ask the network for, by gait and command: pairs of a command and its value in `asked`.
-        policy: TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given
-            otherwise.
-    """
-
-    name: str = ""
-    robot: RobotName = DEFAULT_ROBOT
-    period: Annotated[float, Field(ge=1e-3, le=1)]
+    name: str = ""  # short name for tables; by default that of the file or folder
+    robot: RobotName = DEFAULT_ROBOT  # robot that the policy was made for
+    period: Annotated[float, Field(ge=1e-3, le=1)]  # time between two actions [s]
+    # joints that the policy moves, in the order of its actions; the others are held
     joints: Annotated[Joints, BeforeValidator(refusing(_of_robot))]
-    default_pose: Angles
+    default_pose: Angles  # positions of these joints at action 0 [rad]
+    # kp and kd: gains of these joints [N*m/rad], [N*m*s/rad]
     kp: Gains
     kd: Gains
-    action_scale: ActionScales
-    observation: Annotated[Terms, Field(min_length=1)]
-    history: History = dataclasses.field(default_factory=History)
-    command: Terms = ()
-    action_clip: Positive | None = None
-    observation_clip: Positive | None = None
+    action_scale: ActionScales  # joint target per unit of action, for each joint [rad]
+    observation: Annotated[Terms, Field(min_length=1)]  # terms of the network's input
+    history: History = dataclasses.field(default_factory=History)  # earlier observations in that input
+    command: Terms = ()  # terms of a second input, which has no history; the network has none if there are no terms
+    action_clip: Positive | None = None  # bound of the actions, before scaling
+    observation_clip: Positive | None = None  # bound of the scaled observations
+    # recurrent state of an ONNX network: the name of each state input and of the output with its next value. A
+    # TorchScript network keeps its state itself
     state: dict[str, str] = dataclasses.field(default_factory=dict)
+    # network's output that holds the actions: its name, or its number in the tuple of a TorchScript network; by default
+    # the one called action or actions, or the only one with a number for each joint
     action: str = ""
+    # period of the clock [s]; None for a clock that follows the commanded stride frequency
     clock_period: Positive | None = None
+    # positions of joints that the policy does not move, if they differ from the robot's nominal pose [rad]
     held_pose: dict[str, float] = dataclasses.field(default_factory=dict)
-    waist_rate: NotNegative = 0.0
+    waist_rate: NotNegative = 0.0  # speed at which the waist's joint target follows the commanded w [rad/s]
+    # factor of the commanded height and pitch that the legs' joint targets follow
+    # (`hugwbc.learned.policy.leg_feed_forward`)
     squat_gain: Gain = 0.0
-    swing_gain: Share = 0.0
+    swing_gain: Share = 0.0  # share of the clock's swing of the feet, up to the commanded height, that they follow
+    # what to ask the network for, by gait and command: pairs of a command and its value in `asked`
     feed_forward: Annotated[Curves, AfterValidator(refusing(check_curves))] = dataclasses.field(default_factory=dict)
+    # TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given otherwise
     policy: Beside | None = None
 
     def __post_init__(self) -> None:

@@ -14,20 +14,14 @@ from hugwbc.robot import Robot
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Observation:
-    """The inputs of the networks, and the target of the estimator; sizes are those of the H1.
+    """The inputs of the networks, and the target of the estimator; sizes are those of the H1."""
 
-    Attributes:
-        history: last five proprioceptive frames, oldest first, shape (n, 315).
-        command: commands, gait, clocks and indicator, shape (n, 18), then further terms.
-        critic: privileged observation, shape (n, 342); on a plane, where all heights of the terrain are one number, it
-            has that number once, shape (n, 122). Further terms come before the terrain.
-        estimate: target of the estimator, shape (n, 6).
-    """
-
-    history: torch.Tensor
-    command: torch.Tensor
+    history: torch.Tensor  # last five proprioceptive frames, oldest first, shape (n, 315)
+    command: torch.Tensor  # commands, gait, clocks and indicator, shape (n, 18), then further terms
+    # privileged observation, shape (n, 342); on a plane, where all heights of the terrain are one number, it has that
+    # number once, shape (n, 122). Further terms come before the terrain
     critic: torch.Tensor
-    estimate: torch.Tensor
+    estimate: torch.Tensor  # target of the estimator, shape (n, 6)
 
 
 def side_by_side(parts: Sequence[Part], *values: torch.Tensor) -> torch.Tensor:

@@ -29,25 +29,20 @@ _TOLERANCE = 1e-4  # of a mirror image, relative to the larger of 1 and the numb
 
 @dataclasses.dataclass(frozen=True)
 class Part:
-    """A few numbers of an observation that belong together.
+    """A few numbers of an observation that belong together."""
 
-    Attributes:
-        about: what they are.
-        size: how many they are; "joints" or "links" for one for each of the robot's joints or `Robot.contact_links`.
-        signs: factors, +1 or -1, that make the mirror image of the numbers; "joints", "gaits" or "links" for numbers in
-            the order of the robot's joints, of `Gait` or of `Robot.contact_links`.
-        sides: whether they are those of the left side, then those of the right one: in a mirror image the two change
-            places, and `signs` are those of one side.
-        scale: factor that brings them to about 1, one for all or one for each.
-        noise: half-width of the noise in training on a term that is read besides the paper's, in physical units; it
-            comes on top of the errors of the sensors.
-    """
-
-    about: str
+    about: str  # what they are
+    # how many they are; "joints" or "links" for one for each of the robot's joints or `Robot.contact_links`
     size: int | Literal["joints", "links"]
+    # factors, +1 or -1, that make the mirror image of the numbers; "joints", "gaits" or "links" for numbers in the
+    # order of the robot's joints, of `Gait` or of `Robot.contact_links`
     signs: tuple[float, ...] | Literal["joints", "gaits", "links"]
+    # whether they are those of the left side, then those of the right one: in a mirror image the two change places, and
+    # `signs` are those of one side
     sides: bool = False
-    scale: float | tuple[float, ...] = 1.0
+    scale: float | tuple[float, ...] = 1.0  # factor that brings them to about 1, one for all or one for each
+    # half-width of the noise in training on a term that is read besides the paper's, in physical units; it comes on top
+    # of the errors of the sensors
     noise: float = 0.0
 
     def count(self, robot: Robot) -> int:
@@ -189,14 +184,6 @@ def _pelvis_velocity(sensed: Sensed) -> Array:
     return namespace(command).zeros_like(command[:, :3]) if velocity is None else velocity
 
 
-def _joint_position(sensed: Sensed) -> Array:
-    return single(sensed.q) - single(sensed.pose)
-
-
-def _gait(sensed: Sensed) -> Array:
-    return namespace(sensed.gait).stack([sensed.gait == int(gait) for gait in Gait], 1)
-
-
 def _wave(name: Literal["sin", "cos"], phase: Callable[[Sensed], Array]) -> Callable[[Sensed], Array]:
     def read(sensed: Sensed) -> Array:
         angle = 2.0 * math.pi * double(phase(sensed))
@@ -231,7 +218,9 @@ TERMS: dict[str, ObservationTerm] = {
         signs=_VECTOR,
         read=lambda s: s.gravity,
     ),
-    "joint_position": _term(about="q minus the pose at action 0", size="joints", signs="joints", read=_joint_position),
+    "joint_position": _term(
+        about="q minus the pose at action 0", size="joints", signs="joints", read=lambda s: single(s.q) - single(s.pose)
+    ),
     "absolute_joint_position": _term(about="q", size="joints", signs="joints", read=lambda s: s.q),
     "joint_velocity": _term(about="dq", size="joints", signs="joints", scale=0.05, read=lambda s: s.dq),
     "last_action": _term(about="last action", size="joints", signs="joints", read=lambda s: s.action),
@@ -246,7 +235,7 @@ TERMS: dict[str, ObservationTerm] = {
         about="1 for the gait, else 0: " + ", ".join(gait.label for gait in Gait),
         size=len(Gait),
         signs="gaits",
-        read=_gait,
+        read=lambda s: namespace(s.gait).stack([s.gait == int(gait) for gait in Gait], 1),
     ),
     "foot_sin": _term(
         about="sin(2 pi phase) of the left and the right foot",

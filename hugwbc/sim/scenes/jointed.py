@@ -27,12 +27,9 @@ class Jointed(Thing):
     """A thing with a part that moves by one joint, and a part that stands still.
 
     The moving part is the body NAME. `ObjectState.travel` says how far it is from where it rests.
-
-    Attributes:
-        mass: of the moving part [kg].
     """
 
-    mass: Mass = 1.0
+    mass: Mass = 1.0  # of the moving part [kg]
 
     def _joint(self, body: Any, kind: mujoco.mjtJoint, axis: list[float], end: float, **fields: Any) -> None:  # noqa: ANN401
         """Add the joint, with firm stops at rest and at the end [rad or m]."""

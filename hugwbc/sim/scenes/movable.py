@@ -16,15 +16,11 @@ _Edge = Annotated[Number, between(0.05, 10.0)]  # [m], of a tray
 
 @settings(kw_only=True)
 class Movable(Thing):
-    """A thing that moves freely.
-
-    Attributes:
-        mass: of all of it, spread evenly over its shapes [kg].
-    """
+    """A thing that moves freely."""
 
     movable: ClassVar[bool] = True
 
-    mass: Mass = 1.0
+    mass: Mass = 1.0  # of all of it, spread evenly over its shapes [kg]
 
     def _free(self, spec: mujoco.MjSpec, place: Placement, height: float, name: str | None = None) -> Any:  # noqa: ANN401
         body = self._body(spec, place, height, name)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from hugwbc.errors import MotionFileError
+from hugwbc.errors import ConfigError
 from hugwbc.learned.env.arm_intervention import (
     FADE_STEPS,
     NOISE_INTERVAL,
@@ -154,7 +154,7 @@ def test_a_source_by_name(tmp_path: pathlib.Path) -> None:
         generated.step()
         expected.step()
     assert torch.equal(generated.targets(), expected.targets())
-    with pytest.raises(MotionFileError):
+    with pytest.raises(ConfigError):
         make("motion", tmp_path / "nothing")
 
 
