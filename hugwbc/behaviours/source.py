@@ -103,7 +103,8 @@ class BehaviourSource:
         self._behaviour = behaviour
         self.restart()
 
-    def restart(self) -> None:  # noqa: D102
+    def restart(self) -> None:
+        """Begin again at the next view."""
         self.status, self.reason, self.action = Status.RUNNING, "", Action()
         self.view: View | None = None
         self._course: Course | None = None
@@ -159,14 +160,17 @@ class BehaviourSource:
                 self.reason = f"the behaviour raised {extensions.described(error)}{hint}"
         return at_rest(view)
 
-    def command_at(self, t: float) -> Command:  # noqa: D102
+    def command_at(self, t: float) -> Command:
+        """Return the command of this tick."""
         return self.action.command
 
-    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the hand targets of this tick."""
         return self.action.hands
 
     @property
-    def grips(self) -> tuple[Grip, ...]:  # noqa: D102
+    def grips(self) -> tuple[Grip, ...]:
+        """Requests to the idealised gripper at this tick."""
         return self.action.grips
 
     @property

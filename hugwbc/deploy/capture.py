@@ -87,21 +87,26 @@ class CapturedWorld:
         self._now = now
 
     @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects."""
         return () if self._last is None else self._last.names
 
-    def picture(self) -> Picture | None:  # noqa: D102
+    def picture(self) -> Picture | None:
+        """Return the last picture; None before the first."""
         if self._last is None:
             return None
         return Picture(self._last.time, max(self._now - self._last.time, 0.0), self._last.poses, self._last.robot)
 
-    def held(self, side: str) -> str | None:  # noqa: D102
+    def held(self, side: str) -> str | None:
+        """Return what a hand holds; None for nothing."""
         return None if self._last is None else self._last.held[SIDES.index(side)]
 
-    def grip(self, grips: tuple[Grip, ...]) -> None:  # noqa: D102
+    def grip(self, grips: tuple[Grip, ...]) -> None:
+        """Note the gripper requests."""
         self.grips = grips
 
-    def note(self, problem: str) -> None:  # noqa: D102
+    def note(self, problem: str) -> None:
+        """Tell what has gone wrong."""
         self._tell(problem)
 
 

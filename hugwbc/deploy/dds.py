@@ -98,11 +98,13 @@ class DdsEndpoint:
         topic.data_type = _Raw
         return topic
 
-    def send(self, message: bytes) -> None:  # noqa: D102
+    def send(self, message: bytes) -> None:
+        """Send a message; network errors are silent, like lost messages."""
         with contextlib.suppress(self._error):
             self._writer.write(_Raw(to_cdr(self._sends, message)))
 
-    def receive(self, timeout: float) -> list[bytes]:  # noqa: D102
+    def receive(self, timeout: float) -> list[bytes]:
+        """Return the messages that have arrived, oldest first; wait up to `timeout` [s] for the first one."""
         self._answer()
         with contextlib.suppress(self._error):
             samples = self._reader.take(N=HISTORY)
@@ -122,7 +124,8 @@ class DdsEndpoint:
         kinds = {writer.type_name.replace("::msg::dds_::", ".") for writer in writers}
         return next(iter(kinds - {self._receives}), None)
 
-    def rivals(self) -> int:  # noqa: D102
+    def rivals(self) -> int:
+        """Return how many messages others have sent in this end's place; see `Endpoint.rivals`."""
         if self._rivals is None:
             policy, qos = self._dds.qos.Policy, self._dds.qos.Qos
             others = qos(policy.Reliability.BestEffort, policy.History.KeepLast(1), policy.IgnoreLocal.Participant)
@@ -131,21 +134,27 @@ class DdsEndpoint:
             return sum(isinstance(sample, _Raw) for sample in self._rivals.take(N=HISTORY))
         return 0
 
-    def stop_receiving(self) -> None:  # noqa: D102
+    def stop_receiving(self) -> None:
+        """Leave the states and the rivals to another process of this end."""
         # An entity of cyclonedds is deleted with its last reference; whatever depends on another one goes first.
         self._wait.detach(self._condition)
         del self._condition, self._wait
         del self._reader, self._rivals
         self._receiving = False
 
-    def publish(self, topic: str, text: str) -> None:  # noqa: D102
+    def publish(self, topic: str, text: str) -> None:
+        """Send a text on a topic besides states and commands."""
         if topic not in self._text_writers:
             writer = self._dds.pub.DataWriter(self._participant, self._topic(topic, _TEXT), qos=self._reliable)
             self._text_writers[topic] = writer
         with contextlib.suppress(self._error):
             self._text_writers[topic].write(idl_class(_TEXT)(text))
 
-    def texts(self, topic: str) -> list[str]:  # noqa: D102
+    def texts(self, topic: str) -> list[str]:
+        """Return the texts that have arrived on a topic since the last call, oldest first.
+
+        The first call subscribes.
+        """
         if topic not in self._text_readers:
             reader = self._dds.sub.DataReader(self._participant, self._topic(topic, _TEXT), qos=self._reliable)
             self._text_readers[topic] = reader
@@ -154,7 +163,8 @@ class DdsEndpoint:
             return [sample.data for sample in samples if isinstance(getattr(sample, "data", None), str)]
         return []
 
-    def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:  # noqa: D102
+    def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
+        """Call the robot's motion switcher and wait for the answer; see `Endpoint.call`."""
         writer, reader = self._switcher()
         end = time.perf_counter() + timeout
         self._call_count += 1
@@ -198,7 +208,8 @@ class DdsEndpoint:
             self._calls = writer(self._participant, written), reader(self._participant, read)
         return self._calls
 
-    def close(self) -> None:  # noqa: D102
+    def close(self) -> None:
+        """Leave the network."""
         if self._receiving:
             self.stop_receiving()
         self._calls = None

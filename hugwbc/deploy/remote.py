@@ -114,12 +114,14 @@ class Sticks:
         if any(abs(value) > _SMALL for value in (*self._requested.values(), *self._used.values())):
             self._moved = time
 
-    def command_at(self, t: float) -> Command:  # noqa: D102
+    def command_at(self, t: float) -> Command:
+        """Return the command now; `t` does not matter."""
         if self._time is None or self._time - self._moved > _STILL:
             return self._stand
         return dataclasses.replace(self._walk, **self._used)
 
-    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Leave the arms to the controller."""
         return None
 
     def _scaled(self, name: str, stick: float) -> float:

@@ -187,11 +187,13 @@ class MujocoRobot:
         """Write the inputs for a command into `data.ctrl` (`controls`)."""
         self._data.ctrl[self.actuators] = self.controls(command)
 
-    def picture(self) -> Picture:  # noqa: D102
+    def picture(self) -> Picture:
+        """Return where objects and robot are."""
         poses = np.hstack((self._data.xpos, self._data.xquat))
         return Picture(float(self._data.time), 0.0, poses[self._objects], poses[self._root])
 
-    def held(self, side: str) -> str | None:  # noqa: D102
+    def held(self, side: str) -> str | None:
+        """Return None: there are no grippers."""
         return None
 
     def grip(self, grips: tuple[Grip, ...]) -> None:
@@ -199,7 +201,8 @@ class MujocoRobot:
         if grips and not self.problems:
             self.note(f"the {grips[0].side} gripper was asked for '{grips[0].name}', and there are no grippers")
 
-    def note(self, problem: str) -> None:  # noqa: D102
+    def note(self, problem: str) -> None:
+        """Note a problem."""
         self.problems.append(problem)
 
     def _find_actuators(self) -> None:

@@ -138,21 +138,26 @@ class SimulatedWorld:
         self._simulation = simulation
 
     @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects."""
         return self._simulation.objects.names
 
-    def picture(self) -> Picture | None:  # noqa: D102
+    def picture(self) -> Picture | None:
+        """Return the newest picture; None without a scene."""
         return self._simulation.objects.picture()
 
-    def held(self, side: str) -> str | None:  # noqa: D102
+    def held(self, side: str) -> str | None:
+        """Return what the gripper of a hand holds; None for nothing."""
         gripper = self._simulation.gripper
         return None if gripper is None else gripper.held(side)
 
-    def grip(self, grips: tuple[Grip, ...]) -> None:  # noqa: D102
+    def grip(self, grips: tuple[Grip, ...]) -> None:
+        """Carry out the gripper requests."""
         if grips:
             carry_out(grips, self._simulation)
 
-    def note(self, problem: str) -> None:  # noqa: D102
+    def note(self, problem: str) -> None:
+        """Note a problem of the scene, for the verdict."""
         self._simulation.objects.problems.append(problem)
 
 

@@ -180,8 +180,10 @@ class Constant:
     command: Command
     hands: HandTargets | None = None
 
-    def command_at(self, t: float) -> Command:  # noqa: D102
+    def command_at(self, t: float) -> Command:
+        """Return the command."""
         return self.command
 
-    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the hand targets."""
         return self.hands

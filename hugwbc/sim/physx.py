@@ -348,7 +348,8 @@ class PhysxSimulation(Engine):
         return self._qvel.copy()
 
     @property
-    def torque(self) -> np.ndarray:  # noqa: D102
+    def torque(self) -> np.ndarray:
+        """Joint torques over the last physics step [N*m], shape (n,)."""
         return self._torque.copy()
 
     @property

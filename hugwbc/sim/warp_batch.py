@@ -115,7 +115,8 @@ class WarpBatch(RobotBatch):
         with wp.ScopedDevice(self._device), wp.ScopedStream(stream):
             yield
 
-    def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:  # noqa: D102
+    def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:
+        """Advance all robots; return which diverged."""
         if len(self._targets) != substeps:
             self._targets, self._graph = self.ctrl.new_zeros(substeps, *self.ctrl.shape), None
         self._targets[:] = self.ctrl if targets is None else targets

@@ -130,7 +130,8 @@ class LiveSource:
         self.command = Command.from_array(value + np.clip(np.clip(requested, low, high) - value, -step, step), gait)
         return self.command
 
-    def hands_at(self, t: float) -> HandTargets | None:  # noqa: D102
+    def hands_at(self, t: float) -> HandTargets | None:
+        """Return the present hand targets."""
         return self._stream.hands_at(t) if self._stream is not None and self.following else self.hands
 
     def _follow(self) -> bool:
