@@ -324,6 +324,26 @@ def test_a_relay_that_is_killed_is_told_at_once_and_this_process_damps(standing,
     assert "gets no commands" in str(bench.side._failure) and bench.side._end.is_set()
 
 
+def test_in_lockstep_a_robot_whose_states_are_all_refused_is_damped(standing) -> None:
+    """A robot that is restarted counts from 1 again: its states look old, and are no reason to go on as before."""
+    robot_end, end = local_pair()
+    pilot, told = make_pilot(), []
+    bring_to(Mode.RUN, pilot, standing)
+    side = RobotSide(pilot, H1, end, Settings(lockstep=True), tell=told.append)
+
+    def answered(raw: bytes) -> bool:
+        robot_end.send(raw)
+        assert side.answer(0.0)
+        return is_damping(robot_end.receive(0.0)[-1])
+
+    assert not any(answered(standing.raw()) for _ in range(5))
+    standing.tick = 1
+    damped = [answered(standing.raw()) for _ in range(600)]
+    assert not any(damped[:49]) and all(damped[51:])
+    assert any(line.startswith("watchdog: no state for 10") and "with an old tick: damping" in line for line in told)
+    assert pilot.mode is Mode.DAMPING and side.intake.old < 510, "after a second, its states are believed again"
+
+
 @pytest.mark.parametrize("mode", [Mode.RUN, Mode.DAMPING])
 def test_a_robot_that_is_gone_in_lockstep_is_told_and_fails_a_run(standing, monkeypatch, mode) -> None:
     monkeypatch.setattr(robot_side, "_PATIENCE", 0.1)
