@@ -4,6 +4,7 @@ In real time, a relay in a process of its own reads the states, publishes the la
 states or the controller fail. In lockstep with a simulated robot, each state is answered, and the robot waits for it.
 """
 
+import contextlib
 import math
 import multiprocessing
 import queue
@@ -186,7 +187,10 @@ class RobotSide(Line):
             self._failure = interrupt
         if not self._end.is_set():  # Ctrl-C, or the end by the wall clock: damp first
             self.ask(Request.STOP)
-            self._end.wait(FADE * self.settings.slower)
+            last = time.perf_counter() + FADE * self.settings.slower
+            while (left := last - time.perf_counter()) > 0.0 and not self._end.is_set():
+                with contextlib.suppress(KeyboardInterrupt):  # another one does not cut it short
+                    self._end.wait(left)
         self._end.set()
         control.join()
         self._finish()

@@ -287,6 +287,33 @@ def test_a_robot_that_is_slower_than_its_clock_is_damped_at_the_end(standing, mo
     assert pilot.mode is Mode.DAMPING and np.all(command.kd == DAMPING_GAIN)
 
 
+def test_a_second_ctrl_c_neither_cuts_the_damping_short_nor_loses_the_figures(standing, monkeypatch) -> None:
+    monkeypatch.setattr(robot_side, "FADE", 0.5)
+    robot_end, end = local_pair()
+    pilot = make_pilot()
+    bring_to(Mode.RUN, pilot, standing)
+    side = RobotSide(pilot, H1, end)
+    pressed = iter([0.5, 0.1])
+
+    class Interrupted(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            if (after := next(pressed, None)) is None:
+                return super().wait(timeout)
+            time.sleep(after)
+            raise KeyboardInterrupt
+
+    side._end = Interrupted()
+    feeder = Feeder(standing, robot_end, 2.5)
+    feeder.thread.start()
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        side.run()
+    feeder.over.set()
+    feeder.thread.join(10.0)
+    assert time.perf_counter() - begin > 1.0 and pilot.mode is Mode.DAMPING and is_damping(feeder.messages[-1])
+    assert side.sent > 0
+
+
 def test_a_second_program_is_told_and_damps_a_driven_robot(standing) -> None:
     bench = Bench(standing)
     bench.side.look_out()
