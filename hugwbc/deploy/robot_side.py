@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 from hugwbc.deploy import recording
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
-from hugwbc.deploy.messages import StateMessage
+from hugwbc.deploy.messages import TICK, StateMessage
 from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.recording import Recorder
 from hugwbc.deploy.relay import (
@@ -291,7 +291,7 @@ class RobotSide(Line):
         self.look_out()
         begin = time.perf_counter()
         for raw in raws:
-            self._now += PERIOD
+            self._now = self._now + PERIOD if self._now else self._messages.tick(raw) * TICK
             state = self.accept(raw, self._now)
             if state is not None:
                 self._sent_decision = self.handle(raw, state, self._now) or b""
