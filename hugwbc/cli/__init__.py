@@ -35,7 +35,7 @@ INTERRUPTED = 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb, given the words after `hugwbc`, by default those of this process; return the exit code.
 
-    It is 0 for success, 1 for a failed check, 2 for bad input, 130 after Ctrl-C or SIGTERM.
+    It is 0 for success, 1 for a failed check, 2 for bad input, 130 after Ctrl-C, SIGTERM or SIGHUP.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     if not words or words[0] in ("-h", "--help"):
@@ -82,15 +82,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextlib.contextmanager
 def _terminated_like_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM, which schedulers and shells send, save what Ctrl-C saves."""
+    """Let SIGTERM, which schedulers and shells send, and SIGHUP of a lost terminal do what Ctrl-C does.
+
+    A program that is started to outlive its terminal (`nohup`) goes on.
+    """
     if threading.current_thread() is not threading.main_thread():  # where Python handles no signals
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ending = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) is not signal.SIG_IGN]
+    before = {one: signal.signal(one, signal.default_int_handler) for one in ending}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for one, handler in before.items():
+            signal.signal(one, handler)
 
 
 def _is_read(pipe: int) -> bool:

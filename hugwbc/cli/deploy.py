@@ -116,14 +116,20 @@ def _deploy(
     if not options.settings.dry_run:
         _be_alone(endpoint, options.settings.slower)
     say(f"remote control: Start, A, Select; {_KEYS}")
-    side = RobotSide(pilot, robot, endpoint, options.settings, recorder, say, connect)
+    side = RobotSide(pilot, robot, endpoint, options.settings, recorder, _tell, connect)
     listen(lambda line: side.ask(OF_KEY.get(line[:1] or " ", Request.STOP)))
     begin = time.perf_counter()
     try:
         side.run()
     finally:
-        say(summary(side, time.perf_counter() - begin))
+        _tell(summary(side, time.perf_counter() - begin))
     return FAULT if pilot.machine.faulty or side.fault is not None else 0
+
+
+def _tell(event: object) -> None:
+    """Print what happens; a terminal that is gone, or a full disk, must not end the control."""
+    with contextlib.suppress(OSError):
+        say(str(event))
 
 
 def _await_robot(endpoint: DdsEndpoint, robot: Robot, net: str) -> None:
@@ -174,7 +180,7 @@ def _build(header: dict[str, Any]) -> tuple[Robot, Pilot, float]:
     robot = arena.known_robot
     source = _source(script, task, seed, robot)
     arms = UpperBodySource(robot=robot)
-    pilot = Pilot(spec.build(), source, robot, limits=limits, upper_body=arms, tell=lambda event: say(str(event)))
+    pilot = Pilot(spec.build(), source, robot, limits=limits, upper_body=arms, tell=_tell)
     return robot, pilot, age
 
 

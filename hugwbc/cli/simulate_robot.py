@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 from collections.abc import Sequence
 
 import tyro
@@ -18,6 +19,8 @@ from hugwbc.settings import Positive, settings
 from hugwbc.sim import Arena, Simulation, load_scene
 from hugwbc.tasks import Ending, Task, load_task
 from hugwbc.tasks.record import TaskWatch
+
+_LISTEN = 0.5  # [s] for states of another robot
 
 
 @settings
@@ -55,6 +58,13 @@ def run(words: Sequence[str]) -> int:
     package = Messages(simulation.robot).package
     # Never on a real network, where it could be taken for a real robot.
     endpoint = DdsEndpoint(package=package, robot=True, net=LOOPBACK, domain=options.domain)
+    endpoint.rivals()
+    time.sleep(_LISTEN)
+    if endpoint.rivals():
+        raise ConfigError(
+            f"another robot is simulated in domain {options.domain}, and both would follow the same commands; end it, "
+            "or give another --domain here and to deploy"
+        )
     robot = SimulatedRobot(
         simulation,
         endpoint,

@@ -17,6 +17,7 @@ from hugwbc.deploy.watchdogs import BodyLimits, Limits, run_refusal, start_refus
 from hugwbc.robot import Robot
 from hugwbc.runtime.control_period import ControlPeriod, Due
 from hugwbc.runtime.estimation import StateEstimator
+from hugwbc.runtime.guard import HOLD_TIME
 from hugwbc.runtime.sight import Sight
 from hugwbc.scripts.view import CommandSource, Grip
 from hugwbc.state import RobotState
@@ -64,7 +65,7 @@ class Pilot:
         # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
         # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
         self.estimator = StateEstimator(robot, base_weight=0.0)
-        self._world = CapturedWorld(lambda problem: self.machine.refuse(problem, self._last_time))
+        self._world = CapturedWorld(self._note)
         self.control = ControlPeriod(
             controller,
             source,
@@ -73,6 +74,7 @@ class Pilot:
             estimator=self.estimator,
             upper_body=upper_body,
         )
+        self.control.log.tell = self._note
         self.estimate: RobotState | None = None  # the last one
         self._robot = robot
         self._steer = getattr(source, "steer", None)
@@ -87,6 +89,9 @@ class Pilot:
     def mode(self) -> Mode:
         """The current mode."""
         return self.machine.mode
+
+    def _note(self, problem: str) -> None:
+        self.machine.note(problem, self._last_time)
 
     @property
     def carried(self) -> float:
@@ -143,11 +148,14 @@ class Pilot:
         self.estimate = control.estimate if self._estimating else state
 
     def _fault(self, message: StateMessage) -> str | None:
-        """Return the fault of the body or of the time between two states; None if there is none."""
+        """Return the fault of the body, of the time between two states or of the controller; None if there is none."""
         fault = self._watch.fault(message)
         gap = message.state.time - self._last_time
         if fault is None and gap > self.limits.silence + _ROUNDING:
             return f"no state for {gap * 1e3:.0f} ms by their ticks"
+        if fault is None and self.mode is Mode.RUN and self.control.guard.damps:
+            # In a simulation it may begin again. Here, people may be beside a robot that hangs limply in its hoist.
+            return f"no joint command from {self.control.guard.name} for {HOLD_TIME * 1e3:.0f} ms"
         return fault
 
     def _take(self, request: Request, state: RobotState) -> None:
@@ -186,8 +194,8 @@ class Pilot:
         time = message.state.time
         if self._last is not None and (behind or not self._due(time)):
             return Decision(time, self._last, new=False)
-        if self._steer is not None:
-            self._steer(message.remote, time)
+        if (steer := self._steer) is not None:
+            self.control.log.ask("source_failures", "steer of the source", lambda: (steer(message.remote, time),))
         self._world.advance(time)
         self._last = self.control.decide(time - self._run_start)
         periods, self._decided = round((time - self._decided) / self.control.period), time

@@ -178,12 +178,16 @@ class Line:
             self._rivalled = True
             self._tell(f"{RIVAL}; end one of the two")
 
-    def publish(self, now: float) -> None:
-        """Send what is due now [s]."""
-        message = self._outlet.take(now, self.timing)
+    def _tell_fault(self) -> None:
+        """Tell, once, what the watchdogs have found."""
         if self.fault is not None and not self._told:
             self._told = True
             self._tell(f"watchdog: {self.fault}: damping")
+
+    def publish(self, now: float) -> None:
+        """Send what is due now [s]."""
+        message = self._outlet.take(now, self.timing)
+        self._tell_fault()
         if message is None or self.settings.dry_run:
             return
         self._endpoint.send(message)

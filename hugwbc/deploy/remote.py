@@ -45,7 +45,7 @@ class Remote:
 
     @classmethod
     def parse(cls, data: bytes) -> "Remote":
-        """Read the field `wireless_remote`. A stick that is not a number, or is near its rest, is at 0."""
+        """Read the field `wireless_remote`. A stick that is not finite, or is near its rest, is at 0."""
         bits = int.from_bytes(data[_BUTTONS_AT : _BUTTONS_AT + 2], "little")
         pressed = frozenset(name for bit, name in enumerate(BUTTONS) if bits >> bit & 1)
         return cls(pressed, **{name: _stick(data, at) for name, at in STICKS.items()})
@@ -62,7 +62,7 @@ class Remote:
 
 def _stick(data: bytes, at: int) -> float:
     (value,) = struct.unpack_from("<f", data, at)
-    return min(max(value, -1.0), 1.0) if abs(value) > _DEAD else 0.0  # the comparison is false for NaN
+    return min(max(value, -1.0), 1.0) if _DEAD < abs(value) < math.inf else 0.0  # false for NaN as well
 
 
 class ButtonPresses:

@@ -4,6 +4,7 @@ In real time, a relay in a process of its own reads the states, publishes the la
 states or the controller fail. In lockstep with a simulated robot, each state is answered, and the robot waits for it.
 """
 
+import contextlib
 import math
 import multiprocessing
 import queue
@@ -75,7 +76,7 @@ class RobotSide(Line):
         self._failure: BaseException | None = None
         self._start: float | None = None
         self._fade: float | None = None
-        self._sent_decision = b""
+        self._sent_decision, self._now = b"", 0.0  # in lockstep: what was answered last, and the time [s]
         self._message: bytes | None = None  # the last decision's
         self._link, self._far = multiprocessing.Pipe()  # to the relay
         self._apart = False  # whether a relay publishes
@@ -186,7 +187,10 @@ class RobotSide(Line):
             self._failure = interrupt
         if not self._end.is_set():  # Ctrl-C, or the end by the wall clock: damp first
             self.ask(Request.STOP)
-            self._end.wait(FADE * self.settings.slower)
+            last = time.perf_counter() + FADE * self.settings.slower
+            while (left := last - time.perf_counter()) > 0.0 and not self._end.is_set():
+                with contextlib.suppress(KeyboardInterrupt):  # another one does not cut it short
+                    self._end.wait(left)
         self._end.set()
         control.join()
         self._finish()
@@ -280,22 +284,28 @@ class RobotSide(Line):
     def answer(self, timeout: float) -> bool:
         """Take the states that arrive within `timeout` [s], and answer the last one; return whether there was one.
 
-        In lockstep, time is that of the robot's clock: it stands still while the robot waits.
+        In lockstep, time goes on by a slot with each state, also a refused one, so that nothing but refused states is a
+        silence; it stands still while the robot waits.
         """
         raws = self._endpoint.receive(timeout)
         self.look_out()
         begin = time.perf_counter()
         for raw in raws:
-            now = self._messages.tick(raw) * TICK
-            state = self.accept(raw, now)
+            self._now = self._now + PERIOD if self._now else self._messages.tick(raw) * TICK
+            state = self.accept(raw, self._now)
             if state is not None:
-                self._sent_decision = self.handle(raw, state, now) or b""
+                self._sent_decision = self.handle(raw, state, self._now) or b""
+            elif (fault := self.intake.fault(self._now)) is not None:
+                self._outlet.fail(fault)
+                self._tell_fault()
+                if self.fault is not None:
+                    self._sent_decision = self._messages.pack_command(damping(self._setup.robot))
         if not raws:
             return False
         if self._sent_decision and not self.settings.dry_run:
             message = self._messages.answering(self._sent_decision, raws[-1])
             self._endpoint.send(message)
             self.sent += 1
-            self._record(recording.PUBLISHED, message, self._messages.tick(raws[-1]) * TICK)
+            self._record(recording.PUBLISHED, message, self._now)
         self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.control.period)
         return True

@@ -25,7 +25,7 @@ from hugwbc.state import GRAVITY
 from hugwbc.streams import Tally
 
 AMBIENT = 30.0  # [degrees Celsius] of the motors; heating is not simulated
-_PATIENCE = 1.0  # [s] of the wall clock for an answer in lockstep
+_PATIENCE = 5.0  # [s] of the wall clock for an answer in lockstep; the robot side waits twice as long for a state
 _POLL = 0.002  # [s]
 
 Content = TypeVar("Content")
@@ -323,6 +323,9 @@ class SimulatedRobot:
                 self.tally.note(*reason)
                 continue
             content = self._messages.unpack_command(message)
+            if not content.command.is_finite:
+                self.tally.note("numbers", "a number in a command is not finite: going on with the last command")
+                continue
             answers = content.answers
             self._first = self.time if self._first is None else self._first
             self._commands.put((self.time, content.command), self.time)

@@ -27,17 +27,18 @@ class Mode(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Event:
-    """A transition, or a refused one."""
+    """A transition, a refused one, or a note."""
 
     time: float  # on the robot's clock [s]
     before: Mode  # mode until then
-    after: Mode  # mode from then on; `before` again if the request was refused
+    after: Mode  # mode from then on; `before` again for a request that was refused, and for a note
     reason: str  # why
     refused: bool = False  # whether a request was refused
 
     def __str__(self) -> str:
         """Return the event as a line of the log."""
-        what = f"{self.before.value}: refused" if self.refused else f"{self.before.value} -> {self.after.value}"
+        what = self.before.value if self.before is self.after else f"{self.before.value} -> {self.after.value}"
+        what = f"{what}: refused" if self.refused else what
         return f"[{self.time:9.3f} s] {what}: {self.reason}"
 
 
@@ -48,7 +49,7 @@ class StateMachine:
         """Begin idle; `tell` is called with each event."""
         self._robot, self._tell = robot, tell
         self.mode = Mode.IDLE
-        self.events: list[Event] = []  # all transitions and refusals so far
+        self.events: list[Event] = []  # all so far
         self.faulty = False  # whether a fault, and not the operator, has led to damping
         self._from, self._since = robot.nominal, 0.0
 
@@ -58,13 +59,17 @@ class StateMachine:
         self.mode, self._since = mode, state.time
         if np.isfinite(state.q).all():
             self._from = np.clip(state.q, self._robot.lower, self._robot.upper)
-        self._note(event)
+        self._log(event)
+
+    def note(self, what: str, time: float) -> None:
+        """Log what else the operator must know, at a time [s]."""
+        self._log(Event(time, self.mode, self.mode, what))
 
     def refuse(self, reason: str, time: float) -> None:
         """Log a refused request at a time [s]; a repetition of the last refusal is not logged."""
         event = Event(time, self.mode, self.mode, reason, refused=True)
         if not self.events or (self.events[-1].reason, self.events[-1].refused) != (reason, True):
-            self._note(event)
+            self._log(event)
 
     def fail(self, reason: str, state: RobotState) -> None:
         """Damp the joints because of a fault; a robot whose joints are limp stays as it is."""
@@ -77,7 +82,7 @@ class StateMachine:
         """Whether the joints are driven, so that a fault must end it."""
         return self.mode in (Mode.START_POSE, Mode.RUN)
 
-    def _note(self, event: Event) -> None:
+    def _log(self, event: Event) -> None:
         self.events.append(event)
         if self._tell is not None:
             self._tell(event)

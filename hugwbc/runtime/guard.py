@@ -98,13 +98,18 @@ class Guard:
         return output
 
     def _call(self, state: RobotState, command: Command, upper_body: UpperBody) -> object:
-        if not self._begun or self._missing_s > HOLD_TIME:
+        if not self._begun or self.damps:
             self._begin(state)
         return self.controller.act(state, command, upper_body)
 
+    @property
+    def damps(self) -> bool:
+        """Whether the joints are damped for want of a usable joint command or state."""
+        return self._missing_s > HOLD_TIME
+
     def _fallback(self, state: RobotState) -> JointCommand:
         self._missing_s += self.period
-        if self._missing_s <= HOLD_TIME:
+        if not self.damps:
             self._log.count("held", f"no joint command from {self.name}: holding the last one, then damping")
             return self._last
         self._log.count("damped")

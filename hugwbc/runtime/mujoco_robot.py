@@ -165,9 +165,10 @@ class MujocoRobot:
         wanted = (command.tau + command.kp * (command.q - q) + kd * (command.dq - dq)) / self._gear
         own = self._bias[0] + self._gear * (self._bias[1] * q + self._bias[2] * dq)
         given = np.clip((np.clip(wanted, *self._force_range) - own) / self._gain, *self._input_range)
-        short = np.abs(self._gain * given + own - wanted) > 1e-6 + 1e-3 * np.abs(wanted)
-        self.clipped.update(self.robot.joint_names[i] for i in np.flatnonzero(short))
-        return given
+        # Nor is the difference of NaN, of which MuJoCo would make 0 for all actuators: the last input stays.
+        enough = np.abs(self._gain * given + own - wanted) <= 1e-6 + 1e-3 * np.abs(wanted)
+        self.clipped.update(self.robot.joint_names[i] for i in np.flatnonzero(~enough))
+        return np.where(np.isfinite(given), given, self._data.ctrl[self.actuators])
 
     def _kept(self) -> float:
         """Return for how long inputs are kept [s]: as long as the last ones were; 0 for the first."""
@@ -228,14 +229,14 @@ class MujocoRobot:
         self._bias = np.where(affine[rows], model.actuator_biasprm[rows, :3].T, 0.0)
         self._own_damping, self._mobility = -(self._gear**2) * self._bias[2], model.dof_invweight0[self._dq]
         self._input_range = _ranges(model.actuator_ctrlrange, model.actuator_ctrllimited, self.actuators)
-        self._force_range = _ranges(model.actuator_forcerange, model.actuator_forcelimited, rows)
+        own = _ranges(model.actuator_forcerange, model.actuator_forcelimited, rows)
+        at_joint = _ranges(model.jnt_actfrcrange, model.jnt_actfrclimited, self._joints) / self._gear
+        self._force_range = np.maximum(own[0], at_joint.min(axis=0)), np.minimum(own[1], at_joint.max(axis=0))
 
     def _torque_limit(self, described: Robot) -> np.ndarray:
         """Return the torque that each joint can get in both directions [N*m], shape (n,)."""
         by_input = np.where(self._bias.any(axis=0), np.inf, np.abs(self._gain * self._input_range).min(axis=0))
-        force = np.minimum(np.abs(self._force_range).min(axis=0), by_input)
-        at_joint = _ranges(self._model.jnt_actfrcrange, self._model.jnt_actfrclimited, self._joints)
-        limit = np.minimum(np.abs(self._gear) * force, np.abs(at_joint).min(axis=0))
+        limit = np.abs(self._gear) * np.minimum(np.abs(self._force_range).min(axis=0), by_input)
         return np.where(np.isfinite(limit), limit, described.torque_limit)
 
     def _told(self, described: Robot, mover: np.ndarray) -> Robot:

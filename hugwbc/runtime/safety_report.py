@@ -11,6 +11,7 @@ from hugwbc.extensions import described
 T = TypeVar("T")
 # of somebody else's code
 _MISTAKES = ("failures", "source_failures", "bad_outputs", "hands_refused", "upper_body_rejected")
+_TOLD = (*_MISTAKES, "bad_states", "lowered")  # which whoever stands beside the robot must know at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,11 +80,13 @@ class SafetyLog:
 
     Attributes:
         strict: whether mistakes of controller and sources raise a `ConfigError` instead; for simulations only.
+        tell: called with the first message of each kind of mistake, of unusable states, and of a way down.
     """
 
     strict = False
 
     def __init__(self) -> None:
+        self.tell: Callable[[str], object] = lambda message: None
         self.reset()
 
     def reset(self) -> None:
@@ -97,8 +100,10 @@ class SafetyLog:
         if self.strict and counter in _MISTAKES:
             raise ConfigError(message)
         self._counts[counter] = self._counts.get(counter, 0) + 1
-        if message:
-            self._first.setdefault(counter, message)
+        if message and counter not in self._first:
+            self._first[counter] = message
+            if counter in _TOLD:
+                self.tell(message)
 
     def count_of(self, counter: str, name: str, event: str | CommandChange) -> None:
         """Count an event by the name of what it is about, in a field of the report that has names."""

@@ -13,8 +13,9 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.controller import JointCommand
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.kinematics import Kinematics
 from hugwbc.numeric import changed
-from hugwbc.robot import Robot, load_robot
+from hugwbc.robot import SIDES, Robot, load_robot
 from hugwbc.sim.actuators import Actuators
 from hugwbc.sim.faults import Fault, FaultInjector
 from hugwbc.sim.robot_model import SIMULATION_TIMESTEP, Variation, check_timestep
@@ -29,6 +30,7 @@ from hugwbc.state import RobotState
 # below this share of its nominal height, 45 cm of the H1's 98.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45 / 0.98
 _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
+_LARGEST = 1e9  # [N*m]; where one input is beyond 1e10, MuJoCo gives all drives 0
 
 
 def check_seed(seed: int) -> None:
@@ -57,7 +59,8 @@ class Engine(abc.ABC):
         link_names: names of the rows of `external_force`; the first is the world.
         external_force: forces at the links' centres of mass and torques, world frame [N, N*m], shape (links, 6);
             writable, and kept until it is changed.
-        rejected_commands: number of joint commands that were not finite; the last valid one was held instead.
+        rejected_commands: number of joint commands that were not finite, or beyond `_LARGEST`; the last valid one was
+            held instead.
         diverged: whether the physics has failed since the last reset. What the robot does from then on means nothing.
         scene: the objects around the robot, as drawn for this episode; None without a scene.
         objects: their states, by name; empty without a scene.
@@ -234,12 +237,11 @@ class Engine(abc.ABC):
         """Apply a joint command for some physics steps; the same object as before is taken to be the same command.
 
         With a delay, the drives follow the command that many physics steps later; only the first command after a reset
-        acts at once. A command that is not finite is counted, and the previous command is held instead.
+        acts at once. A command that cannot be used is counted, and the previous command is held instead.
         """
         if command is not self._command:
-            if command.is_finite and command.q.size == self.robot.kp.size:
-                self._take(command)
-            else:
+            fits = command.is_finite and command.q.size == self.robot.kp.size
+            if not (fits and self._take(command)):
                 self.rejected_commands += 1
         given = self._given
         if self._faults is not None:
@@ -254,11 +256,18 @@ class Engine(abc.ABC):
             self._advance(*self._pending.popleft())
             self._readings.append(self._reading())
 
-    def _take(self, command: JointCommand) -> None:
-        """Turn a command into what the drives follow until the next one: stiffness, damping and constant torque."""
-        self._command, gain = command, self.variation.gain
+    def _take(self, command: JointCommand) -> bool:
+        """Turn a command into what the drives follow until the next one: stiffness, damping and constant torque.
+
+        Return whether it can be used.
+        """
+        gain = self.variation.gain
         kp, kd = gain * command.kp, gain * command.kd
-        self._given = kp, kd, command.tau + kp * command.q + kd * command.dq
+        constant = command.tau + kp * command.q + kd * command.dq
+        if not float(np.abs(constant).max()) < _LARGEST:
+            return False
+        self._command, self._given = command, (kp, kd, constant)
+        return True
 
     def apply_force(self, force: np.ndarray, duration: float, link: str | None = None) -> None:
         """Pull a link, by default the trunk, with a force in the world frame [N], shape (3,), for a duration [s]."""
@@ -310,6 +319,16 @@ class Engine(abc.ABC):
         """Let the errors of the sensors, and what is random of the faults, be those of a seed."""
         self._sensors = Sensors(self.sensing, seed, self.robot)
         self._faults = FaultInjector(self._declared_faults, self.robot, seed) if self._declared_faults else None
+
+    def _rise(self, q: np.ndarray) -> float:
+        """Return how much higher than in the nominal pose the pelvis is if the soles touch the ground with joints q."""
+        robot, kinematics, lowest = self.robot, Kinematics(self.robot), []
+        half = (robot.sole_x[1] - robot.sole_x[0]) / 2.0, max(map(abs, robot.sole_y))
+        for joints in (robot.nominal, q):
+            kinematics.update(RobotState(joints, np.zeros_like(joints), np.eye(4)[0], np.zeros(3)))
+            soles = [(kinematics.position(f"{side}_sole"), kinematics.rotation(f"{side}_sole")) for side in SIDES]
+            lowest.append(min(float(place[2] - np.abs(turn[2, :2]) @ half) for place, turn in soles))
+        return lowest[0] - lowest[1]
 
     def _clear(self, q: np.ndarray) -> None:
         """Forget forces and commands before a new run that starts with joint positions `q` [rad]."""

@@ -62,6 +62,8 @@ class Fault:
             raise ConfigError(f"fault {self.kind} {wanted} =JOINT")
         if (self.share is None) == (self.kind == DROPPED):
             raise ConfigError(f"fault {self.kind} has share {self.share}; write dropped=SHARE with 0 to less than 1")
+        if self.duration == 0.0 and self.kind != WILD_SPEED:
+            raise ConfigError(f"fault {self.kind} lasts 0 s, so nothing would happen; give a duration above 0")
 
     @classmethod
     def parse(cls, text: str) -> "Fault":

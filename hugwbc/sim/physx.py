@@ -208,9 +208,10 @@ class PhysxSimulation(Engine):
         if self._step_count:
             self._build_world()  # PhysX keeps contacts and impulses of the last run, which a new one must not see
         joints = self.robot.nominal.copy() if q is None else np.array(q, dtype=float)
+        height = self._start_height + (0.0 if q is None else self._rise(joints))
         self._clear(joints)
         self._step_count = 0
-        self._place(np.array([*xy, self._start_height]), rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0), joints)
+        self._place(np.array([*xy, height]), rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0), joints)
         self._start_sensors()
         return self.state()
 

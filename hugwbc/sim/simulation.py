@@ -143,6 +143,7 @@ class Simulation(Engine):
         pelvis[3:7] = rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
         if q is not None:
             joints[:] = q
+            pelvis[2] += self._rise(joints)
         elif self.terrain is not None:
             rise = float(np.dot(self.terrain.gradient, (math.cos(yaw), math.sin(yaw))))
             joints[self.robot.pair("ankle_pitch")] -= math.atan(rise)

@@ -105,14 +105,23 @@ def test_the_module_runs_and_loads_nothing_heavy_for_help():
     assert module.stdout.startswith("hugwbc 0.")
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_and_sigterm_end_quietly(sent, monkeypatch, capsys):
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_ctrl_c_sigterm_and_a_lost_terminal_end_quietly(sent, monkeypatch, capsys):
     before = signal.getsignal(sent)
     verb = types.SimpleNamespace(run=lambda words: signal.raise_signal(sent))
     monkeypatch.setattr(cli, "_verb", lambda name: verb)
     assert main(["play"]) == 130
     assert capsys.readouterr().err == "hugwbc: stopped\n"
     assert signal.getsignal(sent) is before
+
+
+def test_with_nohup_a_lost_terminal_ends_nothing(monkeypatch):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        monkeypatch.setattr(cli, "_verb", lambda name: types.SimpleNamespace(run=lambda w: signal.raise_signal(1) or 0))
+        assert main(["play"]) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):

@@ -42,6 +42,16 @@ def test_deploy_refuses_what_it_cannot_do(words, message, capsys) -> None:
     assert message in capsys.readouterr().err
 
 
+def test_a_terminal_that_is_gone_ends_no_control(monkeypatch) -> None:
+    def gone(text: str) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(deploy, "say", gone)
+    _, pilot, _ = deploy._build({**HEADER, "limits": {}})
+    pilot.machine.refuse("asked to run", 0.0)
+    assert len(pilot.machine.events) == 1
+
+
 class Line:
     """An endpoint on which no state of this robot arrives, but messages of another kind may."""
 

@@ -1,10 +1,11 @@
 import dataclasses
+import types
 
 import numpy as np
 import pytest
 
 from hugwbc import JointCommand
-from hugwbc.cli import main
+from hugwbc.cli import main, simulate_robot
 from hugwbc.cli.simulate_robot import Judge
 from hugwbc.sim import Scene, Simulation
 from hugwbc.sim.scenes import Wall
@@ -26,6 +27,13 @@ from hugwbc.tasks import Milestone, load_task
 def test_simulate_robot_refuses_what_it_cannot_do(words, message, capsys) -> None:
     assert main(["simulate-robot", *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_second_robot_in_a_domain_is_refused(monkeypatch, capsys) -> None:
+    shared = types.SimpleNamespace(rivals=lambda: 3)
+    monkeypatch.setattr(simulate_robot, "DdsEndpoint", lambda **_: shared)
+    assert main(["simulate-robot", "--domain", "7"]) == 2
+    assert "another robot is simulated in domain 7" in capsys.readouterr().err
 
 
 def test_a_task_is_judged_from_the_first_command_that_drives_the_joints() -> None:

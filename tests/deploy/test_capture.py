@@ -185,7 +185,7 @@ def test_a_capture_with_y_up_is_refused_in_the_log_and_not_looked_at(standing, y
         pilot.observe(state)
     view = source.views[-1]  # type: ignore[attr-defined]
     told = [str(event) for event in pilot.machine.events if "motion capture" in event.reason]
-    assert len(told) == y_up and all("run: refused" in line and "y up" in line for line in told)
+    assert len(told) == y_up and all("run: motion capture refused" in line and "y up" in line for line in told)
     assert (view.objects.keys() == {"box"}) is not y_up
     assert bool(np.linalg.norm(view.position[:2] - [3.0, 2.0]) < 0.05) is not y_up
     assert pilot.mode is Mode.RUN

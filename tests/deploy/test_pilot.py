@@ -111,6 +111,35 @@ def test_the_controller_is_called_once_a_period_of_the_robots_clock(standing) ->
     assert np.all(np.diff(np.flatnonzero(new)) == 10)
 
 
+def test_a_controller_that_gives_no_command_is_told_at_once_and_ends_the_run_for_good(standing) -> None:
+    """A robot that hangs limply may have people beside it: a controller that works again must not move it."""
+    pilot, controller = running(standing, period=0.02)
+    good, controller.think = controller.think, lambda: 1 / 0  # type: ignore[assignment]
+    moments = []
+    while pilot.mode is Mode.RUN:
+        pilot.observe(standing.next())
+        moments.append(len(pilot.machine.events))
+    assert 0.1 <= len(moments) * 0.002 <= 0.13 and pilot.machine.faulty
+    *_, told, end = map(str, pilot.machine.events)
+    assert "run: hold raised ZeroDivisionError" in told and moments[15] == moments[-1] - 1
+    assert "run -> damping: no joint command from hold for 100 ms" in end
+    controller.think, calls = good, controller.calls
+    for _ in range(100):
+        command = pilot.observe(standing.next()).command
+        assert command is not None and not command.kp.any()
+    assert pilot.mode is Mode.DAMPING and controller.calls == calls
+
+
+def test_sticks_that_raise_are_counted(standing) -> None:
+    source = Sticks(H1)
+    source.steer = lambda remote, time: 1 / 0  # type: ignore[method-assign,assignment]
+    pilot = make_pilot(source=source)
+    bring_to(Mode.RUN, pilot, standing)
+    for _ in range(50):
+        pilot.observe(standing.next())
+    assert pilot.mode is Mode.RUN and pilot.control.log.report().source_failures > 0
+
+
 def test_after_a_short_gap_the_controller_does_not_catch_up(standing) -> None:
     pilot, controller = running(standing, period=0.006)
     calls = controller.calls

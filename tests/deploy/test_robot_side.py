@@ -287,6 +287,33 @@ def test_a_robot_that_is_slower_than_its_clock_is_damped_at_the_end(standing, mo
     assert pilot.mode is Mode.DAMPING and np.all(command.kd == DAMPING_GAIN)
 
 
+def test_a_second_ctrl_c_neither_cuts_the_damping_short_nor_loses_the_figures(standing, monkeypatch) -> None:
+    monkeypatch.setattr(robot_side, "FADE", 0.5)
+    robot_end, end = local_pair()
+    pilot = make_pilot()
+    bring_to(Mode.RUN, pilot, standing)
+    side = RobotSide(pilot, H1, end)
+    pressed = iter([0.5, 0.1])
+
+    class Interrupted(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            if (after := next(pressed, None)) is None:
+                return super().wait(timeout)
+            time.sleep(after)
+            raise KeyboardInterrupt
+
+    side._end = Interrupted()
+    feeder = Feeder(standing, robot_end, 2.5)
+    feeder.thread.start()
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        side.run()
+    feeder.over.set()
+    feeder.thread.join(10.0)
+    assert time.perf_counter() - begin > 1.0 and pilot.mode is Mode.DAMPING and is_damping(feeder.messages[-1])
+    assert side.sent > 0
+
+
 def test_a_second_program_is_told_and_damps_a_driven_robot(standing) -> None:
     bench = Bench(standing)
     bench.side.look_out()
@@ -322,6 +349,26 @@ def test_a_relay_that_is_killed_is_told_at_once_and_this_process_damps(standing,
     assert told_after[0] < 0.1 and "process that reads and publishes has ended: damping" in bench.told[0]
     assert all(map(is_damping, bench.robot_end.receive(0.0)))
     assert "gets no commands" in str(bench.side._failure) and bench.side._end.is_set()
+
+
+def test_in_lockstep_a_robot_whose_states_are_all_refused_is_damped(standing) -> None:
+    """A robot that is restarted counts from 1 again: its states look old, and are no reason to go on as before."""
+    robot_end, end = local_pair()
+    pilot, told = make_pilot(), []
+    bring_to(Mode.RUN, pilot, standing)
+    side = RobotSide(pilot, H1, end, Settings(lockstep=True), tell=told.append)
+
+    def answered(raw: bytes) -> bool:
+        robot_end.send(raw)
+        assert side.answer(0.0)
+        return is_damping(robot_end.receive(0.0)[-1])
+
+    assert not any(answered(standing.raw()) for _ in range(5))
+    standing.tick = 1
+    damped = [answered(standing.raw()) for _ in range(600)]
+    assert not any(damped[:49]) and all(damped[51:])
+    assert any(line.startswith("watchdog: no state for 10") and "with an old tick: damping" in line for line in told)
+    assert pilot.mode is Mode.DAMPING and side.intake.old < 510, "after a second, its states are believed again"
 
 
 @pytest.mark.parametrize("mode", [Mode.RUN, Mode.DAMPING])

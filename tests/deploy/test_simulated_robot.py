@@ -140,6 +140,14 @@ def test_commands_are_refused_while_a_motion_mode_is_active() -> None:
     assert robot.tally.counts == {"motion mode": 1}
 
 
+def test_commands_that_are_not_finite_are_refused_and_told() -> None:
+    robot, client, told = make()
+    step(robot, client, Messages(H1).pack_command(HOLD))
+    held = robot._command
+    step(robot, client, Messages(H1).pack_command(dataclasses.replace(HOLD, q=np.full(19, np.nan))))
+    assert robot.tally.counts == {"numbers": 1} and "not finite" in told[0] and robot._command is held
+
+
 def test_torn_commands_are_refused() -> None:
     robot, client, _ = make()
     for message in (b"", b"x" * 811, bytes(4000)):

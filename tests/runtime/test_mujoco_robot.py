@@ -151,6 +151,31 @@ def test_an_actuator_gives_the_torque_of_a_command(servos: bool, ours: Robot) ->
     assert not robot.clipped
     robot.apply(JointCommand(q, dq, command.kp, command.kd, np.full(n, 1e3)))
     assert set(robot.clipped) == set(ours.joint_names)
+    before = data.ctrl[robot.actuators].copy()
+    robot.clipped.clear()
+    robot.apply(JointCommand(np.full(n, np.nan), dq, command.kp, command.kd, command.tau))
+    np.testing.assert_array_equal(data.ctrl[robot.actuators], before)
+    assert set(robot.clipped) == set(ours.joint_names)
+
+
+def test_a_torque_that_the_joint_itself_does_not_take_is_clipped_and_counted() -> None:
+    """MuJoCo Menagerie's G1 has its limits of torque at the joints."""
+
+    def limited(robot: mujoco.MjSpec) -> None:
+        for joint in robot.joints[1:]:
+            joint.actfrclimited, joint.actfrcrange = True, (-3.0, 5.0)
+        robot.actuators[0].gear[0] = -2.0
+
+    model, data = lab(servos=False, change=limited)
+    robot, n = MujocoRobot(model, data), ROBOT.kp.size
+    np.testing.assert_allclose(robot.robot.torque_limit, 3.0)
+    robot.stand()
+    for tau, given, clipped in ((4.0, 4.0, 0), (7.0, 5.0, n), (-4.0, -3.0, n)):
+        robot.clipped.clear()
+        robot.apply(JointCommand(ROBOT.nominal, np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, tau)))
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qfrc_actuator[robot._dq], given)
+        assert robot.clipped.total() == clipped
 
 
 def test_feet_feel_the_weight_and_objects_are_seen() -> None:

@@ -34,7 +34,7 @@ def test_a_fault_is_read_from_its_text():
 
 TEXTS = (
     "", "imu-gone", "imu-gone@soon", "imu-gone@-1", "imu-gone@nan", "encoder-stuck@1", "imu-gone=left_knee_joint@1",
-    "dropped@1", "dropped=some@1", "dropped=1@1", "dropped=nan@1", "motor-dead@1",
+    "dropped@1", "dropped=some@1", "dropped=1@1", "dropped=nan@1", "motor-dead@1", "imu-gone@1:0",
 )  # fmt: skip
 
 

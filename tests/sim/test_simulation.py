@@ -9,6 +9,7 @@ import pytest
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import UnknownNameError
 from hugwbc.sim import Actuators, HeightField, Scene, Simulation, rough_terrain
+from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.scenes import Box
 
 ROBOT = load_robot()
@@ -119,6 +120,36 @@ def test_a_command_that_is_not_finite_is_held_off_and_counted() -> None:
     np.testing.assert_array_equal(faulty.data.qpos, sound.data.qpos)
     assert faulty.state().is_finite
     assert not faulty.diverged
+
+
+@pytest.mark.parametrize("absurd", [{"q": np.full(19, 1e9)}, {"tau": np.full(19, -1e11)}])
+def test_a_command_beyond_what_the_physics_takes_is_held_off_and_counted(absurd) -> None:
+    """MuJoCo gives no torque to any joint in a step in which one input is beyond 1e10."""
+    simulation, sound = Simulation(sensing="exact"), Simulation(sensing="exact")
+    for command in (HOLD, dataclasses.replace(HOLD, **absurd)):
+        simulation.step(command, 0.02)
+        sound.step(HOLD, 0.02)
+    assert simulation.rejected_commands == 1
+    np.testing.assert_array_equal(simulation.data.qpos, sound.data.qpos)
+
+
+@pytest.mark.parametrize("name", ["h1", "g1"])
+@pytest.mark.parametrize("engine", ["mujoco", "physx"])
+@pytest.mark.parametrize("bend", [-0.3, 0.0, 0.6])
+def test_a_robot_in_another_pose_starts_with_its_soles_on_the_ground(name, engine, bend) -> None:
+    if not ENGINES[engine].is_available():
+        pytest.skip(f"{engine} is not installed")
+    robot = load_robot(name)
+    q = robot.nominal.copy()
+    for part, share in (("knee", 1.0), ("hip_pitch", -0.5), ("ankle_pitch", -0.3)):  # the soles are not level
+        q[robot.pair(part)] += share * bend
+    simulation = ENGINES[engine](robot=robot, sensing="exact")
+    simulation.reset(q=q)
+    forces = []
+    for _ in range(15):  # it falls by the gap of 2 mm within 20 ms
+        simulation.step(JointCommand.position(robot, q), 0.002)
+        forces.append(simulation.foot_force[:, 2].sum())
+    assert forces[0] == 0.0 and forces[-1] > 0.0
 
 
 def test_a_command_whose_numbers_change_acts_with_the_new_ones() -> None:

@@ -120,7 +120,6 @@ class NetworkPolicy:
         period: time between two actions [s].
         contract: description of the network.
         robot: robot that the policy was made for.
-        held: number of actions that could not be used and were replaced by the last good ones.
         inputs: what the network read last.
     """
 
@@ -128,7 +127,6 @@ class NetworkPolicy:
         """Build the controller from a network that fits the contract."""
         self.contract = contract
         self.name, self.period = contract.name, contract.period
-        self.held = 0
         self.robot = contract.described
         self._network = network
         self._joints = self.robot.indices(contract.joints)
@@ -164,8 +162,8 @@ class NetworkPolicy:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return joint targets for the next period; arms under external control take their targets.
 
-        An action that is not finite leaves the targets unchanged and clears the network's memory, in which the bad
-        number might remain.
+        An action that is not finite is passed on, for the guard to count and to hold the last command. It clears the
+        network's memory, in which the bad number might remain, and is not the network's last action.
         """
         if command is not self._given:  # most calls repeat the last command
             self._given, self._request = command, self._requested(command)
@@ -176,14 +174,14 @@ class NetworkPolicy:
         self._history.push(observation)
         self.inputs = (self._history.input(), *commands)
         action = self._network(self.inputs)
+        clip = self.contract.action_clip
+        action = action if clip is None else np.clip(action, -clip, clip)
         if np.isfinite(action).all():
-            clip = self.contract.action_clip
-            self._action = action if clip is None else np.clip(action, -clip, clip)
+            self._action = action
         else:
-            self.held += 1
             self._network.reset()
         q = self._pose.copy()
-        q[self._joints] += self._scale * self._action
+        q[self._joints] += self._scale * action
         self._waist, self._posture = self._commanded.follow(self._waist, self._posture, asked)
         q += self._commanded.offsets(self._waist, self._posture, self._phase, gait, asked)[0]
         zero = np.zeros_like(q)

@@ -11,6 +11,9 @@ from hugwbc.learned.policy.contract import History, Term, load_contract
 from hugwbc.learned.policy.network_policy import NetworkPolicy, load_contract_policy
 from hugwbc.mbc import WholeBodyController
 from hugwbc.runtime import Constant, HoldController, rollout
+from hugwbc.runtime.guard import Guard
+from hugwbc.runtime.safety import SafetyFilter, StateCheck
+from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.sim import Simulation
 from tests.conftest import ByHand
 
@@ -95,19 +98,24 @@ class _Fixed:
         return self.actions[len(self.given) - 1]
 
 
-def test_numbers_that_are_not_finite_are_held_and_counted_and_the_memory_is_cleared(state):
-    """One bad number in a recurrent state would come back in all that follow."""
+def test_numbers_that_are_not_finite_are_left_to_the_guard_and_the_memory_is_cleared(state):
+    """One bad number in a recurrent state would come back in all that follow; the guard counts it in its report."""
     contract = dataclasses.replace(load_contract("unitree-h1"), action_clip=2.0)
     network = _Fixed(np.full(10, 5.0), np.full(10, np.nan), np.zeros(10))
     policy = NetworkPolicy(contract, network)
     policy.reset(state)
     before, targets, resets = network.resets, [], []
+    log = SafetyLog()
+    guard = Guard(policy, StateCheck(ROBOT), SafetyFilter(ROBOT, log), log)
+    guard._begun = True
     for _ in range(3):
-        targets.append(policy.act(state, WALK, UpperBody.none()).q[ROBOT.legs])
+        targets.append(guard.act(state, WALK, UpperBody.none()).q[ROBOT.legs])
         resets.append(network.resets - before)
     np.testing.assert_allclose(targets[0], np.array(contract.default_pose) + 0.25 * 2.0)
     np.testing.assert_array_equal(targets[1], targets[0])
-    assert policy.held == 1 and resets == [0, 1, 1]
+    assert log.report().bad_outputs == log.report().held == 1 and resets == [0, 1, 1]
+    assert "unitree-h1 gave a joint command in which q are not 19 finite numbers" in log.report().messages[0]
+    np.testing.assert_array_equal(network.given[2][29:39], 2.0)  # the last action that was used
 
 
 def test_the_clock_may_follow_the_commanded_frequency_and_held_joints_have_a_pose(state):
