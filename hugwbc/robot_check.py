@@ -99,11 +99,17 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         return names[::-1]
 
     for part, name, axis, wanted in _axes(table):
-        if not axis["xyz".index(wanted)] > _ALONG:
-            yield (
-                f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; give one that "
-                f"turns about +{wanted}"
-            )
+        if (along := axis["xyz".index(wanted)]) > _ALONG:
+            continue
+        remedy = "give one that turns"
+        if along < -_ALONG:
+            joint = next(joint for joint in table["joints"] if joint["name"] == name)
+            turned, ends = ([round(-one, 6) + 0.0 for one in joint[key]] for key in ("axis", "range"))
+            remedy = f"joints: {{{name}: {{axis: {turned}, range: {ends[::-1]}}}}} turns it"
+        yield (
+            f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; {remedy} "
+            f"about +{wanted}"
+        )
     yield from _leg_frames(table)
     for limb, end, top in (("leg", "foot", "base"), ("arm", "hand", "trunk"), ("waist", "trunk", "base")):
         joints, parts = chain(roles[end], roles[top]), list(roles[limb].values())
