@@ -182,6 +182,11 @@ class Robot:
         """Return angle [rad] and speed [rad/s] by which the joints turn the IMU about the base's z axis."""
         return (float(q[self.waist]), float(dq[self.waist])) if self.imu_link == self.trunk else (0.0, 0.0)
 
+    def limits(self, margin: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the position limits with a margin, at most a quarter of a joint's range [rad], each of shape (n,)."""
+        margins = np.minimum(margin, (self.upper - self.lower) / 4.0)
+        return self.lower + margins, self.upper - margins
+
     @functools.cached_property
     def target_range(self) -> tuple[np.ndarray, np.ndarray]:
         """The lowest and highest position target of each joint [rad], each of shape (n,).
