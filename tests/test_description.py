@@ -12,9 +12,14 @@ import yaml
 from hugwbc import load_robot, rotations
 from hugwbc.description import measure_sole, read_description
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.feet import pivot, sole_about
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import cop_reach
 from hugwbc.robot_check import problems
 from hugwbc.robot_tables import robot_table
 from hugwbc.runtime.safety import gain_limits
+from hugwbc.sim import Simulation
 from hugwbc.table_defaults import complete, is_left, other_side, placement
 
 G1, TABLE = load_robot("g1"), robot_table("g1")
@@ -301,6 +306,27 @@ def test_powers_of_ten_need_no_point(tmp_path) -> None:
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(SHORT | {"drives": []}) + "damping: 2e-3\n")
     table = robot_table(str(tmp_path / "mine.yaml"))
     assert table["damping"] == 0.002
+
+
+def test_a_foot_whose_frame_is_behind_the_axis_of_its_pitch_stands_as_before(tmp_path) -> None:
+    """The same machine: a roll joint may lie anywhere on its axis. Balance is measured from the axis of the pitch."""
+    behind, foot, roll = 0.03, "left_ankle_roll_link", "left_ankle_roll_joint"
+    rows = {row["name"]: row for kind in ("joints", "links") for row in TABLE[kind]}
+    (x, y, z), (a, b, c) = rows[roll]["xyz"], rows[foot]["com"]
+    moved = {"joints": {roll: {"xyz": [x - behind, y, z]}}, "links": {foot: {"com": [a + behind, b, c]}}}
+    sole = {**TABLE["sole"], "x": [end + behind for end in TABLE["sole"]["x"]]}
+    centres, reaches = [], []
+    for name, table in (("plain", SHORT), ("behind", {**SHORT, **moved, "sole": sole})):
+        robot = _robot(tmp_path / name, table)
+        assert problems(robot.name) == []
+        dynamics = Dynamics(robot)
+        dynamics.update(Simulation(robot=robot).state())
+        pivots = [pivot(dynamics, side, 0.02) for side in range(2)]
+        centres.append([*pivots, *(sole_about(one[:2], 0.1, 0.02, robot) for one in pivots)])
+        reaches.append(cop_reach(ControllerParams(), robot))
+    for plain, behind_it in zip(*centres, strict=True):
+        np.testing.assert_allclose(behind_it, plain, atol=1e-6)
+    assert reaches == pytest.approx([0.05, 0.05])
 
 
 def test_postures_of_arms_whose_joints_turn_the_other_way_are_the_same(tmp_path) -> None:
