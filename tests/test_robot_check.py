@@ -126,6 +126,18 @@ BROKEN = {
         lambda table: table["arm_servo"].update(kp=[80, 80, 80, 80], kd=[3, 3, 3, 3, 0, 1.5, 1.5]),
         ["arm_servo has 4 numbers for kp; give one for each of shoulder_pitch,", "arm_servo has kd from 0 on"],
     ),
+    "the hands are the elbows": (
+        lambda table: (
+            table["roles"].update(hand="left_elbow_link", arm=dict(list(table["roles"]["arm"].items())[:4])),
+            table["hand"].update(parent="left_elbow_link", xyz=[0.0, 0.0, 0.0]),
+            [
+                gains.__delitem__(slice(4, None))
+                for key in ("arm_servo", "arm_postures")
+                for gains in table[key].values()
+            ],
+        ),
+        ["the hand is 0 cm from the elbow, which is 18 cm from the shoulder; give the palm's place in the frame of"],
+    ),
     "a posture is missing": (lambda table: table["leg_postures"].clear(), ["leg_postures lacks tucked; give each"]),
     "a drive has all its torque at its highest speed": (
         lambda table: [_row(table, name).update(corner_speed=20.0, velocity=20.0) for name in KNEES],
