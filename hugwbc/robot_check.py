@@ -106,7 +106,8 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         if along < -_ALONG:
             joint = next(joint for joint in table["joints"] if joint["name"] == name)
             turned, ends = ([round(-one, 6) + 0.0 for one in joint[key]] for key in ("axis", "range"))
-            remedy = f"joints: {{{name}: {{axis: {turned}, range: {ends[::-1]}}}}} turns it"
+            span = f", range: {ends[::-1]}" * (ends[0] > ends[1])  # one that has none is asked for it below
+            remedy = f"joints: {{{name}: {{axis: {turned}{span}}}}} turns it"
         yield (
             f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; {remedy} "
             f"about +{wanted}"

@@ -166,9 +166,9 @@ BROKEN = {
         lambda table: table["roles"].update(hand="left_ankle_roll_link"),
         ["left_ankle_roll_link (hand) does not hang below torso_link (trunk)"],
     ),
-    "a waist turns the other way": (
-        _set("waist_yaw_joint", axis=[0, 0, -1]),
-        ["waist_yaw_joint (yaw) turns about [0.0, 0.0, -1.0] of the base with all joints at 0"],
+    "a waist turns the other way, and has no range": (
+        _set("waist_yaw_joint", axis=[0, 0, -1], range=[0.0, 0.0]),
+        ["at 0; joints: {waist_yaw_joint: {axis: [0.0, 0.0, 1.0]}} turns it about +z", "is 0 to 0 rad; give range"],
     ),
     "a shape is missing": (
         lambda table: table["collision_pairs"].append(["pelvis", "torso_link"]),
