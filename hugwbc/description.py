@@ -72,7 +72,7 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
             "rpy": _roll_pitch_yaw(model.body_quat[body]),
             "axis": model.jnt_axis[j].tolist(),
             "range": model.jnt_range[j].tolist(),
-            "effort": float(model.jnt_actfrcrange[j, 1]),
+            "effort": _effort(model, j),
             "velocity": 0.0 if limit is None else float(limit.get("velocity", 0.0)),
         }
         drive = {"armature": model.dof_armature, "friction": model.dof_frictionloss, "viscous": model.dof_damping}
@@ -93,6 +93,17 @@ def _roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:
     yaw = float(rotations.yaw_of(quaternion))
     axes = rotations.rotation_z(-yaw) @ rotations.to_matrix(quaternion)
     return [math.atan2(-axes[1, 2], axes[1, 1]), math.atan2(-axes[2, 0], axes[0, 0]), yaw]
+
+
+def _effort(model: mujoco.MjModel, j: int) -> float:
+    """Return what a joint or its actuator limits its torque to [N m]; 0 if neither does."""
+    limits = [float(model.jnt_actfrcrange[j, 1])]
+    for i in np.flatnonzero((model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == j)):
+        gear = abs(float(model.actuator_gear[i, 0]))
+        limits.append(gear * float(model.actuator_forcerange[i, 1]))
+        if model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE:  # a motor, whose control is its torque
+            limits.append(gear * float(model.actuator_gainprm[i, 0] * model.actuator_ctrlrange[i, 1]))
+    return min((limit for limit in limits if limit > 0.0), default=0.0)
 
 
 def _weighed_by_shapes(body: mujoco.MjsBody) -> bool:

@@ -67,6 +67,7 @@ class Robot:
         moved: the links that these joints move, left first, by part.
         sole_x, sole_y, sole_z: extent and height of the flat sole in the foot link's frame [m].
         sole_depth: distance of the sole below the ankle pitch axis [m].
+        ankle_x: place of that axis along the foot link's frame [m].
         thigh, shank: distances from the hip pitch axis to the knee and on to the ankle pitch axis, from the side [m].
         shoulder: origin of the left shoulder roll joint in the pelvis frame with the waist at 0 [m], shape (3,).
         upper_arm: distance from the shoulder roll joint to the elbow [m].
@@ -126,6 +127,7 @@ class Robot:
     sole_y: tuple[float, float]
     sole_z: float
     sole_depth: float
+    ankle_x: float
     thigh: float
     shank: float
     shoulder: np.ndarray
@@ -182,6 +184,11 @@ class Robot:
         """Return angle [rad] and speed [rad/s] by which the joints turn the IMU about the base's z axis."""
         return (float(q[self.waist]), float(dq[self.waist])) if self.imu_link == self.trunk else (0.0, 0.0)
 
+    def limits(self, margin: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the position limits with a margin, at most a quarter of a joint's range [rad], each of shape (n,)."""
+        margins = np.minimum(margin, (self.upper - self.lower) / 4.0)
+        return self.lower + margins, self.upper - margins
+
     @functools.cached_property
     def target_range(self) -> tuple[np.ndarray, np.ndarray]:
         """The lowest and highest position target of each joint [rad], each of shape (n,).
@@ -224,8 +231,13 @@ class Robot:
 
     @property
     def sole_middle(self) -> float:
-        """Distance of the sole's centre ahead of the ankle [m]."""
+        """Place of the sole's centre along the foot link's frame [m]."""
         return sum(self.sole_x) / 2.0
+
+    @property
+    def sole_ahead(self) -> float:
+        """Distance of the sole's centre ahead of the ankle [m]."""
+        return self.sole_middle - self.ankle_x
 
 
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
@@ -313,6 +325,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         sole_y=tuple(table["sole"]["y"]),
         sole_z=float(table["sole"]["z"]),
         sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
+        ankle_x=-float(seen_from("ankle_pitch", feet[0])[0]),
         thigh=math.hypot(*seen_from("hip_pitch", links["knee"])[::2].tolist()),
         shank=math.hypot(*seen_from("knee", links["ankle_pitch"])[::2].tolist()),
         shoulder=frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),

@@ -31,6 +31,7 @@ _ASKEW = 5.0  # [degrees], likewise of the frames of links
 _LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _MOST_TURNS = 2.0  # from 0 to an end of a range; more are degrees
 _STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
+_FOREARM = 0.3  # least part of the upper arm, from the elbow to the hand
 _STRONGEST = 3.0  # times the weight on a lever of a leg's length; an H1's and a G1's knees give 0.7 of it
 
 
@@ -99,11 +100,18 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         return names[::-1]
 
     for part, name, axis, wanted in _axes(table):
-        if not axis["xyz".index(wanted)] > _ALONG:
-            yield (
-                f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; give one that "
-                f"turns about +{wanted}"
-            )
+        if (along := axis["xyz".index(wanted)]) > _ALONG:
+            continue
+        remedy = "give one that turns"
+        if along < -_ALONG:
+            joint = next(joint for joint in table["joints"] if joint["name"] == name)
+            turned, ends = ([round(-one, 6) + 0.0 for one in joint[key]] for key in ("axis", "range"))
+            span = f", range: {ends[::-1]}" * (ends[0] > ends[1])  # one that has none is asked for it below
+            remedy = f"joints: {{{name}: {{axis: {turned}{span}}}}} turns it"
+        yield (
+            f"{name} ({part}) turns about {axis.round(2).tolist()} of the base with all joints at 0; {remedy} "
+            f"about +{wanted}"
+        )
     yield from _leg_frames(table)
     for limb, end, top in (("leg", "foot", "base"), ("arm", "hand", "trunk"), ("waist", "trunk", "base")):
         joints, parts = chain(roles[end], roles[top]), list(roles[limb].values())
@@ -314,8 +322,18 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that gains and postures of a limb have a number for each joint, and postures one in its range."""
+    """Check that hands are no elbows, and that gains and postures have a number for each joint, in its range."""
     ranges = {joint["name"]: joint["range"] for joint in table["joints"]}
+    roles, child = table["roles"], {joint["name"]: joint["child"] for joint in table["joints"]}
+    arm = [(child[roles["arm"][part]], (0.0, 0.0, 0.0)) for part in ("shoulder_roll", "elbow")]
+    arm.append((roles["hand"], table["hand"]["xyz"]))
+    shoulder, elbow, hand = (placement(table["joints"], link, roles["base"], at)[0] for link, at in arm)
+    upper_arm, forearm = float(np.linalg.norm(elbow - shoulder)), float(np.linalg.norm(hand - elbow))
+    if forearm < _FOREARM * upper_arm:
+        yield (
+            f"the hand is {100.0 * forearm:.0f} cm from the elbow, which is {100.0 * upper_arm:.0f} cm from the "
+            f"shoulder; give the palm's place in the frame of {roles['hand']}, hand: {{xyz: [x, y, z]}}"
+        )
     for section, limb in (("arm_servo", "arm"), ("arm_postures", "arm"), ("leg_postures", "leg")):
         parts, known = table["roles"][limb], robot_table()[section]
         if lacking := [name for name in known if name not in table[section]]:

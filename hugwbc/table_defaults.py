@@ -16,6 +16,7 @@ SIDES = ("left", "right")
 _OTHER = {"left": "right", "Left": "Right", "l": "r", "L": "R"}
 _OTHER |= {right: left for left, right in _OTHER.items()}
 _SIDE = re.compile("[Ll]eft|[Rr]ight|(?<![A-Za-z])[lrLR](?![A-Za-z])")
+_PAGE = "docs/how-to/add-a-robot.md"
 Joints = Sequence[Mapping[str, Any]]
 # What a drive is taken for where neither table nor description says it, after the drives of the H1 and the G1: armature
 # [s^2/rad] and Coulomb friction by torque limit, viscous friction by the latter [s/rad], corner speed by highest speed.
@@ -93,7 +94,7 @@ def placement(
     if joint is None:
         raise ModelError(
             f"{link} does not hang below {seen_from}, which a role says; `roles` names links and joints, and a "
-            "description whose legs hang below the trunk has to be turned over (docs/how-to/add-a-robot.md)"
+            f"description whose legs hang below the trunk has to be turned over ({_PAGE})"
         )
     place, axes = placement(joints, joint["parent"], seen_from, q=q)
     place, axes = place + axes @ joint["xyz"], axes @ _turn(*joint["rpy"])
@@ -184,7 +185,8 @@ def check_roles(table: Mapping[str, Any]) -> None:
     for role, name, kind, paired in played:
         names = sorted(row["name"] for row in table[f"{kind}s"])
         if name is None:
-            found.append(f"roles lacks `{role}`; give the name of the {kind}{' on the left side' * paired}")
+            none = f"; where there is none, put in one that is stuck ({_PAGE})" * (kind == "joint")
+            found.append(f"roles lacks `{role}`; give the name of the {kind}{' on the left side' * paired}{none}")
         elif paired and not is_left(name):
             found.append(
                 f"`{role}` is {name}, which is not of the left side; give the {kind} with left, or l, in its name"

@@ -1,6 +1,7 @@
 """A robot's table that names a published description, against the same robot's table with all figures."""
 
 import itertools
+import re
 import xml.etree.ElementTree as ET
 
 import mujoco
@@ -11,9 +12,14 @@ import yaml
 from hugwbc import load_robot, rotations
 from hugwbc.description import measure_sole, read_description
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
+from hugwbc.mbc.dynamics import Dynamics
+from hugwbc.mbc.feet import pivot, sole_about
+from hugwbc.mbc.params import ControllerParams
+from hugwbc.mbc.reach import cop_reach
 from hugwbc.robot_check import problems
 from hugwbc.robot_tables import robot_table
 from hugwbc.runtime.safety import gain_limits
+from hugwbc.sim import Simulation
 from hugwbc.table_defaults import complete, is_left, other_side, placement
 
 G1, TABLE = load_robot("g1"), robot_table("g1")
@@ -89,21 +95,35 @@ def test_links_have_the_boxes_around_their_shapes_or_of_their_inertia(tmp_path) 
     assert found["left_elbow_link"]["center"] == forearm["com"]
 
 
-def test_mjcf_has_armatures_and_the_feets_shapes(tmp_path) -> None:
+def test_mjcf_has_armatures_efforts_and_the_feets_shapes(tmp_path) -> None:
+    """Efforts are those of position drives, of motors with gears, and the smaller one of actuator and joint."""
+    text = G1.xml_path.read_text()
+    for old, new in (
+        ('<position kp="150" kv="4" forcerange="-139 139"', '<motor gear="69.5" ctrlrange="-2 2"'),
+        ('<joint name="left_hip_roll_joint"', '<joint actuatorfrcrange="-100 100" name="left_hip_roll_joint"'),
+        ('<joint name="right_hip_roll_joint"', '<joint actuatorfrcrange="-100 100" name="right_hip_roll_joint"'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "maker.xml").write_text(text)
     table = {key: value for key, value in SHORT.items() if key not in ("drives", "sole")}
     rows = [row for row in TABLE["joints"] if not row["name"].startswith("right")]
-    drives = [{"joints": [row["name"]], "velocity": row["velocity"], "effort": row["effort"]} for row in rows]
-    mine = _robot(tmp_path, {**table, "description": str(G1.xml_path), "drives": drives})
+    drives = [{"joints": [row["name"]], "velocity": row["velocity"]} for row in rows]
+    mine = _robot(tmp_path, {**table, "description": "maker.xml", "drives": drives})
     assert problems(mine.name) == []
-    np.testing.assert_allclose(mine.armature, G1.armature[G1.indices(mine.joint_names)])
+    order = G1.indices(mine.joint_names)
+    np.testing.assert_allclose(mine.armature, G1.armature[order])
+    efforts = np.where(np.isin(order, G1.pair("hip_roll")), 100.0, G1.torque_limit[order])
+    np.testing.assert_allclose(mine.torque_limit, efforts)
     # The spheres at the sole's corners stand out by their radius.
     np.testing.assert_allclose([*mine.sole_x, *mine.sole_y], [*G1.sole_x, *G1.sole_y], atol=0.0051)
     assert mine.sole_z == G1.sole_z
 
 
-def test_mjcf_without_speeds_is_asked_for_them(tmp_path) -> None:
+def test_mjcf_without_speeds_and_efforts_is_asked_for_them(tmp_path) -> None:
     """Also of joints in no role, whose damping would follow from them."""
-    table = {key: value for key, value in SHORT.items() if key != "drives"} | {"description": str(G1.xml_path)}
+    table = {key: value for key, value in SHORT.items() if key != "drives"} | {"description": "maker.xml"}
+    (tmp_path / "maker.xml").write_text(re.sub(' forcerange="[^"]*"', "", G1.xml_path.read_text()))
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(table, sort_keys=False))
     effort, velocity = problems(str(tmp_path / "mine.yaml"))
     assert effort.startswith("effort is 0 or less of") and velocity.startswith("velocity is 0 or less of")
@@ -268,16 +288,45 @@ def test_links_need_no_side_and_right_pitch_joints_turn_as_the_left_ones(tmp_pat
     assert all(len(pair) == 2 for pair in mine.collision_pairs)
     root = ET.fromstring(text)
     knee = next(joint for joint in root.findall("joint") if joint.get("name") == "right_knee_joint")
+    limit = knee.find("limit").attrib
+    limit.update(lower=str(-float(limit["upper"])), upper=str(-float(limit["lower"])))
     knee.find("axis").set("xyz", "0 -1 0")
     (tmp_path / "turned.urdf").write_text(ET.tostring(root, encoding="unicode"))
-    with pytest.raises(ModelError, match=r"right_knee_joint \(knee\) turns about .*; give one that"):
-        _robot(tmp_path / "turned", {**SHORT, "description": str(tmp_path / "turned.urdf")})
+    turned = {**SHORT, "description": str(tmp_path / "turned.urdf")}
+    with pytest.raises(ModelError, match=r"right_knee_joint \(knee\) turns about .*; joints: .* about \+y") as refused:
+        _robot(tmp_path / "turned", turned)
+    remedy = re.search(r"joints: \{.*\}\}", str(refused.value))
+    assert remedy is not None
+    back = _robot(tmp_path / "back", {**turned, **yaml.safe_load(remedy[0])})
+    for field in ("axes", "lower", "upper", "nominal"):
+        np.testing.assert_allclose(getattr(back, field), getattr(mine, field), atol=1e-6, err_msg=field)
 
 
 def test_powers_of_ten_need_no_point(tmp_path) -> None:
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(SHORT | {"drives": []}) + "damping: 2e-3\n")
     table = robot_table(str(tmp_path / "mine.yaml"))
     assert table["damping"] == 0.002
+
+
+def test_a_foot_whose_frame_is_behind_the_axis_of_its_pitch_stands_as_before(tmp_path) -> None:
+    """The same machine: a roll joint may lie anywhere on its axis. Balance is measured from the axis of the pitch."""
+    behind, foot, roll = 0.03, "left_ankle_roll_link", "left_ankle_roll_joint"
+    rows = {row["name"]: row for kind in ("joints", "links") for row in TABLE[kind]}
+    (x, y, z), (a, b, c) = rows[roll]["xyz"], rows[foot]["com"]
+    moved = {"joints": {roll: {"xyz": [x - behind, y, z]}}, "links": {foot: {"com": [a + behind, b, c]}}}
+    sole = {**TABLE["sole"], "x": [end + behind for end in TABLE["sole"]["x"]]}
+    centres, reaches = [], []
+    for name, table in (("plain", SHORT), ("behind", {**SHORT, **moved, "sole": sole})):
+        robot = _robot(tmp_path / name, table)
+        assert problems(robot.name) == []
+        dynamics = Dynamics(robot)
+        dynamics.update(Simulation(robot=robot).state())
+        pivots = [pivot(dynamics, side, 0.02) for side in range(2)]
+        centres.append([*pivots, *(sole_about(one[:2], 0.1, 0.02, robot) for one in pivots)])
+        reaches.append(cop_reach(ControllerParams(), robot))
+    for plain, behind_it in zip(*centres, strict=True):
+        np.testing.assert_allclose(behind_it, plain, atol=1e-6)
+    assert reaches == pytest.approx([0.05, 0.05])
 
 
 def test_postures_of_arms_whose_joints_turn_the_other_way_are_the_same(tmp_path) -> None:

@@ -126,6 +126,18 @@ BROKEN = {
         lambda table: table["arm_servo"].update(kp=[80, 80, 80, 80], kd=[3, 3, 3, 3, 0, 1.5, 1.5]),
         ["arm_servo has 4 numbers for kp; give one for each of shoulder_pitch,", "arm_servo has kd from 0 on"],
     ),
+    "the hands are the elbows": (
+        lambda table: (
+            table["roles"].update(hand="left_elbow_link", arm=dict(list(table["roles"]["arm"].items())[:4])),
+            table["hand"].update(parent="left_elbow_link", xyz=[0.0, 0.0, 0.0]),
+            [
+                gains.__delitem__(slice(4, None))
+                for key in ("arm_servo", "arm_postures")
+                for gains in table[key].values()
+            ],
+        ),
+        ["the hand is 0 cm from the elbow, which is 18 cm from the shoulder; give the palm's place in the frame of"],
+    ),
     "a posture is missing": (lambda table: table["leg_postures"].clear(), ["leg_postures lacks tucked; give each"]),
     "a drive has all its torque at its highest speed": (
         lambda table: [_row(table, name).update(corner_speed=20.0, velocity=20.0) for name in KNEES],
@@ -154,9 +166,9 @@ BROKEN = {
         lambda table: table["roles"].update(hand="left_ankle_roll_link"),
         ["left_ankle_roll_link (hand) does not hang below torso_link (trunk)"],
     ),
-    "a waist turns the other way": (
-        _set("waist_yaw_joint", axis=[0, 0, -1]),
-        ["waist_yaw_joint (yaw) turns about [0.0, 0.0, -1.0] of the base with all joints at 0"],
+    "a waist turns the other way, and has no range": (
+        _set("waist_yaw_joint", axis=[0, 0, -1], range=[0.0, 0.0]),
+        ["at 0; joints: {waist_yaw_joint: {axis: [0.0, 0.0, 1.0]}} turns it about +z", "is 0 to 0 rad; give range"],
     ),
     "a shape is missing": (
         lambda table: table["collision_pairs"].append(["pelvis", "torso_link"]),
@@ -435,7 +447,8 @@ def test_roles_that_nothing_plays_are_named_all_at_once(tmp_path, capsys) -> Non
     text = capsys.readouterr().out
     assert "FAIL  table: unknown link in the role `foot`, 'left_sole'." in text and "'right_sole'" in text
     assert "role `leg: knee`, 'left_kne_joint'. Did you mean 'left_knee_joint'?" in text
-    assert "roles lacks `waist: yaw`; give the name of the joint" in text and "1 of 1 checks failed" in text
+    assert "roles lacks `waist: yaw`; give the name of the joint; where there is none, put in one that is" in text
+    assert "1 of 1 checks failed" in text
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def pivot(dynamics: Dynamics, foot: int, balance: float) -> np.ndarray:
     """
     sole = dynamics.frame(SOLES[foot])
     x, y = sole.rotation[:2, 0].tolist()
-    ahead = (balance - dynamics.robot.sole_middle) / max(math.hypot(x, y), 1e-6)
+    ahead = (balance - dynamics.robot.sole_ahead) / max(math.hypot(x, y), 1e-6)
     return sole.position + np.array([ahead * x, ahead * y, 0.0])
 
 
@@ -65,7 +65,7 @@ def sole_about(pivot: np.ndarray, yaw: float, balance: float, robot: Robot) -> n
     Returns:
         Centre of the sole, world x and y [m], shape (2,).
     """
-    ahead = robot.sole_middle - balance
+    ahead = robot.sole_ahead - balance
     return pivot + np.array([ahead * math.cos(yaw), ahead * math.sin(yaw)])
 
 

@@ -109,8 +109,7 @@ class WholeBodyQp:
         self._joints = slice(_BASE, nv)
         order = np.argsort(columns)
         self._highest_torque = params.torque_fraction * robot.torque_limit[order]
-        self._lowest = robot.lower[order] + params.joint_margin
-        self._highest = robot.upper[order] - params.joint_margin
+        self._lowest, self._highest = (limit[order] for limit in robot.limits(params.joint_margin))
         self._fastest = robot.velocity_limit[order]
         size, joints = nv + _FORCES, columns.size
         self._H = np.zeros((size, size))

@@ -47,7 +47,7 @@ def cop_reach(params: ControllerParams, robot: Robot) -> float:
     A foot that carries the robot's weight holds it there by the torque of the ankle; the heel is the nearer end.
     """
     torque = params.torque_fraction * float(robot.torque_limit[robot.pair("ankle_pitch")[0]])
-    return min(torque / (robot.mass * GRAVITY), -robot.sole_x[0])
+    return min(torque / (robot.mass * GRAVITY), robot.ankle_x - robot.sole_x[0])
 
 
 def lowest_walking_height(params: ControllerParams, speed: float, step_time: float, p: float, robot: Robot) -> float:

@@ -79,8 +79,7 @@ class ArmSolver:
     def __init__(self, robot: Robot, config: ArmIKConfig, still: tuple[str, ...], *, on_column: bool = False) -> None:
         """Build the solver of a robot whose joints `still` do not move, `on_column` as in `upper_body`."""
         arms, names, self._config = robot.arms, robot.arm_names, config
-        self.lower = robot.lower[arms] + config.limit_margin
-        self.upper = robot.upper[arms] - config.limit_margin
+        self.lower, self.upper = (limit[arms] for limit in robot.limits(config.limit_margin))
         self.velocity_limit = robot.velocity_limit[arms] * config.speed_fraction
         self.placo = upper_body(robot, on_column=on_column)
         for name, lower, upper, speed in zip(names, self.lower, self.upper, self.velocity_limit, strict=True):

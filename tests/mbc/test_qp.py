@@ -106,6 +106,22 @@ def test_a_joint_brakes_before_its_limit(dynamics_of):
     assert solution.acceleration[dynamics.columns[knee]] < -100.0
 
 
+def test_a_stuck_waist_leaves_the_limits_of_the_others(dynamics_of):
+    """As the how-to makes one for a robot without a waist: its range is smaller than both margins."""
+    knee, stuck = ROBOT.index("left_knee_joint"), 1e-3 * (np.arange(19) == ROBOT.waist)
+    robot = dataclasses.replace(
+        ROBOT, lower=np.where(stuck, -stuck, ROBOT.lower), upper=np.where(stuck, stuck, ROBOT.upper)
+    )
+    q = ROBOT.nominal.copy()
+    q[knee] = ROBOT.upper[knee] - 0.05
+    dynamics = dynamics_of(q=q, dq=10.0 * (np.arange(19) == knee))
+    terms = TaskTerms(np.eye(25), np.zeros(25), np.zeros(25), np.ones(25))
+    qp = WholeBodyQp(ControllerParams(), robot, dynamics.nv, dynamics.columns)
+    solution = qp.solve(dynamics, [terms], np.zeros(4, dtype=bool))
+    assert solution.status is QpStatus.SOLVED
+    assert solution.acceleration[dynamics.columns[knee]] < -100.0
+
+
 def test_infeasible_joint_limits_are_dropped_and_said_so(standing_state):
     dynamics = Dynamics(load_robot())
     # Far beyond the limit and speeding outwards with all joints: no torque within the limits brakes that at once.

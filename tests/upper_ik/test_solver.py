@@ -1,3 +1,4 @@
+import dataclasses
 import math
 import time
 
@@ -314,6 +315,21 @@ def test_a_stretched_arm_does_not_jitter(nominal_state):
     jerk = np.diff(np.array(qs)[100:], n=3, axis=0) / dt**3
     # Amplitudes of about 0.4 rad at pi/4 rad/s have a jerk of 0.2 rad/s^3; a chatter of 1 mrad one of 1000.
     assert np.sqrt(np.mean(jerk**2)) < 50.0
+
+
+def test_an_arm_with_a_stuck_joint_reaches(robot, nominal_state):
+    """As the how-to makes one for a shoulder without yaw: its range is smaller than both margins."""
+    stuck = np.isin(np.arange(robot.nominal.size), robot.pair("shoulder_yaw"))
+    lower, upper = (np.where(stuck, end, limit) for end, limit in ((-1e-3, robot.lower), (1e-3, robot.upper)))
+    ik = ArmIK(dataclasses.replace(robot, lower=lower, upper=upper))
+    q, kinematics = robot.nominal.copy(), Kinematics(robot)
+    q[robot.pair("shoulder_pitch")] -= 0.5
+    q[robot.pair("elbow")] += 0.3
+    kinematics.update(dataclasses.replace(nominal_state, q=q, position=np.zeros(3)))
+    left, right = (kinematics.position(f"{side}_hand") for side in ("left", "right"))
+    solution = converge(ik, HandTargets.of(left, right), nominal_state)
+    assert solution.residual.max() < 0.005
+    assert np.abs(solution.q[np.isin(robot.arms, robot.pair("shoulder_yaw"))]).max() <= 1e-3
 
 
 def test_limits_hold_over_1000_random_targets_half_of_them_out_of_reach(ik, robot):
