@@ -6,7 +6,7 @@ an action and in an observation is said in docs/how-to/use-gymnasium.md. This mo
 
 from hugwbc.errors import ConfigError
 
-__all__ = ["H1", "TASK_ENVIRONMENTS", "check_no_options", "register"]
+__all__ = ["H1", "TASK_ENVIRONMENTS", "register"]
 
 H1 = "hugwbc/H1-v0"
 
