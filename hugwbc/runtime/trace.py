@@ -152,9 +152,9 @@ class Trace:
         """How the run ended, as a part of a sentence, such as "stayed up for 6.0 s" or "fell after 1.2 s"."""
         if self.fell:
             return f"fell after {self.survived_s:.1f} s"
-        return (
-            "knelt down, since the state or a motor was lost" if self.down else f"stayed up for {self.survived_s:.1f} s"
-        )
+        if self.down:
+            return "knelt down, since the state or a motor was lost"
+        return f"stayed up for {self.survived_s:.1f} s"
 
     def __repr__(self) -> str:
         """Return one line: who, how long, how it ended."""
