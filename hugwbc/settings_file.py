@@ -46,7 +46,9 @@ def load(model: type[_T], path: pathlib.Path, robot: object = None, **more: obje
     try:
         text = read_file(path, LARGEST_FILE).decode("utf-8-sig")
     except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path that no file can have
-        raise ConfigError(f"cannot read {one_line(str(path))}: {error}; give a YAML file in UTF-8") from error
+        raise ConfigError(
+            f"cannot read {one_line(str(path))}: {getattr(error, 'strerror', error)}; give a YAML file in UTF-8"
+        ) from error
     return parse(model, text, path, robot, **more)
 
 

@@ -135,7 +135,9 @@ def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Rec
     try:
         text = read_file(path, LARGEST_FILE).decode()
     except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read {path}: {error}; give a YAML file in UTF-8") from error
+        raise ConfigError(
+            f"cannot read {path}: {getattr(error, 'strerror', error)}; give a YAML file in UTF-8"
+        ) from error
     recipe = parse(Recipe, text, path, name=path.stem, source=text)
     if smoke:
         stages = {name: stage.smoke() for name, stage in recipe.stages.items()}
