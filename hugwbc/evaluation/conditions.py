@@ -73,6 +73,12 @@ class Conditions:
         _ = self.chosen
         check_timestep(self.timestep)
         ENGINES[self.engine].check_available()
+        if self.engine != Simulation.engine and not self.is_level:
+            raise ConfigError(f"engine {self.engine} has level ground only; leave out the terrain and the slope")
+        if self.engine != Simulation.engine and self.chosen.ground != "firm":
+            raise ConfigError(f"engine {self.engine} has firm ground only; use --ground firm")
+        if self.engine != Simulation.engine and self.hand_payload:
+            raise ConfigError(f"engine {self.engine} has no payload in the hands; leave out the hand payload")
         self.variation()
         _ = self.told_arena, self.declared_faults
 

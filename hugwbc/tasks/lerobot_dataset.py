@@ -38,6 +38,7 @@ _FILE_SIZE = 100  # [MB], which readers expect to be told; a file has one episod
 _PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _DATA, _EPISODES = f"data/{_PLACE}", f"meta/episodes/{_PLACE}"
 _VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+_ROUNDING = 2e-7  # of the largest value: statistics are of numbers before they get single precision
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _ARROW = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
 _COUNTED = ("frame_index", "episode_index", "index", "task_index", "subtask_index")
@@ -355,6 +356,10 @@ def read_frames(folder: pathlib.Path, row: Mapping[str, Any], key: str) -> np.nd
     episode = row["episode_index"]
     if places != [(episode, number) for number in range(len(frames))]:
         raise ConfigError(f"{path} has not the frames of episode {episode} in their order; copy the data set again")
+    off = _ROUNDING * np.abs(frames).max(axis=0)
+    for name, found in _stats(frames).items():
+        if (np.abs(np.array(row[f"stats/{key}/{name}"]) - found) > off).any():
+            raise ConfigError(f"{path} has other values of {key} than were recorded; copy the data set again")
     return frames
 
 

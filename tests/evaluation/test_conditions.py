@@ -111,9 +111,9 @@ def test_an_engine_is_refused_where_it_cannot_be_used(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
     for uneven in ({"terrain_roughness": 0.02}, {"slope": 0.1}):
         with pytest.raises(ConfigError, match="engine physx has level ground only"):
-            Conditions(engine="physx", **uneven).simulation(1.0, (0,))
+            Conditions(engine="physx", **uneven)
     with pytest.raises(ConfigError, match="engine physx has firm ground only"):
-        Conditions(engine="physx", ground="soft").simulation(1.0, (0,))
+        Conditions(engine="physx", ground="soft")
 
 
 def test_an_evaluation_in_physx_runs_in_physx():

@@ -8,6 +8,7 @@ import datasets
 import imageio.v2 as imageio
 import numpy as np
 import pandas
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -378,6 +379,21 @@ def test_frames_out_of_order_and_those_of_another_episode_are_refused(tmp_path):
         pq.write_table(table, path)
         with pytest.raises(ConfigError, match="has not the frames of episode 0 in their order; copy the data set"):
             read_frames(folder, row, "action")
+
+
+def test_values_that_were_changed_are_refused(tmp_path):
+    folder = written(tmp_path / "demos", made_up("press_button", 500))
+    (row,) = pq.read_table(folder / "meta/episodes").to_pylist()
+    (path,) = (folder / "data").glob("*/*.parquet")
+    assert read_frames(folder, row, "action").shape == (500, len(ACTION_NAMES))
+    table = pq.read_table(path)
+    actions = np.array(table["action"].to_pylist(), dtype=np.float32)
+    actions[7, 3] += 0.01
+    column = pa.FixedSizeListArray.from_arrays(pa.array(actions.ravel()), type=table.schema.field("action").type)
+    pq.write_table(table.set_column(table.schema.get_field_index("action"), "action", column), path)
+    with pytest.raises(ConfigError, match="has other values of action than were recorded; copy the data set again"):
+        read_frames(folder, row, "action")
+    assert read_frames(folder, row, "observation.state").shape == (500, len(STATE))
 
 
 def test_a_folder_is_never_overwritten(tmp_path):
