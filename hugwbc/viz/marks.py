@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import meshcat.geometry as geometry
 import mujoco
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from hugwbc import rotations
 from hugwbc.gait import DEFAULT_DUTY, foot_phases
@@ -205,10 +205,15 @@ def _forces(snapshot: Snapshot) -> dict[str, Mark]:
 
 
 def hull_edges(points: np.ndarray) -> list[tuple[int, int]]:
-    """Return the edges of the convex hull of at least two points seen from above, anticlockwise pairs of indices."""
-    if len(points) == 2:
-        return [(0, 1)]
-    corners = ConvexHull(points[:, :2], qhull_options="QJ").vertices.tolist()  # joggled: points may lie on a line
+    """Return the edges of the convex hull of at least two points seen from above.
+
+    The edges are pairs of indices, anticlockwise; a single pair if all points lie on a line.
+    """
+    try:
+        corners = ConvexHull(points[:, :2]).vertices.tolist()
+    except QhullError:
+        order = np.lexsort((points[:, 1], points[:, 0]))
+        return [(int(order[0]), int(order[-1]))]
     return list(zip(corners, corners[1:] + corners[:1], strict=True))
 
 

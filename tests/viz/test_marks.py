@@ -109,6 +109,7 @@ def test_the_hull_is_convex_and_goes_round_once():
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]], dtype=float)
     assert sorted(hull_edges(square)) == [(0, 1), (1, 2), (2, 3), (3, 0)]
     assert hull_edges(np.array([[0.0, 0.0], [2.0, 0.0]])) == [(0, 1)]
+    assert hull_edges(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0]])) == [(0, 1)]
     assert {0, 3} <= set(np.ravel(hull_edges(np.linspace([0.0, 0.0], [0.6, 0.3], 4)))), "feet on a line"
 
 
