@@ -34,6 +34,16 @@ def named_path(kind: str, name: str | pathlib.Path, *folders: pathlib.Path) -> p
     return paths[str(name)]
 
 
+def read_text(path: pathlib.Path) -> str:
+    """Return the text of a YAML file; the error of one that cannot be read says why."""
+    try:
+        return read_file(path, LARGEST_FILE).decode("utf-8-sig")
+    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path that no file can have
+        raise ConfigError(
+            f"cannot read {one_line(str(path))}: {getattr(error, 'strerror', error)}; give a YAML file in UTF-8"
+        ) from error
+
+
 def load(model: type[_T], path: pathlib.Path, robot: object = None, **more: object) -> _T:
     """Read a model from a YAML file; errors name file, line and column, what is wrong and what is valid.
 
@@ -43,13 +53,7 @@ def load(model: type[_T], path: pathlib.Path, robot: object = None, **more: obje
         robot: the `Robot` that the file is for, if it says something that depends on it.
         more: fields that the file does not give, such as its name.
     """
-    try:
-        text = read_file(path, LARGEST_FILE).decode("utf-8-sig")
-    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path that no file can have
-        raise ConfigError(
-            f"cannot read {one_line(str(path))}: {getattr(error, 'strerror', error)}; give a YAML file in UTF-8"
-        ) from error
-    return parse(model, text, path, robot, **more)
+    return parse(model, read_text(path), path, robot, **more)
 
 
 def parse(model: type[_T], text: str, path: pathlib.Path, robot: object = None, **more: object) -> _T:

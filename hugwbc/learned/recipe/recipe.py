@@ -7,12 +7,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from hugwbc.errors import ConfigError, UnknownNameError
-from hugwbc.files import read_file
 from hugwbc.learned.config import CalibrationConfig, TrainConfig
 from hugwbc.learned.policy.network_files import POLICY_FILE, SNAPSHOT_FILE
 from hugwbc.robot_tables import models_dir
 from hugwbc.settings import TRAINING_SEED, settings
-from hugwbc.settings_file import LARGEST_FILE, named_path, parse
+from hugwbc.settings_file import named_path, parse, read_text
 
 TAKEN = {"start_from": SNAPSHOT_FILE, "policy": POLICY_FILE}  # of another stage, by the setting's name
 _OF_THE_RUN = ("out", "resume", "hours", "seed")  # settings of a training that a recipe has for all its stages
@@ -132,12 +131,7 @@ def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Rec
         smoke: whether to divide every size, to see in a minute that all of it runs.
     """
     path = named_path("recipe", name_or_path, *sorted(models_dir().glob("*/recipes")))
-    try:
-        text = read_file(path, LARGEST_FILE).decode()
-    except (OSError, ValueError) as error:
-        raise ConfigError(
-            f"cannot read {path}: {getattr(error, 'strerror', error)}; give a YAML file in UTF-8"
-        ) from error
+    text = read_text(path)
     recipe = parse(Recipe, text, path, name=path.stem, source=text)
     if smoke:
         stages = {name: stage.smoke() for name, stage in recipe.stages.items()}
