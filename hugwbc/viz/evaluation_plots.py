@@ -59,7 +59,7 @@ def gait_diagram(
 def curves(title: str, series: Mapping[str, tuple[np.ndarray, np.ndarray]], labels: tuple[str, str]) -> Panel:
     """Draw a curve of x and y values for each name, in the colours of `LABEL_COLOURS`, and y = x as a dashed line.
 
-    The labels are those of the two axes.
+    Where there is no point at all, the picture says so. The labels are those of the two axes.
     """
     line = np.unique(np.concatenate([x for x, _ in series.values()]))
 
@@ -67,6 +67,8 @@ def curves(title: str, series: Mapping[str, tuple[np.ndarray, np.ndarray]], labe
         for (name, (x, y)), colour in zip(series.items(), LABEL_COLOURS, strict=False):
             axes.plot(x, y, color=colour, marker="o" if len(x) <= 12 else None, markersize=4, label=name)
         axes.plot(line, line, color=INK, linestyle="--", linewidth=1.0)
+        if not len(line):
+            axes.text(0.5, 0.5, "nothing was measured", color=INK, ha="center", transform=axes.transAxes)
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
 

@@ -49,6 +49,12 @@ def test_gait_diagram_has_a_bar_for_every_stance_and_the_left_foot_above() -> No
     assert height("left") < height("right")
 
 
+def test_curves_without_a_point_say_so() -> None:
+    nothing = np.zeros(0)
+    assert "nothing was measured" in curves("p", {"qp": (nothing, nothing)}, ("x", "y")).svg
+    assert "nothing" not in curves("p", {"qp": (np.zeros(1), np.zeros(1))}, ("x", "y")).svg
+
+
 def test_curves() -> None:
     series = {"a": (np.arange(3.0), np.arange(3.0)), "b": (np.arange(30.0), np.full(30, np.nan))}
     panel = curves("Reward", series, ("steps", "reward"))
