@@ -57,7 +57,7 @@ def _of_robot(names: Any, info: ValidationInfo) -> Any:  # noqa: ANN401  what a 
 
 
 def check_curves(curves: Curves) -> Curves:
-    """Return curves: rising commands, and what to ask for, which differs from them by at most `LARGEST_CHANGE`."""
+    """Return curves: rising commands, and what to ask for: at most `LARGEST_CHANGE` more or less, or a part of them."""
     for label, of_gait in curves.items():
         Gait.parse(label)
         for name, pairs in of_gait.items():
@@ -67,10 +67,11 @@ def check_curves(curves: Curves) -> Curves:
                 raise ConfigError(f"a curve is not 2 to {_MOST_KNOTS} pairs of numbers", at=(label, name))
             knots, asked = np.array(pairs).T
             limit = LARGEST_CHANGE[name]
-            if not (np.diff(knots) > 0.0).all() or np.abs(asked - knots).max() > limit + 1e-9:
+            part = (asked * knots >= 0.0) & (np.abs(asked) <= np.abs(knots))  # what it can do of a command
+            if not (np.diff(knots) > 0.0).all() or (np.abs(asked - knots)[~part] > limit + 1e-9).any():
                 raise ConfigError(
                     f"the curve of {label} {name} falls, or changes a command by more than {limit}; give "
-                    "rising commands and what to ask for, which is close to them",
+                    "rising commands and what to ask for, which is close to them or a part of them",
                     at=(label, name),
                 )
     return curves

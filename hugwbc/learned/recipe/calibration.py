@@ -24,6 +24,8 @@ _DECIMALS = 4
 
 Errors = dict[str, dict[str, list[float | None]]]
 """Commanded minus executed value by gait, command and knot; None where the robot fell."""
+Round = tuple[Curves, Errors]
+"""What was asked for, and what was measured with it."""
 Executed = Callable[[pathlib.Path, list[dict[str, Any]], CalibrationConfig], list[dict[str, float]]]
 """Returns what a policy executes under some commands, one episode each: means by name, NaN after a fall."""
 
@@ -41,19 +43,20 @@ def knots_of(config: CalibrationConfig, robot: Robot) -> Curves:
     return curves
 
 
-def corrected(curves: Curves, errors: Errors, rate: float, robot: Robot) -> Curves:
-    """Return curves in which a fraction of the measured errors is taken out.
+def corrected(rounds: Sequence[Round], rate: float, robot: Robot) -> Curves:
+    """Return curves in which a fraction of the errors of the last round is taken out.
 
     No value outside a command's range is asked for, where the policy was never trained; but higher swings are, which
-    the network does not read (`Contract.read`).
+    the network does not read (`Contract.read`). Where the robot fell, with all larger values too,
+    what is asked for is halfway to what it stood.
 
     Args:
-        curves: pairs of command and what to ask for.
-        errors: what was measured with these curves.
+        rounds: what was asked for and measured so far.
         rate: the fraction.
         robot: whose ranges count.
     """
     result: Curves = {}
+    curves, errors = rounds[-1]
     for label, of_gait in curves.items():
         ranges = command_ranges(Gait.parse(label), robot)
         for name, pairs in of_gait.items():
@@ -63,9 +66,26 @@ def corrected(curves: Curves, errors: Errors, rate: float, robot: Robot) -> Curv
             for (knot, asked), error in zip(pairs, errors[label][name], strict=True):
                 wanted = asked if error is None else asked + rate * error
                 valid = min(max(wanted, low, knot - limit), high, knot + limit)
-                new.append([knot, round(valid, _DECIMALS)])
+                stood, fell = _bracket(rounds, label, name, valid)
+                size = min(abs(valid), 0.5 * (stood + fell))
+                new.append([knot, round(math.copysign(size, valid), _DECIMALS)])
             result.setdefault(label, {})[name] = new
     return result
+
+
+def _bracket(rounds: Sequence[Round], label: str, name: str, value: float) -> tuple[float, float]:
+    """Return the largest value asked for with which the robot stayed up, and the least above with which it fell.
+
+    They are sizes, of values with the sign of `value`. The second is infinity if it never fell, or always.
+    """
+    tried = [
+        (abs(asked), error is None)
+        for curves, errors in rounds
+        for (_, asked), error in zip(curves[label][name], errors[label][name], strict=True)
+        if asked * value > 0.0
+    ]
+    stood = max((size for size, fell in tried if not fell), default=math.inf)
+    return stood, min((size for size, fell in tried if fell and size > stood), default=math.inf)
 
 
 def calibrate(
@@ -92,9 +112,9 @@ def calibrate(
         save_policy(folder / name, controller.actor, contract, controller.training)
 
     place = folder / ROUNDS
-    rounds: list[tuple[Curves, Errors]] = json.loads(place.read_text()) if place.exists() else []
+    rounds: list[Round] = json.loads(place.read_text()) if place.exists() else []
     for number in range(len(rounds), config.rounds + 1):
-        curves = corrected(*rounds[-1], config.rate, robot) if rounds else knots_of(config, robot)
+        curves = corrected(rounds, config.rate, robot) if rounds else knots_of(config, robot)
         write(_TRIAL, curves)
         errors = _errors(config, folder / _TRIAL, curves, executed)
         rounds.append((curves, errors))
@@ -124,8 +144,12 @@ def _mean(errors: Sequence[float | None]) -> float:
     return float(np.mean(sizes)) if sizes else math.nan
 
 
-def _best_curves(rounds: Sequence[tuple[Curves, Errors]]) -> tuple[Curves, dict[str, float | None]]:
-    """Return at each knot the value with the smallest error; where the robot always fell, the command itself."""
+def _best_curves(rounds: Sequence[Round]) -> tuple[Curves, dict[str, float | None]]:
+    """Return at each knot the value with the smallest error.
+
+    Where the robot always fell, return the largest value with which it stayed up, if it fell with all larger ones; else
+    the command itself.
+    """
     kept: Curves = {}
     figures: dict[str, float] = {}
     first, before = rounds[0]
@@ -135,7 +159,9 @@ def _best_curves(rounds: Sequence[tuple[Curves, Errors]]) -> tuple[Curves, dict[
             for index, knot in enumerate(pairs):
                 tried = [(errors[label][name][index], curves[label][name][index]) for curves, errors in rounds]
                 known = [(abs(error), pair) for error, pair in tried if error is not None]
-                error, pair = min(known, key=operator.itemgetter(0), default=(None, knot))
+                stood, fell = _bracket(rounds, label, name, knot[0])
+                least = [knot[0], knot[0] if abs(knot[0]) < fell else math.copysign(stood, knot[0])]
+                error, pair = min(known, key=operator.itemgetter(0), default=(None, least))
                 chosen.append(pair)
                 left.append(error)
             kept.setdefault(label, {})[name] = chosen

@@ -184,6 +184,8 @@ def asked(v_x: float, gait: Gait = Gait.WALKING, curves: Any = CURVES) -> float:
 def test_a_curve_is_linear_between_its_knots_and_constant_beyond() -> None:
     assert [asked(v) for v in (0.0, 0.5, 1.0, 1.5, 2.0)] == pytest.approx([0.0, 0.45, 0.9, 1.45, 2.0])
     assert asked(-0.3) == pytest.approx(-0.3) and asked(2.2) == pytest.approx(2.2)
+    at_most_one = {"walking": {"v_x": [[-1.0, 0.0], [1.0, 1.0], [2.0, 1.0]]}}
+    assert [asked(v, curves=at_most_one) for v in (-1.0, 1.0, 1.5, 2.0)] == pytest.approx([0.0, 1.0, 1.0, 1.0])
 
 
 def test_other_gaits_and_commands_and_those_of_the_caller_stay_as_they_are():
@@ -222,7 +224,7 @@ def knots(*points: object) -> dict[str, Any]:
         *(3, {"strolling": {}}, {"walking": 3}, {"walking": {"f": [[1.0, 1.0], [2.0, 2.0]]}}),
         *(knots([0.0, 0.0]), knots(*[[0.0, 0.0]] * 101), knots([0.0, 0.0], [0.0, 0.0]), knots([1.0, 1.0], [0.0, 0.0])),
         *(knots([0.0, 0.0], [1.0, 1.4]), knots([0.0, 0.0], [1.0, math.nan]), knots([0.0, "a"], [1.0, 1.0])),
-        knots([0.0], [1.0, 1.0]),
+        *(knots([0.0], [1.0, 1.0]), knots([0.0, 0.0], [1.0, -0.4])),
     ],
 )
 def test_malformed_curves_are_refused(curves: Any) -> None:

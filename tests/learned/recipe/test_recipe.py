@@ -121,22 +121,28 @@ def test_a_killed_run_goes_on_and_its_files_say_how_they_were_made(recipe, made,
 
 
 def test_the_calibration_keeps_the_best_value_at_each_knot(made, tmp_path) -> None:
-    """Walks of .9 of what is asked for, which fall when more than the largest command is, and jumps that all fall."""
+    """Walks of .9 of what is asked for, which fall from 1.5 m/s on and once at 0.7, and jumps that all fall."""
+    seen = []
 
     def executed(policy, commands, config):
         if commands[0]["gait"] == "jumping":
             return [{"v_x": math.nan} for _ in commands]
         asked = dict(map(tuple, load_policy(policy).contract.feed_forward["walking"]["v_x"]))
-        return [{"v_x": 0.9 * v if (v := asked[one["v_x"]]) < 2.0 else math.nan} for one in commands]
+        seen.append(list(asked.values()))
+        falls = [v >= 1.5 or (len(seen) == 1 and command == 0.7) for command, v in asked.items()]
+        return [
+            {"v_x": math.nan if fell else 0.9 * asked[one["v_x"]]} for one, fell in zip(commands, falls, strict=True)
+        ]
 
     gaits = ("walking", "jumping")
-    config = CalibrationConfig(policy=made, gaits=gaits, commands=("v_x",), knots=3, rounds=3)
+    config = CalibrationConfig(policy=made, gaits=gaits, commands=("v_x",), knots=5, rounds=6)
     figures = calibrate(config, tmp_path, executed, lambda number, error: None)
     curves = load_policy(tmp_path / "policy.safetensors").contract.feed_forward
     knots, asked = np.array(curves["walking"]["v_x"]).T
-    assert knots.tolist() == [-0.6, 0.7, 2.0] and asked[0] == -0.6 and asked[2] == 2.0, "within the range"
-    assert asked[1] == pytest.approx(0.7 / 0.9, abs=0.01)
-    assert curves["jumping"]["v_x"] == [[knot, knot] for knot in knots]
+    assert knots.tolist() == [-0.6, 0.05, 0.7, 1.35, 2.0] and asked[0] == -0.6, "within the range"
+    assert asked[1:3] == pytest.approx(knots[1:3] / 0.9, abs=0.01), "one fall below what it can is no limit"
+    assert 1.4 < asked[3] == asked[4] < 1.5, "nothing is asked for with which it fell"
+    assert curves["jumping"]["v_x"] == [[knot, knot] for knot in knots], "nothing is known of what never stays up"
     assert figures["walking/v_x/calibrated"] < figures["walking/v_x/uncalibrated"]
     assert figures["jumping/v_x/calibrated"] is None
 
