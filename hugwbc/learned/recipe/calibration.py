@@ -21,6 +21,7 @@ from hugwbc.robot import Robot
 ROUNDS = "rounds.json"
 _TRIAL = "trial.safetensors"
 _DECIMALS = 4
+_SAFE = 0.85  # share of the largest value with which one robot stayed up that others stand, if larger ones make it fall
 
 Errors = dict[str, dict[str, list[float | None]]]
 """Commanded minus executed value by gait, command and knot; None where the robot fell."""
@@ -145,10 +146,9 @@ def _mean(errors: Sequence[float | None]) -> float:
 
 
 def _best_curves(rounds: Sequence[Round]) -> tuple[Curves, dict[str, float | None]]:
-    """Return at each knot the value with the smallest error.
+    """Return at each knot the value with the smallest error; the command itself where the robot always fell.
 
-    Where the robot always fell, return the largest value with which it stayed up, if it fell with all larger ones; else
-    the command itself.
+    Where it fell with all larger values too, none is more than a safe share of the largest with which it stayed up.
     """
     kept: Curves = {}
     figures: dict[str, float] = {}
@@ -159,9 +159,10 @@ def _best_curves(rounds: Sequence[Round]) -> tuple[Curves, dict[str, float | Non
             for index, knot in enumerate(pairs):
                 tried = [(errors[label][name][index], curves[label][name][index]) for curves, errors in rounds]
                 known = [(abs(error), pair) for error, pair in tried if error is not None]
-                stood, fell = _bracket(rounds, label, name, knot[0])
-                least = [knot[0], knot[0] if abs(knot[0]) < fell else math.copysign(stood, knot[0])]
-                error, pair = min(known, key=operator.itemgetter(0), default=(None, least))
+                error, pair = min(known, key=operator.itemgetter(0), default=(None, knot))
+                stood, fell = _bracket(rounds, label, name, pair[1])
+                if math.isfinite(fell) and abs(pair[1]) > _SAFE * stood:
+                    error, pair = None, [knot[0], round(math.copysign(_SAFE * stood, pair[1]), _DECIMALS)]
                 chosen.append(pair)
                 left.append(error)
             kept.setdefault(label, {})[name] = chosen
