@@ -21,7 +21,8 @@ from hugwbc.robot import Robot
 ROUNDS = "rounds.json"
 _TRIAL = "trial.safetensors"
 _DECIMALS = 4
-_SAFE = 0.85  # share of the largest value with which one robot stayed up that others stand, if larger ones make it fall
+# Share of the largest value with which one robot stayed up, where larger ones made it fall: others fall earlier
+_SAFE = 0.85
 
 Errors = dict[str, dict[str, list[float | None]]]
 """Commanded minus executed value by gait, command and knot; None where the robot fell."""
@@ -48,8 +49,8 @@ def corrected(rounds: Sequence[Round], rate: float, robot: Robot) -> Curves:
     """Return curves in which a fraction of the errors of the last round is taken out.
 
     No value outside a command's range is asked for, where the policy was never trained; but higher swings are, which
-    the network does not read (`Contract.read`). Where the robot fell, with all larger values too,
-    what is asked for is halfway to what it stood.
+    the network does not read (`Contract.read`). Where the robot fell, and with all larger values too, no more is asked
+    for than the middle between the least of these and the largest value with which it stayed up.
 
     Args:
         rounds: what was asked for and measured so far.
