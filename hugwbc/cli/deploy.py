@@ -28,6 +28,7 @@ from hugwbc.robot_tables import DEFAULT_ROBOT
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.script import load_script
 from hugwbc.scripts.view import CommandSource
+from hugwbc.settings import Positive, settings
 from hugwbc.sim.arena import Arena
 from hugwbc.sim.engine import check_seed
 from hugwbc.sim.sensors import ROBOT
@@ -42,7 +43,7 @@ _KEYS = "keys, each with Enter: s start, r run, q or an empty line stop (twice: 
 _RECORDED = ("controller", "policy", "robot", "script", "task", "seed")
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class DeployOptions:
     """Control a robot over the network, a real one or `hugwbc simulate-robot`. Read docs/deploy.md first."""
 
@@ -60,7 +61,7 @@ class DeployOptions:
     task: str | None = None
     seed: int = 0  # Seed of the objects of --task, as given to `simulate-robot`: it determines their sizes
     release: bool = True  # Release the robot's motion modes first
-    tilt: float = Limits.tilt  # Tilt above which the joints are damped [rad]
+    tilt: Positive = Limits.tilt  # Tilt above which the joints are damped [rad]
     record: pathlib.Path | None = None  # Record every message to this file
     # Replay this recording through its controller instead, without a network, and compare the commands bit by bit; a
     # controller, policy or task that it names by a path is given again, since it may be a program

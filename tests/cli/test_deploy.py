@@ -30,7 +30,7 @@ HEADER |= {"limits": dataclasses.asdict(Limits()), "format": FORMAT}
         (["--slower", "0"], "slower is 0"),
         (["--duration", "-1"], "duration is -1"),
         (["--age", "3"], "age is 3"),
-        (["--tilt", "0"], "tilt is 0"),
+        (["--tilt", "0"], "hugwbc: tilt is 0.0; it should be greater than 0"),
         (["--script", "missing"], "missing"),
         (["--task", "press_button", "--seed", "-1"], "seed is -1; give 0 or more"),
         (["--record", "/no/such/folder/run.bin"], "cannot write /no/such/folder/run.bin"),
