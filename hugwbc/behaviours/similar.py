@@ -60,6 +60,7 @@ def _seen(view: View, size: float, robot: Robot | None) -> View:
         objects=SeenObjects(tuple(view.objects), poses, seen[0].age if seen else 0.0),
         hand_force=None if view.hand_force is None else size**3 * view.hand_force,
         last=_asked(view.last, size),
+        stop=view.stop * (size, size, 1.0),
         robot=robot,
         hand_tip=size * view.hand_tip,
         hand_half_width=size * view.hand_half_width,

@@ -12,6 +12,7 @@ from hugwbc import extensions
 from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
 from hugwbc.behaviours.fetch_cup import fetch_cup
 from hugwbc.behaviours.hands import stature
+from hugwbc.behaviours.stops import SETTLED, Stops
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError, UnknownNameError
 from hugwbc.gait import Gait
@@ -25,7 +26,6 @@ ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] a
 BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [rad/s]
 SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
-SETTLED = 1.0  # [s] of standing after which a robot has come to rest
 FARTHEST = 0.5  # [m] that an H1's pelvis may then move before it is told to walk: a deep crouch takes half of it
 RAN_AWAY = "the robot moved while told to stand"
 LONGEST = 120.0  # [s], after which a behaviour is not played on
@@ -108,7 +108,7 @@ class BehaviourSource:
         self.status, self.reason, self.action = Status.RUNNING, "", Action()
         self.view: View | None = None
         self._course: Course | None = None
-        self._ramp, self._straying = CommandRamp(), Straying()
+        self._ramp, self._straying, self._stops = CommandRamp(), Straying(), Stops()
         self._grips: dict[str, str | None] = {}  # what each gripper was last asked to hold
         self._lost: dict[str, str] = {}  # what a force has torn out of it
 
@@ -117,7 +117,8 @@ class BehaviourSource:
         dt = 0.0 if self.view is None else max(view.time - self.view.time, 0.0)
         if self.view is not None:
             self._note_grips(self.view.held, view.held)
-        self.view = changed(view, last=self.action)
+        self._stops.note(view, self.action.command.gait)
+        self.view = changed(view, last=self.action, stop=self._stops.moved, mid_stance=self._stops.mid_stance)
         self._straying.note(self.action.command.gait, view.position[:2].tolist(), dt)
         action = self.act(self.view)
         hands = action.hands

@@ -3,7 +3,6 @@
 Walks are velocity commands from the estimated pose.
 """
 
-import collections
 import dataclasses
 import math
 from collections.abc import Callable, Iterable
@@ -28,15 +27,16 @@ from hugwbc.behaviours.course import (
     standing,
     step,
 )
+from hugwbc.behaviours.stops import SETTLED
 from hugwbc.commands import VELOCITY_NAMES, Command, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.scripts.view import Action, View
+from hugwbc.stride import OverStride
 
 POSITION_TOLERANCE = 0.05  # [m]
 YAW_TOLERANCE = math.radians(3.0)  # [rad]
 _NEAR, _DEADBAND = 0.7, 0.5  # shares of the tolerances: of the mean of a stride, and of where the robot will stand
-_COMING = 0.25  # [s], for which a robot that stops goes on with its velocity; sqrt(z / g) of a pendulum is 0.3 s
 _GAIN, _TURN_GAIN = 0.5, 1.0  # [1/s], speed per distance, and yaw rate per angle; at 0.7 a slow v_y overshoots for ever
 _SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
 _FAR = 0.6  # [m], a goal farther away is walked to face first
@@ -45,7 +45,6 @@ _SLOWEST_TURN = 0.6  # [rad/s], of a turn
 _BIAS_TIME = 3.5  # [s], over which the difference of commanded and walked velocity is learnt
 _MOST_BIAS = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
 _SLOW_TIME = 0.6  # [s] near the goal before the robot stands
-_SETTLE_TIME = 1.0  # [s] of standing before it is judged where the robot is
 _HAUL_GAIN = 0.8  # [1/s], speed of a push per distance that is left, and per distance from the line
 _SLOWEST = 0.08  # [m/s], of a push
 _STUCK, _START = 3.0, 2.0  # [s] in which what is walked or pushed has to move, and how much longer at the start
@@ -213,9 +212,8 @@ class _Walk:
 
     The velocity falls with the distance. Controllers do not walk exactly as fast as they are told; the difference, as
     the estimate knows it, is learnt and added to the command, but does not grow while something holds the robot. A
-    pelvis sways from foot to foot. Standing begins when the mean of a stride is near the goal, at a moment in which the
-    sway carries the robot there. Where it then stands outside of the tolerances, it walks again, and aims off by what
-    the last steps before a stand have moved it so far: a learned policy puts its feet up to 5 cm ahead.
+    pelvis sways from foot to foot, so that it stops when the mean of a stride is near the goal, or before it by what
+    stops have moved the robot so far (`View.stop`). Where it then stands outside of the tolerances, it walks again.
     """
 
     goal: Callable[[View], Goal]  # returns the goal as it is known now
@@ -230,18 +228,13 @@ class _Walk:
         if view.state.position is None or view.state.velocity is None:
             raise Failure("the position of the robot is not known; add an estimator")
         bias = np.zeros(3)
-        carried: list[np.ndarray] = []  # how each stop has moved the robot beyond what its velocity explains
         while True:
-            ahead = np.mean(carried, axis=0) if carried else np.zeros(3)
-            view = yield from self._approach(view, bias, ahead)
+            view = yield from self._approach(view, bias)
             if not self.stand:
                 return view
-            coming = _coming(view, self._error(view))
             view = yield from self._stop(view)
-            left = self._error(view)
-            if self._arrived(left, 1.0):
+            if self._arrived(self._error(view), 1.0):
                 return view
-            carried.append(coming - left)
 
     def _error(self, view: View) -> np.ndarray:
         """Return the way to the goal in the heading frame [m] and the angle to its heading [rad], shape (3,)."""
@@ -259,30 +252,29 @@ class _Walk:
         distance = math.hypot(error[0], error[1])
         return distance <= share * self.tolerance and abs(error[2]) <= share * YAW_TOLERANCE
 
-    def _approach(self, view: View, bias: np.ndarray, ahead: np.ndarray) -> Course:
+    def _approach(self, view: View, bias: np.ndarray) -> Course:
         """Walk until the mean of a stride is near the goal for a while; at once if it need not stand.
 
         Args:
             view: now.
             bias: estimated bias of the velocity [m/s, m/s, rad/s], shape (3,); goes on changing.
-            ahead: by how much a stop moves the robot, heading frame [m, m, rad], shape (3,); it aims as far before the
-                goal.
         """
         stride = 1.0 / default_command(Gait.WALKING, view.robot).f
-        (mean, pace), time = (_OverStride(stride) for _ in range(2)), view.time
+        (mean, pace), time = (OverStride(stride) for _ in range(2)), view.time
         free = np.full(2, time + _START)  # when it last walked, and turned, as it was told
         near: float | None = None
         error = self._error(view)
         if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
             return view
         while True:
-            error = self._error(view) - ahead
+            error = self._error(view) - (view.stop if self.stand else 0.0)
             velocity = self._velocity(error) + bias
-            arrived = self._arrived(mean(view.time, error), _NEAR)
-            near = None if not arrived else view.time if near is None else near
+            average = mean(view.time, error)
+            near = None if not self._arrived(average, _NEAR) else view.time if near is None else near
             if near is not None and not self.stand:
                 return view
-            if near is not None and view.time - near >= _SLOW_TIME and self._arrived(_coming(view, error), _DEADBAND):
+            ready = near is not None and view.time - near >= _SLOW_TIME and view.mid_stance
+            if ready and self._arrived(average, _DEADBAND):
                 return view
             view = yield Action(_walking(view, velocity), kept(view), progress=self.progress)
             share = min((view.time - time) / _BIAS_TIME, 1.0)
@@ -315,7 +307,7 @@ class _Walk:
     def _stop(self, view: View) -> Course:
         """Stand, and wait until the robot is at rest."""
         since: float | None = None
-        while since is None or view.time - since < _SETTLE_TIME:
+        while since is None or view.time - since < SETTLED:
             last = view.last.command
             if last.gait is Gait.STANDING and since is None:
                 since = view.time
@@ -329,17 +321,6 @@ def _walking(view: View, velocity: Iterable[float]) -> Command:
     last = view.last.command
     values = dict(zip(VELOCITY_NAMES, map(float, velocity), strict=True)) | {"h": last.h, "p": last.p}
     return Command.from_mapping(values, Gait.WALKING, view.robot)
-
-
-def _coming(view: View, error: np.ndarray) -> np.ndarray:
-    """Return the error of a robot that stands from now on, shape (3,).
-
-    It comes to rest where its velocity carries it: over the extrapolated centre of mass of Hof, Gazendam and Sinke,
-    "The condition for dynamic stability", Journal of Biomechanics, 2005.
-    """
-    left = error.copy()
-    left[:2] -= _COMING * view.state.heading_velocity[:2]
-    return left
 
 
 def _held(wanted: np.ndarray, walked: np.ndarray, felt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -357,21 +338,3 @@ def _held(wanted: np.ndarray, walked: np.ndarray, felt: np.ndarray) -> tuple[np.
     told = asked > _SLOWEST_HELD
     pushes = felt[:2] @ wanted[:2] < -_PUSHES * asked[0]
     return told, told & (along < _HELD * asked**2) & (not pushes)
-
-
-class _OverStride:
-    """Mean of a vector over the last stride: a pelvis that sways from foot to foot has no other resting value."""
-
-    def __init__(self, duration: float) -> None:
-        """Take the mean over a duration [s]."""
-        self._duration = duration
-        self._values: collections.deque[tuple[float, np.ndarray]] = collections.deque()
-        self._sum: np.ndarray | float = 0.0
-
-    def __call__(self, time: float, value: np.ndarray) -> np.ndarray:
-        """Add the value of a time [s] and return the mean."""
-        self._values.append((time, value))
-        self._sum = self._sum + value
-        while self._values[0][0] < time - self._duration + 1e-9:
-            self._sum = self._sum - self._values.popleft()[1]
-        return self._sum / len(self._values)

@@ -11,6 +11,7 @@ from hugwbc.commands import VELOCITY_NAMES, Command, default_command
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
 from hugwbc.state import RobotState
+from hugwbc.stride import MidStance
 
 DECELERATION = np.array([1.0, 1.0, 2.0])  # of the commanded v_x, v_y [m/s^2] and omega [rad/s^2]
 SLOW = (0.15, 0.15, 0.3)  # [m/s], [m/s], [rad/s]; a slower robot may stand
@@ -30,8 +31,8 @@ class Braking:
     changes in a leap would turn the body in the air, so that only a walk takes the new one. From a hop the robot would
     stand on one leg; it jumps for `JUMPS` first, which puts both feet down. It stands once its mean velocity over a
     stride is below `SLOW`, as the state says; the pelvis sways within a stride. A state without velocity counts as slow
-    one stride after the command has come to rest. After a stand of `PAUSE`, in the posture of the command, another gait
-    may start.
+    one stride after the command has come to rest. A walk ends in the moment that `MidStance` tells. After a stand of
+    `PAUSE`, in the posture of the command, another gait may start.
 
     Attributes:
         active: whether the robot is on that way now.
@@ -50,6 +51,7 @@ class Braking:
         self._velocities: collections.deque[_Velocity] = collections.deque()  # of the last stride
         self._sum = [0.0, 0.0, 0.0]
         self._at_rest = 0.0  # [s] since the commanded velocity is 0
+        self._mid_stance, self._time = MidStance(), 0.0  # [s] in this gait
 
     def __call__(self, command: Command, state: RobotState, dt: float) -> Command:
         """Return the command for the next period."""
@@ -60,7 +62,10 @@ class Braking:
                 self._begin(command)
             stand = dataclasses.replace(self._stand, h=command.h, p=command.p, w=command.w)
             return stand if self.active else command
-        self._note(_velocity(state), 1.0 / self._last.f + dt, dt)
+        stride = 1.0 / self._last.f
+        self._note(_velocity(state), stride + dt, dt)
+        self._time += dt
+        now = self._mid_stance(self._time, state.foot_force, stride) or self._last.gait is not Gait.WALKING
         self.active = command.gait is not self._last.gait or self._jumps > 0.0
         if not self.active:
             self._last, self._at_rest = command, 0.0
@@ -71,7 +76,7 @@ class Braking:
         self._last = self._slower(command, dt)
         self._at_rest = 0.0 if any(getattr(self._last, name) for name in VELOCITY_NAMES) else self._at_rest + dt
         stops = self._jumps <= 0.0 and command.gait is not self._last.gait
-        if stops and (self._slow(dt) or self._at_rest > LONGEST):
+        if stops and now and (self._slow(dt) or self._at_rest > LONGEST):
             self._stood = 0.0
             self._begin(self._stand)
             return self(command, state, dt)

@@ -121,6 +121,9 @@ class View:
         hand_force: force on each hand from outside, world frame [N], shape (2, 3); None where nothing tells.
         held: names of the objects that the left and the right idealised gripper hold; None for an open one.
         last: the request of the last tick.
+        stop: by how much a stop moves the robot, in its heading frame [m, m, rad], shape (3,); zeros before the first.
+        mid_stance: whether the robot is in the moment of its stride in which it should be told to stand
+            (`hugwbc.stride`).
         robot: whose ranges and defaults commands have; None for the paper's.
         hand_tip: distance from the hand frames to the ends of the hands [m]; an H1's by default, as the next one.
         hand_half_width: distance from the hand frames to the sides of the hands [m].
@@ -133,6 +136,8 @@ class View:
     hand_force: np.ndarray | None = None
     held: tuple[str | None, str | None] = (None, None)
     last: Action = dataclasses.field(default_factory=Action)
+    stop: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    mid_stance: bool = True
     robot: Robot | None = None
     hand_tip: float = 0.04
     hand_half_width: float = 0.03

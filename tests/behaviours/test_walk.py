@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from behaviour_helpers import view
 
-from hugwbc.behaviours import Behaviour, BehaviourSource, Status, face, walk_to
+from hugwbc import rotations
+from hugwbc.behaviours import Behaviour, BehaviourSource, Course, Status, View, face, walk_to
 from hugwbc.behaviours.walk import POSITION_TOLERANCE
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
@@ -14,31 +15,65 @@ from hugwbc.robot import load_robot
 DT = 0.02
 
 
-def _walk(jump: tuple[float, float]) -> tuple[np.ndarray, int]:
-    """Walk without turning; each stop moves the robot by `jump` [m]. Return where it ends and the number of stops."""
-    place, stops = np.zeros(2), 0
-    now, walk = view(), BehaviourSource(lambda view: walk_to(view, (0.4, 0.2), 0.0))
-    while True:
-        before, action = now.last.command, walk.act(now)
-        if walk.status is not Status.RUNNING:
-            assert walk.status is Status.SUCCESS, walk.reason
-            return place, stops
-        command = action.command
-        if before.gait is Gait.WALKING and command.gait is Gait.STANDING:
-            place, stops = place + np.array(jump), stops + 1
-        place = place + DT * np.array([command.v_x, command.v_y])
-        now = view(now.time + DT, position=(*place.tolist(), 0.98), last=action)
+def _walks(
+    jump: tuple[float, float, float], *goals: tuple[float, float], felt: bool = True, stepping: float = 0.0
+) -> list[list[float]]:
+    """Walk to goals with heading 0, and return the times of the stops on the way to each [s].
+
+    Each stop moves the robot by `jump`, heading frame [m, m, rad], mirrored if it is on the right foot. The feet take
+    turns every quarter of a second, if the robot goes as fast as `stepping` [m/s]; whether their forces are felt.
+    """
+
+    def course(view: View) -> Course:
+        for x, y in goals:
+            stops.append([])
+            view = yield from walk_to(view, (x, y), 0.0)
+            error = np.hypot(*(view.position[:2] - (x, y)))
+            assert error < (0.5 if len(stops[-1]) > 1 else 1.0) * POSITION_TOLERANCE, error
+        return view
+
+    stops: list[list[float]] = []
+    pose, speed, now, walk = np.zeros(3), np.zeros(3), view(), BehaviourSource(course)
+    left = True
+    while walk.status is Status.RUNNING:
+        before = walk.action.command
+        left = now.time % 0.5 < 0.25 if np.hypot(*speed[:2]) >= stepping else left
+        force = np.zeros((2, 3))
+        force[0 if left else 1, 2] = 500.0
+        turn = rotations.rotation_z(pose[2])
+        velocity, rate = turn @ np.array([speed[0], speed[1], 0.0]), np.array([0.0, 0.0, speed[2]])
+        known = {"velocity": velocity, "angular_velocity": rate, "foot_force": force if felt else None}
+        walk.see(dataclasses.replace(now, state=dataclasses.replace(now.state, **known)))
+        speed = walk.action.command.array()[:3]
+        moved = DT * speed
+        if before.gait is Gait.WALKING and walk.action.command.gait is Gait.STANDING:
+            stops[-1].append(now.time)
+            moved = moved + np.array(jump) * (1.0 if left else (1.0, -1.0, -1.0))
+        pose = pose + np.array([*(turn[:2, :2] @ moved[:2]), moved[2]])
+        now = view(now.time + DT, position=(pose[0], pose[1], 0.98), yaw=pose[2])
+    assert walk.status is Status.SUCCESS, walk.reason
+    return stops
 
 
-@pytest.mark.parametrize("jump", [(0.08, 0.0), (-0.05, 0.06)])
-def test_a_walk_aims_off_by_what_a_stop_has_moved_the_robot(jump: tuple[float, float]) -> None:
-    place, stops = _walk(jump)
-    assert np.hypot(*(place - (0.4, 0.2))) < 0.5 * POSITION_TOLERANCE
-    assert stops == 2, "the first stop shows it, the second makes up for it"
+@pytest.mark.parametrize("jump", [(0.08, 0.0, 0.0), (-0.05, 0.06, 0.0), (0.07, -0.03, 0.1)])
+def test_walks_aim_off_by_what_stops_have_moved_the_robot(jump: tuple[float, float, float]) -> None:
+    stops = _walks(jump, (0.4, 0.2), (1.0, 0.2), (0.5, -0.3))
+    assert list(map(len, stops)) == [2, 1, 1], "the first stop shows it, all others make up for it"
+    stance = np.concatenate(stops) % 0.5
+    assert ((stance > 0.09) & (stance < 0.16)).all(), "on the left foot: one on the right moves the robot otherwise"
+
+
+def test_a_robot_that_does_not_step_on_the_spot_still_stops() -> None:
+    """Some people's policies stand still where they are told to walk at 0 m/s."""
+    assert list(map(len, _walks((0.0, 0.0, 0.0), (0.4, 0.2), stepping=0.02))) == [1]
+
+
+def test_walks_aim_off_where_the_forces_on_the_feet_are_not_known() -> None:
+    assert list(map(len, _walks((0.08, 0.0, 0.0), (0.4, 0.2), (1.0, 0.2), felt=False))) == [2, 1]
 
 
 def test_a_walk_whose_stops_move_nothing_stands_once() -> None:
-    assert _walk((0.0, 0.0))[1] == 1
+    assert list(map(len, _walks((0.0, 0.0, 0.0), (0.4, 0.2)))) == [1]
 
 
 @pytest.mark.parametrize(("robot", "swing"), [(None, 0.15), ("h1", 0.15), ("g1", 0.12)])

@@ -19,7 +19,8 @@ G1 = load_robot("g1")
 
 @pytest.fixture
 def state():
-    return Simulation().reset()
+    """Return a state without the forces on the feet, which would tell the moment to stop in."""
+    return dataclasses.replace(Simulation().reset(), foot_force=None)
 
 
 def moving(state, speed):
@@ -130,6 +131,31 @@ def test_an_unknown_velocity_is_waited_for_for_a_stride(state):
     commands = stop(braking, blind, 2.0)
     first = next(index for index, command in enumerate(commands) if command == STAND)
     assert first * DT == pytest.approx(WALK.v_x / DECELERATION[0] + 1.0 / WALK.f, abs=3 * DT)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.2, 0.3, 0.4])
+def test_a_walk_ends_in_the_middle_of_a_stance_of_the_left_foot(state, late):
+    braking, stride = Braking(), 1.0 / WALK.f
+    time = 0.0
+    while True:
+        force = np.zeros((2, 3))
+        force[0 if time % stride < 0.5 * stride else 1, 2] = 500.0
+        asked = WALK if time < 2.0 + late else STAND
+        if braking(asked, dataclasses.replace(moving(state, 0.0), foot_force=force), DT).gait is Gait.STANDING:
+            break
+        time += DT
+    assert 0.2 * stride <= time % stride < 0.2 * stride + 2 * DT
+    assert 2.0 + late < time < 2.0 + late + WALK.v_x / DECELERATION[0] + stride + 2 * DT
+
+
+def test_a_walk_whose_feet_do_not_take_turns_ends_after_a_stride(state):
+    braking = Braking()
+    still = dataclasses.replace(moving(state, 0.0), foot_force=np.array([[0.0, 0.0, 300.0], [0.0, 0.0, 200.0]]))
+    for _ in range(50):
+        braking(WALK, still, DT)
+    commands = stop(braking, still, 3.0)
+    first = next(index for index, command in enumerate(commands) if command == STAND)
+    assert first * DT <= WALK.v_x / DECELERATION[0] + 1.0 / WALK.f + 3 * DT
 
 
 def test_a_robot_that_never_seems_slow_stands_in_the_end(state):
