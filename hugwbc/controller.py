@@ -161,6 +161,8 @@ class Controller(Protocol):
       feet; for pictures.
     - `planned_acceleration`: joint accelerations that the last command should cause [rad/s^2], shape (n,), or None,
       with which the state estimator lags less.
+    - `stop`: by how much a stop moves the robot, if it is told to stand in the moment of a stride that `hugwbc.stride`
+      tells, in the heading frame [m, m, rad], shape (3,), for behaviours that walk to a place.
 
     Attributes:
         name: short name for tables.

@@ -1,7 +1,6 @@
 """`hugwbc train`: reinforcement learning of a policy, by options, by settings in Python, or by a recipe."""
 
 import dataclasses
-import functools
 import itertools
 import math
 import os
@@ -113,7 +112,7 @@ def _check_options(config: TrainConfig, default: TrainConfig) -> None:
 
 
 def _run_recipe(words: Sequence[str]) -> int:
-    from hugwbc.evaluation.recipe_services import executed
+    from hugwbc.evaluation.recipe_services import arena
     from hugwbc.learned.recipe.recipe import load_recipe
     from hugwbc.learned.recipe.run import run_recipe
 
@@ -133,8 +132,7 @@ def _run_recipe(words: Sequence[str]) -> int:
             if "iteration" in figures:
                 line(figures, gates)
 
-        in_arena = functools.partial(executed, workers=options.workers)
-        finished = run_recipe(recipe, out, in_arena, report=report, say=say)
+        finished = run_recipe(recipe, out, arena(options.workers), report=report, say=say)
     return 0 if finished else INTERRUPTED
 
 

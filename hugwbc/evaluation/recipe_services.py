@@ -1,9 +1,13 @@
 """What recipes need from packages above `learned`: how a policy responds in the arena."""
 
+import functools
 import pathlib
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from hugwbc.behaviours import BehaviourSource, Course, View, walk_to
 from hugwbc.commands import COMMAND_NAMES, Command
 from hugwbc.controller import Controller
 from hugwbc.evaluation.conditions import Conditions
@@ -15,8 +19,16 @@ from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy.records import robot_of
+from hugwbc.learned.recipe.calibration import Arena
 from hugwbc.robot import Robot, load_robot
 from hugwbc.runtime.controllers import ControllerSpec
+
+_RUNS, _GOALS, _LONGEST = 3, (0.4, 0.0, 0.4), 60.0  # runs, goals of each [heights of the pelvis], and its limit [s]
+
+
+def arena(workers: int = 1) -> Arena:
+    """Return the arena, in which processes share the episodes."""
+    return Arena(functools.partial(executed, workers=workers), functools.partial(stop, workers=workers))
 
 
 def _episode(controller: Controller, settings: Settings, plan: Plan) -> Row:
@@ -42,3 +54,28 @@ def executed(
 def _command(values: Mapping[str, Any], robot: Robot) -> Command:
     given = {name: float(values[name]) for name in COMMAND_NAMES if name in values}
     return Command.from_mapping(given, Gait.parse(values["gait"]), robot)
+
+
+def stop(policy: pathlib.Path, config: CalibrationConfig, workers: int = 1) -> tuple[float, float, float]:
+    """Return by how much a stop moves the robot [m, m, rad] (`Contract.stop`): the median of runs that stay up."""
+    plans = list(enumerate(map(Plan, range(_RUNS))))
+    settings = Settings(seed=config.seed, duration=_LONGEST, conditions=Conditions(robot=robot_of(policy)))
+    with Execution(workers) as execution:
+        rows = run_plans(_walks_episode, settings, ControllerSpec("learned", str(policy)), plans, execution)
+        found = [row["stop"] for _, row in rows if row["stop"] is not None]
+    x, y, yaw = np.median(found, axis=0).round(4).tolist() if found else (0.0, 0.0, 0.0)
+    return x, y, yaw
+
+
+def _walks(view: View) -> Course:
+    """Walk to and fro; each walk ends with at least one stop."""
+    size = view.position[2]
+    for x in _GOALS:
+        view = yield from walk_to(view, (x * size, 0.0), 0.0)
+    return view
+
+
+def _walks_episode(controller: Controller, settings: Settings, plan: Plan) -> Row:
+    source = BehaviourSource(_walks)
+    trace = simulate(controller, settings, plan, source=source, until=lambda: source.done)
+    return {"stop": None if trace.down or source.view is None else source.view.stop.tolist()}

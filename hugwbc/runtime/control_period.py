@@ -85,12 +85,13 @@ class ControlPeriod:
         self.estimator, self.upper_body = estimator, upper_body
         self._robot = robot
         self.log = SafetyLog()
-        self._source = SourceStage(source, sight, self.log, robot, moves_hands=upper_body is not None)
         self.chain = CommandChain(self.log, robot)
         self.motors, self._lowering = MotorWatch(robot), Lowering(robot)
         self._arm_drive = ArmDrive(robot, self.log)
         self._check, self._limit = StateCheck(robot), SafetyFilter(robot, self.log)
         self.guard = Guard(controller, self._check, self._limit, self.log)
+        moves_hands = upper_body is not None
+        self._source = SourceStage(source, sight, self.log, robot, moves_hands=moves_hands, stop=self.guard.stop)
         self._handover = Handover(robot.arms)
         self.period = self.guard.period
         # An update whenever the controller acts, and as many between as there must be.

@@ -138,3 +138,9 @@ class Guard:
     def planned_acceleration(self) -> np.ndarray | None:
         """The planned joint accelerations [rad/s^2], shape (n,); None without a plan."""
         return self._planned("planned_acceleration", self.robot.kp.shape)
+
+    @property
+    def stop(self) -> np.ndarray:
+        """By how much a stop moves the robot, heading frame [m, m, rad], shape (3,); zeros where nothing tells."""
+        stop = self._planned("stop", (3,))
+        return stop if stop is not None and np.isfinite(stop).all() else np.zeros(3)

@@ -2,9 +2,12 @@
 
 import warnings
 
+import numpy as np
+
 from hugwbc.commands import Command, default_command
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
+from hugwbc.numeric import changed
 from hugwbc.robot import Robot
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
@@ -26,8 +29,27 @@ class SourceStage:
 
     placed: RobotState
 
-    def __init__(self, source: CommandSource, sight: Sight, log: SafetyLog, robot: Robot, *, moves_hands: bool) -> None:
-        """Connect a source to a robot; where nothing moves the hands, hand targets are ignored with a warning."""
+    def __init__(
+        self,
+        source: CommandSource,
+        sight: Sight,
+        log: SafetyLog,
+        robot: Robot,
+        *,
+        moves_hands: bool,
+        stop: np.ndarray,
+    ) -> None:
+        """Connect a source to a robot.
+
+        Args:
+            source: what is asked.
+            sight: what it sees.
+            log: counts its failures.
+            robot: whose stand is the fallback.
+            moves_hands: whether anything moves the hands; if not, hand targets are ignored with a warning.
+            stop: by how much a stop moves the robot, as the controller knows it, shape (3,) (`View.stop`).
+        """
+        self._stop = stop
         self._source, self._sight, self._log, self._moves_hands = source, sight, log, moves_hands
         self._stand = default_command(Gait.STANDING, robot)
         asked = (getattr(source, name, None) for name in ("command_at", "hands_at"))
@@ -69,7 +91,7 @@ class SourceStage:
 
     def _ask(self, t: float) -> tuple[Command, HandTargets | None]:
         if self._seeing is not None:
-            view = self.look(t, self.placed)
+            view = changed(self.look(t, self.placed), stop=self._stop)
             self.placed = view.state
             self._seeing.see(view)
             self._sight.grip(self._seeing.grips)

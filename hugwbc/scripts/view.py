@@ -121,7 +121,7 @@ class View:
         hand_force: force on each hand from outside, world frame [N], shape (2, 3); None where nothing tells.
         held: names of the objects that the left and the right idealised gripper hold; None for an open one.
         last: the request of the last tick.
-        stop: by how much a stop moves the robot, in its heading frame [m, m, rad], shape (3,); zeros before the first.
+        stop: by how much a stop moves the robot, heading frame [m, m, rad], shape (3,); zeros if it is not known.
         mid_stance: whether the robot is in the moment of its stride in which it should be told to stand
             (`hugwbc.stride`).
         robot: whose ranges and defaults commands have; None for the paper's.

@@ -16,12 +16,17 @@ DT = 0.02
 
 
 def _walks(
-    jump: tuple[float, float, float], *goals: tuple[float, float], felt: bool = True, stepping: float = 0.0
+    jump: tuple[float, float, float],
+    *goals: tuple[float, float],
+    felt: bool = True,
+    stepping: float = 0.0,
+    known: bool = False,
 ) -> list[list[float]]:
     """Walk to goals with heading 0, and return the times of the stops on the way to each [s].
 
-    Each stop moves the robot by `jump`, heading frame [m, m, rad], mirrored if it is on the right foot. The feet take
-    turns every quarter of a second, if the robot goes as fast as `stepping` [m/s]; whether their forces are felt.
+    Each stop moves the robot by `jump`, heading frame [m, m, rad], mirrored if it is on the right foot; the controller
+    may know it. The feet take turns every quarter of a second if the robot goes as fast as `stepping` [m/s], and their
+    forces may be felt.
     """
 
     def course(view: View) -> Course:
@@ -42,8 +47,9 @@ def _walks(
         force[0 if left else 1, 2] = 500.0
         turn = rotations.rotation_z(pose[2])
         velocity, rate = turn @ np.array([speed[0], speed[1], 0.0]), np.array([0.0, 0.0, speed[2]])
-        known = {"velocity": velocity, "angular_velocity": rate, "foot_force": force if felt else None}
-        walk.see(dataclasses.replace(now, state=dataclasses.replace(now.state, **known)))
+        sensed = {"velocity": velocity, "angular_velocity": rate, "foot_force": force if felt else None}
+        state = dataclasses.replace(now.state, **sensed)
+        walk.see(dataclasses.replace(now, state=state, stop=np.array(jump if known else (0.0, 0.0, 0.0))))
         speed = walk.action.command.array()[:3]
         moved = DT * speed
         if before.gait is Gait.WALKING and walk.action.command.gait is Gait.STANDING:
@@ -61,6 +67,10 @@ def test_walks_aim_off_by_what_stops_have_moved_the_robot(jump: tuple[float, flo
     assert list(map(len, stops)) == [2, 1, 1], "the first stop shows it, all others make up for it"
     stance = np.concatenate(stops) % 0.5
     assert ((stance > 0.09) & (stance < 0.16)).all(), "on the left foot: one on the right moves the robot otherwise"
+
+
+def test_the_first_walk_aims_off_by_what_the_controller_knows_of_its_stops() -> None:
+    assert list(map(len, _walks((0.07, -0.03, 0.1), (0.4, 0.2), (1.0, 0.2), known=True))) == [1, 1]
 
 
 def test_a_robot_that_does_not_step_on_the_spot_still_stops() -> None:

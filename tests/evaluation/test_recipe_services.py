@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from hugwbc.commands import Command
+from hugwbc.evaluation import recipe_services
 from hugwbc.evaluation.metrics import executed_means
-from hugwbc.evaluation.recipe_services import executed
+from hugwbc.evaluation.recipe_services import executed, stop
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
-from hugwbc.learned.policy import policy_file
+from hugwbc.learned.policy import load_policy, policy_file
 
 
 def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:
@@ -19,6 +20,15 @@ def test_the_shipped_policy_executes_what_it_is_asked_for() -> None:
     walk, stand = executed(policy_file("h1"), commands, config)
     assert walk["v_x"] == pytest.approx(0.5, abs=0.1) and walk["l"] == pytest.approx(0.15, abs=0.06)
     assert stand["h"] == pytest.approx(-0.2, abs=0.05) and np.isnan(stand["l"])
+
+
+def test_a_stop_moves_the_shipped_policy_as_its_contract_says(monkeypatch) -> None:
+    monkeypatch.setattr(recipe_services, "_RUNS", 1)
+    policy = policy_file("h1")
+    known = np.array(load_policy(policy).contract.stop)
+    assert known[0] > 0.03, "it puts its feet ahead"
+    found = np.array(stop(policy, CalibrationConfig(policy=policy, seed=3)))
+    assert found == pytest.approx(known, abs=0.03)
 
 
 def test_the_means_of_a_trace(synthetic_trace: Callable[..., Any]) -> None:

@@ -216,10 +216,12 @@ def test_whatever_a_plugin_takes_as_policy_tells_its_results_apart(third_party, 
     assert all(one != other for index, one in enumerate(found) for other in found[:index])
 
 
-ABILITIES = {"phase", "footholds", "planned_acceleration"}
+ABILITIES = {"phase", "footholds", "planned_acceleration", "stop"}
 
 
-@pytest.mark.parametrize(("name", "expected"), [("qp", ABILITIES), ("learned", {"phase"}), ("hold", set())])
+@pytest.mark.parametrize(
+    ("name", "expected"), [("qp", ABILITIES - {"stop"}), ("learned", {"phase", "stop"}), ("hold", set())]
+)
 def test_the_members_of_a_controller_say_what_it_has(name, expected):
     controller = load_controller(name)
     assert isinstance(controller, Controller) and controller.name == name

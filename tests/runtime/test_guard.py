@@ -134,10 +134,14 @@ def test_a_controller_without_a_period_is_refused(period):
 def test_a_controller_may_show_its_gait_or_not():
     plain, _ = make_guard(Recorder())
     assert np.isnan(plain.phase) and plain.footholds.shape == (2, 2) and np.isnan(plain.footholds).all()
-    assert plain.planned_acceleration is None
+    assert plain.planned_acceleration is None and not plain.stop.any()
     footholds = np.array([[0.1, 0.2], [np.nan, np.nan]])
     planning = Recorder()
     planning.phase, planning.footholds, planning.planned_acceleration = 0.3, footholds, np.arange(19.0)
     plan, _ = make_guard(planning)
+    planning.stop = [0.05, 0.0, 0.1]
+    assert plan.stop.tolist() == planning.stop
+    planning.stop = [0.05, 0.0, np.nan]
+    assert not plan.stop.any()
     assert plan.phase == 0.3 and plan.planned_acceleration is planning.planned_acceleration
     np.testing.assert_array_equal(plan.footholds, footholds)

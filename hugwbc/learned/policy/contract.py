@@ -33,6 +33,8 @@ _MOST_KNOTS = 100
 _L = COMMAND_NAMES.index("l")
 _BEYOND = 0.2  # [rad], beyond our range of a joint that another project's pose may lie
 
+_StopWay = Annotated[float, Field(ge=-0.3, le=0.3)]  # [m]
+_StopTurn = Annotated[float, Field(ge=-0.5, le=0.5)]  # [rad]
 CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
 
 
@@ -180,6 +182,8 @@ class Contract:
     swing_gain: Share = 0.0  # share of the clock's swing of the feet, up to the commanded height, that they follow
     # what to ask the network for, by gait and command: pairs of a command and its value in `asked`
     feed_forward: Annotated[Curves, AfterValidator(refusing(check_curves))] = dataclasses.field(default_factory=dict)
+    # by how much a stop in mid-stance moves the robot, in its heading frame [m, m, rad]
+    stop: tuple[_StopWay, _StopWay, _StopTurn] = (0.0, 0.0, 0.0)
     # TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given otherwise
     policy: Beside | None = None
 

@@ -155,6 +155,11 @@ class NetworkPolicy:
         """Common phase of `hugwbc.gait` in the period of the last command, in [0, 1); NaN if it follows no gait."""
         return float(self._phase[0]) if self.contract.follows_gait else np.nan
 
+    @property
+    def stop(self) -> np.ndarray:
+        """By how much a stop moves the robot (`hugwbc.controller.Controller`), shape (3,)."""
+        return np.array(self.contract.stop)
+
     def reset(self, state: RobotState) -> None:
         """Forget the past: history, recurrent state, last action and clock."""
         self._clear()

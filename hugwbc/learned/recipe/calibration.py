@@ -32,6 +32,19 @@ Executed = Callable[[pathlib.Path, list[dict[str, Any]], CalibrationConfig], lis
 """Returns what a policy executes under some commands, one episode each: means by name, NaN after a fall."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Arena:
+    """What a calibration measures in the arena.
+
+    Attributes:
+        executed: what a policy executes under some commands.
+        stop: by how much a stop moves the robot (`Contract.stop`).
+    """
+
+    executed: Executed
+    stop: Callable[[pathlib.Path, CalibrationConfig], tuple[float, float, float]]
+
+
 def knots_of(config: CalibrationConfig, robot: Robot) -> Curves:
     """Return curves that change nothing: each gait and command that has a range, at knots spread evenly over it."""
     curves: Curves = {}
@@ -91,16 +104,18 @@ def _bracket(rounds: Sequence[Round], label: str, name: str, value: float) -> tu
 
 
 def calibrate(
-    config: CalibrationConfig, folder: pathlib.Path, executed: Executed, on_round: Callable[[int, float], None]
+    config: CalibrationConfig, folder: pathlib.Path, arena: Arena, on_round: Callable[[int, float], None]
 ) -> dict[str, float | None]:
     """Measure a policy at every knot, correct its curves, and keep at each knot what gave the smallest error.
+
+    Then measure by how much a stop moves the robot, if walks are calibrated.
 
     Finished rounds are in the folder: an interrupted calibration continues after them.
 
     Args:
         config: the settings.
         folder: folder of the calibrated policy.
-        executed: runs the policy in the arena.
+        arena: runs the policy.
         on_round: called with the number of each round and the mean error.
 
     Returns:
@@ -109,8 +124,8 @@ def calibrate(
     controller = load_policy(config.policy, threads=None)
     robot = controller.contract.described
 
-    def write(name: str, curves: Curves) -> None:
-        contract = dataclasses.replace(controller.contract, feed_forward=curves)
+    def write(name: str, curves: Curves, **known: Any) -> None:  # noqa: ANN401  fields of the contract
+        contract = dataclasses.replace(controller.contract, feed_forward=curves, **known)
         save_policy(folder / name, controller.actor, contract, controller.training)
 
     place = folder / ROUNDS
@@ -118,12 +133,14 @@ def calibrate(
     for number in range(len(rounds), config.rounds + 1):
         curves = corrected(rounds, config.rate, robot) if rounds else knots_of(config, robot)
         write(_TRIAL, curves)
-        errors = _errors(config, folder / _TRIAL, curves, executed)
+        errors = _errors(config, folder / _TRIAL, curves, arena.executed)
         rounds.append((curves, errors))
         write_whole(place, json.dumps(rounds, indent=1) + "\n")
         on_round(number, _mean([error for of_gait in errors.values() for found in of_gait.values() for error in found]))
     kept, figures = _best_curves(rounds)
-    write(POLICY_FILE, kept)
+    write(_TRIAL, kept, stop=(0.0, 0.0, 0.0))
+    stop = {"stop": arena.stop(folder / _TRIAL, config)} if Gait.WALKING.label in config.gaits else {}
+    write(POLICY_FILE, kept, **stop)
     (folder / _TRIAL).unlink(missing_ok=True)
     return figures
 

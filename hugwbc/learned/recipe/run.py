@@ -33,7 +33,7 @@ from hugwbc.learned.recipe.ancestry import (
     read_record,
     seal,
 )
-from hugwbc.learned.recipe.calibration import ROUNDS, Executed, calibrate
+from hugwbc.learned.recipe.calibration import ROUNDS, Arena, calibrate
 from hugwbc.learned.recipe.recipe import TAKEN, Recipe, Stage
 from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, RECIPE_NAME, Trainer
 from hugwbc.source import source_commit
@@ -47,7 +47,7 @@ Report = Callable[[str, Mapping[str, float], Mapping[str, str]], None]
 def run_recipe(
     recipe: Recipe,
     out: pathlib.Path,
-    executed: Executed,
+    arena: Arena,
     *,
     report: Report = lambda stage, figures, gates: None,
     say: Callable[[str], None] = lambda line: None,
@@ -59,7 +59,7 @@ def run_recipe(
     Args:
         recipe: the recipe.
         out: folder of the run.
-        executed: runs a policy in the arena, for a calibration.
+        arena: runs policies, for a calibration.
         report: called with the name of the stage, and figures and gates of each iteration of a training.
         say: prints a line.
 
@@ -72,7 +72,7 @@ def run_recipe(
         with sole_writer(out) if leads else contextlib.nullcontext():
             if leads and (out / CHECKPOINT_NAME).exists():
                 raise RecipeError(f"{out} holds a run without a recipe; give another --out")
-            works = [_Work(recipe, name, out, executed, stop, report, tell) for name in recipe.stages]
+            works = [_Work(recipe, name, out, arena, stop, report, tell) for name in recipe.stages]
             for work in works:
                 work.check()
             if leads:
@@ -105,7 +105,7 @@ class _Work:
     recipe: Recipe
     name: str
     out: pathlib.Path
-    executed: Executed
+    arena: Arena
     stop: Stop
     report: Report
     say: Callable[[str], None]
@@ -184,20 +184,22 @@ class _Work:
         return steps, trainer.run_steps - steps, dict(trainer.best)
 
     def _calibrate(self, config: CalibrationConfig, spent: "_Spent | None") -> tuple[float, float, dict[str, Any]]:
-        def executed(
-            policy: pathlib.Path, commands: list[dict[str, Any]], config: CalibrationConfig
-        ) -> list[dict[str, float]]:
-            found = self.executed(policy, commands, config)
-            if spent is not None:
-                spent.write()
-            self.stop.check()
-            return found
+        def counted(measure: Callable[..., Any]) -> Callable[..., Any]:
+            def run(*given: Any) -> Any:  # noqa: ANN401
+                found = measure(*given)
+                if spent is not None:
+                    spent.write()
+                self.stop.check()
+                return found
+
+            return run
 
         def on_round(number: int, error: float) -> None:
             self.say(f"{self.name}: round {number} of {config.rounds}, mean error {error:.4f}")
             self.report(self.name, {"progress": (number + 1.0) / (config.rounds + 1.0)}, {})
 
-        return 0.0, 0.0, calibrate(config, self.folder, executed, on_round)
+        arena = Arena(counted(self.arena.executed), counted(self.arena.stop))
+        return 0.0, 0.0, calibrate(config, self.folder, arena, on_round)
 
     def _write_record(
         self, seed: int, steps: float, discarded: float, figures: Mapping[str, float | None], spent: "_Spent"

@@ -17,7 +17,7 @@ from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.distributed import Stop, StoppedError
 from hugwbc.learned.policy import checkpoint, load_policy
 from hugwbc.learned.recipe.ancestry import KEY, KINDS, verify
-from hugwbc.learned.recipe.calibration import calibrate
+from hugwbc.learned.recipe.calibration import Arena, calibrate
 from hugwbc.learned.recipe.recipe import load_recipe
 from hugwbc.learned.recipe.run import RECORD, _finish, _Work, run_recipe
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
@@ -50,11 +50,14 @@ stages:
 """
 
 
-def in_arena(policy, commands, config):
+def executed(policy, commands, config):
     """Walk at 0.9 of what is asked for."""
     asked = load_policy(policy).contract.feed_forward.get("walking", {}).get("v_x")
     asked = dict(map(tuple, asked or []))
     return [{"v_x": 0.9 * asked.get(one["v_x"], one["v_x"])} for one in commands]
+
+
+in_arena = Arena(executed, lambda policy, config: (0.0, 0.0, 0.0))
 
 
 @pytest.fixture
@@ -137,8 +140,12 @@ def test_the_calibration_keeps_the_best_value_at_each_knot(made, tmp_path) -> No
 
     gaits = ("walking", "jumping")
     config = CalibrationConfig(policy=made, gaits=gaits, commands=("v_x",), knots=5, rounds=6)
-    figures = calibrate(config, tmp_path, executed, lambda number, error: None)
-    curves = load_policy(tmp_path / "policy.safetensors").contract.feed_forward
+    figures = calibrate(
+        config, tmp_path, Arena(executed, lambda policy, config: (0.06, -0.03, 0.1)), lambda number, error: None
+    )
+    contract = load_policy(tmp_path / "policy.safetensors").contract
+    curves = contract.feed_forward
+    assert contract.stop == (0.06, -0.03, 0.1)
     knots, asked = np.array(curves["walking"]["v_x"]).T
     assert knots.tolist() == [-0.6, 0.05, 0.7, 1.35, 2.0] and asked[0] == -0.6, "within the range"
     assert asked[1:3] == pytest.approx(knots[1:3] / 0.9, abs=0.01), "one fall below what it can is no limit"
