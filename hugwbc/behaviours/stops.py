@@ -25,8 +25,7 @@ class Stops:
 
     def __init__(self) -> None:
         self.mid_stance, self.moved = True, np.zeros(3)
-        self._moment = MidStance()
-        self._count = 0  # of stops
+        self._moment, self._first = MidStance(), True
         self._mean: OverStride | None = None
         self._before: np.ndarray | None = None  # mean x, y, and cosine and sine of the heading in the last stride
         self._walked = -math.inf  # [s] when it was told to walk last
@@ -35,7 +34,7 @@ class Stops:
         """Take what is seen, and the gait that the robot is told."""
         stride, yaw = 1.0 / default_command(Gait.WALKING, view.robot).f, view.state.yaw
         self.mid_stance = self._moment(view.time, view.state.foot_force, stride)
-        self.moved = self.moved if self._count else view.stop
+        self.moved = view.stop if self._first else self.moved
         self._mean = OverStride(stride) if self._mean is None else self._mean
         mean = self._mean(view.time, np.array([*view.position[:2], math.cos(yaw), math.sin(yaw)]))
         if told is not Gait.STANDING:
@@ -45,4 +44,4 @@ class Stops:
             way = rotations.rotation_z(-before)[:2, :2] @ (view.position[:2] - self._before[:2])
             moved = np.array([*way, rotations.wrap_angle(yaw - before)])
             self.moved = (1.0 - _NEWEST) * self.moved + _NEWEST * moved if self.moved.any() else moved
-            self._before, self._count = None, self._count + 1
+            self._before, self._first = None, False

@@ -36,7 +36,7 @@ from hugwbc.stride import OverStride
 
 POSITION_TOLERANCE = 0.05  # [m]
 YAW_TOLERANCE = math.radians(3.0)  # [rad]
-_NEAR, _DEADBAND = 0.7, 0.5  # shares of the tolerances: of the mean of a stride, and of where the robot will stand
+_NEAR, _DEADBAND = 0.7, 0.5  # shares of the tolerances, for the mean of a stride: for a while, and as it stops
 _GAIN, _TURN_GAIN = 0.5, 1.0  # [1/s], speed per distance, and yaw rate per angle; at 0.7 a slow v_y overshoots for ever
 _SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
 _FAR = 0.6  # [m], a goal farther away is walked to face first

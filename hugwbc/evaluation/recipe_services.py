@@ -2,7 +2,7 @@
 
 import functools
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -42,13 +42,9 @@ def executed(
 
     Commands are given as gait and values; the rest is at its default. Processes share the episodes.
     """
-    name = robot_of(policy)
-    plans = [Plan(draw, _command(values, load_robot(name))) for draw, values in enumerate(commands)]
-    episodes = Settings(seed=config.seed, duration=config.duration, conditions=Conditions(robot=name))
-    with Execution(workers) as execution:
-        spec = ControllerSpec("learned", str(policy))
-        rows = dict(run_plans(_episode, episodes, spec, list(enumerate(plans)), execution))
-    return [rows[index] for index in range(len(plans))]
+    robot = load_robot(robot_of(policy))
+    plans = [Plan(draw, _command(values, robot)) for draw, values in enumerate(commands)]
+    return _run(policy, config, config.duration, _episode, plans, workers)
 
 
 def _command(values: Mapping[str, Any], robot: Robot) -> Command:
@@ -58,13 +54,24 @@ def _command(values: Mapping[str, Any], robot: Robot) -> Command:
 
 def stop(policy: pathlib.Path, config: CalibrationConfig, workers: int = 1) -> tuple[float, float, float]:
     """Return by how much a stop moves the robot [m, m, rad] (`Contract.stop`): the median of runs that stay up."""
-    plans = list(enumerate(map(Plan, range(_RUNS))))
-    settings = Settings(seed=config.seed, duration=_LONGEST, conditions=Conditions(robot=robot_of(policy)))
-    with Execution(workers) as execution:
-        rows = run_plans(_walks_episode, settings, ControllerSpec("learned", str(policy)), plans, execution)
-        found = [row["stop"] for _, row in rows if row["stop"] is not None]
+    rows = _run(policy, config, _LONGEST, _walks_episode, [Plan(draw) for draw in range(_RUNS)], workers)
+    found = [row["stop"] for row in rows if row["stop"] is not None]
     x, y, yaw = np.median(found, axis=0).round(4).tolist() if found else (0.0, 0.0, 0.0)
     return x, y, yaw
+
+
+_Episode = Callable[[Controller, Settings, Plan], Row]
+
+
+def _run(
+    policy: pathlib.Path, config: CalibrationConfig, duration: float, episode: _Episode, plans: list[Plan], workers: int
+) -> list[Row]:
+    """Run episodes of a policy of at most a duration [s] in the arena; return their rows in order."""
+    settings = Settings(seed=config.seed, duration=duration, conditions=Conditions(robot=robot_of(policy)))
+    with Execution(workers) as execution:
+        spec = ControllerSpec("learned", str(policy))
+        rows = dict(run_plans(episode, settings, spec, list(enumerate(plans)), execution))
+    return [rows[index] for index in range(len(plans))]
 
 
 def _walks(view: View) -> Course:

@@ -124,8 +124,8 @@ def calibrate(
     controller = load_policy(config.policy, threads=None)
     robot = controller.contract.described
 
-    def write(name: str, curves: Curves, **known: Any) -> None:  # noqa: ANN401  fields of the contract
-        contract = dataclasses.replace(controller.contract, feed_forward=curves, **known)
+    def write(name: str, curves: Curves, stop: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        contract = dataclasses.replace(controller.contract, feed_forward=curves, stop=stop)
         save_policy(folder / name, controller.actor, contract, controller.training)
 
     place = folder / ROUNDS
@@ -138,9 +138,9 @@ def calibrate(
         write_whole(place, json.dumps(rounds, indent=1) + "\n")
         on_round(number, _mean([error for of_gait in errors.values() for found in of_gait.values() for error in found]))
     kept, figures = _best_curves(rounds)
-    write(_TRIAL, kept, stop=(0.0, 0.0, 0.0))
-    stop = {"stop": arena.stop(folder / _TRIAL, config)} if Gait.WALKING.label in config.gaits else {}
-    write(POLICY_FILE, kept, **stop)
+    write(_TRIAL, kept)
+    walks = Gait.WALKING.label in config.gaits
+    write(POLICY_FILE, kept, arena.stop(folder / _TRIAL, config) if walks else controller.contract.stop)
     (folder / _TRIAL).unlink(missing_ok=True)
     return figures
 

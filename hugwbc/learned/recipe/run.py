@@ -12,7 +12,7 @@ import pathlib
 import resource
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
@@ -41,6 +41,7 @@ from hugwbc.source import source_commit
 RECORD, SPENT = "record.json", "spent.json"
 _NO_LIMIT = 1e6  # [h]
 
+_Found = TypeVar("_Found")
 Report = Callable[[str, Mapping[str, float], Mapping[str, str]], None]
 
 
@@ -184,21 +185,18 @@ class _Work:
         return steps, trainer.run_steps - steps, dict(trainer.best)
 
     def _calibrate(self, config: CalibrationConfig, spent: "_Spent | None") -> tuple[float, float, dict[str, Any]]:
-        def counted(measure: Callable[..., Any]) -> Callable[..., Any]:
-            def run(*given: Any) -> Any:  # noqa: ANN401
-                found = measure(*given)
-                if spent is not None:
-                    spent.write()
-                self.stop.check()
-                return found
-
-            return run
+        def noted(found: _Found) -> _Found:
+            if spent is not None:
+                spent.write()
+            self.stop.check()
+            return found
 
         def on_round(number: int, error: float) -> None:
             self.say(f"{self.name}: round {number} of {config.rounds}, mean error {error:.4f}")
             self.report(self.name, {"progress": (number + 1.0) / (config.rounds + 1.0)}, {})
 
-        arena = Arena(counted(self.arena.executed), counted(self.arena.stop))
+        executed, stop = self.arena.executed, self.arena.stop
+        arena = Arena(lambda *given: noted(executed(*given)), lambda *given: noted(stop(*given)))
         return 0.0, 0.0, calibrate(config, self.folder, arena, on_round)
 
     def _write_record(
