@@ -153,7 +153,8 @@ def _compile(spec: mujoco.MjSpec, file: pathlib.Path) -> mujoco.MjModel:
 def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     """Return extent and height of the lowest part of a foot's shapes in a description, to a millimetre [m]."""
     spec = _spec(file)
-    _keep(spec, [geom for geom in spec.geoms if geom.parent.name == foot])
+    _keep(spec, [geom for geom in spec.geoms if _carrier(geom.parent).name == foot])
+    spec.compiler.fusestatic = True
     for mesh in spec.meshes:
         if found := next(file.parent.rglob(pathlib.Path(mesh.file).name), None):
             mesh.file = str(found.resolve())
@@ -177,6 +178,11 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     low = cloud[cloud[:, 2] < cloud[:, 2].min() + _SOLE_DEPTH]
     (x0, y0, z), (x1, y1, _) = low.min(0).round(3).tolist(), low.max(0).round(3).tolist()
     return {"x": [x0, x1], "y": [y0, y1], "z": z}
+
+
+def _carrier(body: mujoco.MjsBody) -> mujoco.MjsBody:
+    """Return the body that carries another one, which is a part of it: the next one above that a joint moves."""
+    return body if body.joints or not body.parent else _carrier(body.parent)
 
 
 def outline(model: mujoco.MjModel, geom: int) -> np.ndarray:

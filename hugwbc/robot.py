@@ -288,7 +288,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         return frozen([joint[key] for joint in joints])
 
     ranges = column("range")
-    hand_tip, hand_half_width = _hand_size(table)
+    hand_tip, hand_half_width = _hand_size(table, links["elbow"])
     return Robot(
         name=name,
         xml_path=file.with_name(f"{table['name']}.xml"),
@@ -350,14 +350,24 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
     )
 
 
-def _hand_size(table: Mapping[str, Any]) -> tuple[float, float]:
-    """Return how far the left hand reaches ahead of its frame, and to its side [m]; 0 without a collision shape."""
-    box = next((link.get("collision_box") for link in table["links"] if link["name"] == table["roles"]["hand"]), None)
+def _hand_size(table: Mapping[str, Any], elbow: str) -> tuple[float, float]:
+    """Return how far the left hand reaches ahead of its frame, and to its side [m]; 0 without a collision shape.
+
+    Ahead is the axis of the hand's link that is nearest to the forearm's with all joints at 0, from the elbow's link to
+    the hand; the side is that of the others which is nearest to the base's y.
+    """
+    joints, hand, place = table["joints"], table["roles"]["hand"], table["hand"]["xyz"]
+    box = next((link.get("collision_box") for link in table["links"] if link["name"] == hand), None)
     if box is None:
         return 0.0, 0.0
-    ahead, aside = (box["center"][axis] - table["hand"]["xyz"][axis] for axis in (0, 1))
-    tip, side = ahead + box["size"][0] / 2.0, abs(aside) + box["size"][1] / 2.0
-    return round(tip, 6), round(side, 6)  # micrometres: sums of decimals
+    forearm, axes = placement(joints, hand, elbow, place)
+    along = forearm @ axes
+    ahead = int(np.abs(along).argmax())
+    lateral = np.abs(placement(joints, hand, table["roles"]["base"])[1][1])
+    aside = int(np.where(np.arange(3) == ahead, -1.0, lateral).argmax())
+    middle, half = np.subtract(box["center"], place), np.array(box["size"]) / 2.0
+    tip = math.copysign(1.0, along[ahead]) * middle[ahead] + half[ahead]
+    return round(float(tip), 6), round(float(abs(middle[aside]) + half[aside]), 6)  # micrometres: sums of decimals
 
 
 def on_both_sides(place: Sequence[float]) -> np.ndarray:

@@ -137,6 +137,13 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
             f"the frame of {imu}, which carries the IMU, is turned by {angle:.0f} degrees from that of {roles['base']} "
             "with all joints at 0; turn it back in the description, and its shapes, inertia and joints with it"
         )
+    elif imu != roles["base"]:
+        axis = next(axis for part, _, axis, _ in _axes(table) if part == "yaw")
+        if (tilt := math.degrees(math.acos(min(axis[2], 1.0)))) > _TURNED_TRUNK:
+            yield (
+                f"{yaw} turns about an axis {tilt:.0f} degrees from +z, and the IMU on {imu} with it, which is taken "
+                f"for a turn about z; give a frame of {roles['base']}"
+            )
 
 
 def _leg_frames(table: Mapping[str, Any]) -> Iterator[str]:
@@ -195,7 +202,11 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
 def _sides(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that left and right legs and arms are mirror images; grippers need not be."""
     joints, links = ({row["name"]: row for row in table[kind]} for kind in ("joints", "links"))
-    limbs = [name for limb in ("leg", "arm") for name in table["roles"][limb].values()]  # of the left side
+    above, limbs = {joint["child"]: joint for joint in table["joints"]}, []  # all from base to left foot and left hand
+    for link in (table["roles"]["foot"], table["roles"]["hand"]):
+        while link in above:
+            limbs.append(above[link]["name"])
+            link = above[link]["parent"]
     for name, joint in joints.items():
         if (other := joints.get(other_side(name))) is None:
             yield (
@@ -203,7 +214,7 @@ def _sides(table: Mapping[str, Any]) -> Iterator[str]:
                 "and r; a joint of no side has none of these in its name: rename it in the description"
             )
             continue
-        if name not in limbs:
+        if name not in limbs or other is joint:
             continue
         if (angle := _askew(table, joint["child"], other["child"])) > _ASKEW:
             yield (
@@ -396,6 +407,9 @@ def _motors(table: Mapping[str, Any]) -> Iterator[str]:
 
 def _names(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that sections name links and colours that exist, and that none has the name of a frame that is added."""
+    touching = table["contact_links"]
+    if alone := [name for name in touching if other_side(name) not in touching]:
+        yield f"contact_links have {', '.join(alone)} of one side alone; name those of both"
     names, links = [], [row["name"] for row in table["links"]]
     for section in ("contact_links", "capsules", "visuals"):
         names += [(f"link under {section},", name, links) for name in table[section]]

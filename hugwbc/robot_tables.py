@@ -61,7 +61,9 @@ def _robot_table(name: str) -> dict[str, Any]:
     table = copy.deepcopy(_read_table(file))
     difference = table.pop("robots", {}).get(label, {})
     description = file.parent / table["description"] if "description" in table else None
-    if description is not None:
+    if description is None:
+        check_roles(table)
+    else:
         describe(table, description)
     _assign_drives(table)
     for joint in table["joints"]:
@@ -70,7 +72,6 @@ def _robot_table(name: str) -> dict[str, Any]:
         rows = {row["name"]: row for row in table[kind]}
         for part, change in difference.get(kind, {}).items():
             rows[part] |= change
-    check_roles(table)
     complete(table, description)
     return {**table, "name": label}
 

@@ -148,6 +148,7 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
             if is_left(left := other_side(name)) and left in changes:
                 row.update(_image(changes[left], mirrored(rows[left], row) if kind == "joints" else 1.0))
         table[kind] = [{**row, **changes.get(row["name"], {})} for row in read[kind]]
+    check_roles(table)
     for part, carriers in (("imu", ("base", "trunk")), ("camera", ("trunk",)), ("hand", ("hand",))):
         links = [table["roles"][carrier] for carrier in carriers]
         if isinstance(name := table.setdefault(part, links[0]), str):
@@ -312,18 +313,23 @@ def _shape(table: dict[str, Any], boxes: Mapping[str, Mapping[str, list[float]]]
 def _squat(table: dict[str, Any]) -> dict[str, Any]:
     """Return how far ahead of its ankles a robot squats upright with level soles, and its ankles short of their limit.
 
-    The shank leans as far as the ankle lets it, and the thigh as far as the height demands.
+    The shank leans as far as the ankle lets it, and the thigh as far as the height demands. With all joints at 0
+    neither shank nor sole need be level with the base.
     """
     roles, joints = table["roles"], table["joints"]
     by_name = {joint["name"]: joint for joint in joints}
     hip, knee, ankle = (roles["leg"][part] for part in ("hip_pitch", "knee", "ankle_pitch"))
-    lean = -by_name[ankle]["range"][0] - _ANKLE_ROOM
+    shank, foot = (
+        math.atan2(*placement(joints, link, roles["base"])[1][[0, 2], 2])
+        for link in (by_name[knee]["child"], roles["foot"])
+    )
+    lean = -by_name[ankle]["range"][0] - foot - _ANKLE_ROOM
     masses = [(link["mass"], link["name"], link["com"]) for link in table["links"]]
 
     def posture(bend: float, p: float) -> dict[str, float]:
         q = {name: joint["nominal"] for name, joint in by_name.items()}
         for name in roles["leg"].values():
-            bent = {hip: lean - bend - p, knee: bend, ankle: -lean}.get(name, 0.0)
+            bent = {hip: lean - bend - p, knee: bend, ankle: -lean - foot}.get(name, 0.0)
             q[name], q[other_side(name)] = bent, bent
         return q
 
@@ -350,5 +356,5 @@ def _squat(table: dict[str, Any]) -> dict[str, Any]:
         "heights": heights,
         "reach": ahead,
         "reach_per_pitch": tilt,
-        "level_shank": lean + _ANKLE_ROOM - _LEVEL_ROOM,
+        "level_shank": shank + lean + _ANKLE_ROOM - _LEVEL_ROOM,
     }

@@ -1,6 +1,8 @@
 """A robot's table that names a published description, against the same robot's table with all figures."""
 
+import copy
 import itertools
+import math
 import re
 import xml.etree.ElementTree as ET
 
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hugwbc import load_robot, rotations
+from hugwbc import load_robot, robot, rotations
 from hugwbc.description import measure_sole, read_description
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.mbc.dynamics import Dynamics
@@ -327,6 +329,63 @@ def test_a_foot_whose_frame_is_behind_the_axis_of_its_pitch_stands_as_before(tmp
     for plain, behind_it in zip(*centres, strict=True):
         np.testing.assert_allclose(behind_it, plain, atol=1e-6)
     assert reaches == pytest.approx([0.05, 0.05])
+
+
+@pytest.mark.parametrize("turn", [0.3, -0.3])
+def test_an_ankle_that_is_mounted_turned_squats_as_before(tmp_path, turn) -> None:
+    root, ankle = ET.parse(G1.urdf_path).getroot(), "ankle_pitch_joint"
+    for joint in root.findall("joint"):
+        if joint.get("name").endswith(ankle):
+            joint.find("origin").set("rpy", f"0 {turn} 0")
+            for end in ("lower", "upper"):
+                joint.find("limit").set(end, str(float(joint.find("limit").get(end)) - turn))
+    ET.ElementTree(root).write(tmp_path / "turned.urdf")
+    short = {key: value for key, value in SHORT.items() if key != "squat"}
+    plain = _robot(tmp_path / "plain", short)
+    left = f"left_{ankle}"
+    nominal = {**NOMINAL, left: NOMINAL[left] - turn}
+    mine = _robot(tmp_path / "turned", {**short, "description": "../turned.urdf", "nominal": nominal})
+    assert problems(mine.name) == []
+    assert mine.squat_reach == pytest.approx(plain.squat_reach, abs=1e-6)
+    assert mine.level_shank == pytest.approx(plain.level_shank, abs=1e-6)
+
+
+def test_the_sole_may_be_of_a_link_that_is_fixed_to_the_foot(tmp_path) -> None:
+    link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    box = '</inertial><collision><geometry><box size="{}"/></geometry></collision></link>'
+    fixed = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="{}"/>'
+    (tmp_path / "foot.urdf").write_text(
+        '<robot name="foot">'
+        + link.format("base") + box.format("0.1 0.1 0.1") + link.format("foot") + box.format("0.1 0.04 0.02")
+        + link.format("plate") + box.format("0.2 0.06 0.01")
+        + fixed.format("ankle", "revolute", "base", "foot", "0 0 -1")
+        + '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        + fixed.format("bolt", "fixed", "foot", "plate", "0.03 0 -0.03") + "</joint></robot>"
+    )  # fmt: skip
+    assert measure_sole(tmp_path / "foot.urdf", "foot") == {"x": [-0.07, 0.13], "y": [-0.03, 0.03], "z": -0.035}
+
+
+@pytest.mark.parametrize("role", ["base", "trunk", "hand"])
+def test_a_role_that_is_missing_is_asked_for(tmp_path, role) -> None:
+    roles = {name: part for name, part in TABLE["roles"].items() if name != role}
+    with pytest.raises(ModelError, match=f"roles lacks `{role}`; give the name of the link"):
+        _robot(tmp_path, {**SHORT, "roles": roles})
+
+
+def test_a_hand_may_be_long_along_any_axis_of_its_link(tmp_path) -> None:
+    table, hands = copy.deepcopy(TABLE), ("left_wrist_yaw_link", "right_wrist_yaw_link")
+    for row in table["links"]:
+        if row["name"] in hands:  # as if the frame of the hand were turned about y: x becomes z
+            box = row["collision_box"]
+            row["collision_box"] = {
+                key: [-value[2] if key == "center" else value[2], value[1], value[0]] for key, value in box.items()
+            }
+    for row in table["joints"]:
+        if row["child"] in hands:
+            row["rpy"] = [0.0, math.pi / 2, 0.0]
+    x, y, z = table["hand"]["xyz"]
+    table["hand"]["xyz"] = [-z, y, x]
+    assert robot._hand_size(table, "left_elbow_link") == robot._hand_size(TABLE, "left_elbow_link") == (0.05, 0.033)
 
 
 def test_postures_of_arms_whose_joints_turn_the_other_way_are_the_same(tmp_path) -> None:

@@ -34,6 +34,10 @@ def _twice(table):
 
 
 BROKEN = {
+    "a contact of one side": (
+        lambda table: table.update(contact_links=["pelvis", "left_knee_link"]),
+        ["contact_links have left_knee_link of one side alone; name those of both"],
+    ),
     "a link weighs nothing": (_set("torso_link", mass=0.0), ["the mass of torso_link is 0 kg; give one above 0"]),
     "an inertia is impossible": (_set("pelvis", izz=0.05), ["no body has the inertia of pelvis"]),
     "the soles are in the air": (
@@ -376,6 +380,24 @@ def test_a_trunk_with_the_imu_that_is_turned_is_named() -> None:
     assert found.startswith(
         "the frame of torso_link, which carries the IMU, is turned by 6 degrees from that of pelvis"
     )
+
+
+def test_a_waist_aside_of_the_vertical_turns_no_imu() -> None:
+    table = robot_table("h1")
+    _row(table, "torso_joint")["axis"] = [math.sin(0.3), 0.0, math.cos(0.3)]
+    (found,) = table_problems(table)
+    assert found.startswith("torso_joint turns about an axis 17 degrees from +z, and the IMU on torso_link with it")
+
+
+def test_a_wrist_in_no_role_is_a_mirror_image_too() -> None:
+    table = copy.deepcopy(G1)
+    for part in ("roll", "pitch", "yaw"):
+        del table["roles"]["arm"][f"wrist_{part}"]
+    for section in ("arm_servo", "arm_postures"):
+        table[section] = {name: values[:4] for name, values in table[section].items()}
+    assert table_problems(table) == []
+    _row(table, "right_wrist_yaw_joint")["rpy"] = [math.pi, 0.0, 0.0]
+    assert "the frame of right_wrist_yaw_link is turned by 180 degrees" in " ".join(table_problems(table))
 
 
 @pytest.mark.parametrize(("edit", "message"), MALFORMED.values(), ids=MALFORMED)

@@ -44,10 +44,11 @@ def balance_point(params: ControllerParams, h: float, p: float, *, walking: bool
 def cop_reach(params: ControllerParams, robot: Robot) -> float:
     """Return the largest distance of the centre of pressure from the ankle along the sole [m].
 
-    A foot that carries the robot's weight holds it there by the torque of the ankle; the heel is the nearer end.
+    A foot that carries the robot's weight holds it there by the torque of the ankle, and no farther than the nearer of
+    heel and toe.
     """
     torque = params.torque_fraction * float(robot.torque_limit[robot.pair("ankle_pitch")[0]])
-    return min(torque / (robot.mass * GRAVITY), robot.ankle_x - robot.sole_x[0])
+    return min(torque / (robot.mass * GRAVITY), robot.ankle_x - robot.sole_x[0], robot.sole_x[1] - robot.ankle_x)
 
 
 def lowest_walking_height(params: ControllerParams, speed: float, step_time: float, p: float, robot: Robot) -> float:

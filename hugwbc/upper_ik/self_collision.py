@@ -92,10 +92,17 @@ def _set_shapes(wrapper: placo.RobotWrapper, robot: Robot, boxes: Iterable[pin.G
         name, joint = f"{frames[frame].name}_{number}", frames[frame].parentJoint
         model.addGeometryObject(pin.GeometryObject(name, joint, frame, place, capsule))
     links = [frames[frame].name for frame, *_ in capsules]
-    arms = [wrapper.model.names[frames[frame].parentJoint] in robot.arm_names for frame, *_ in capsules]
+    arms = [_arm_joint(wrapper.model, frames[frame].parentJoint, robot) for frame, *_ in capsules]
     for first, second in itertools.combinations(range(len(links)), 2):
         if {links[first], links[second]} in robot.collision_pairs and (arms[first] or arms[second]):
             model.addCollisionPair(pin.CollisionPair(first, second))
+
+
+def _arm_joint(model: pin.Model, joint: int, robot: Robot) -> str:
+    """Return the name of the arm joint that moves a joint, or is it; empty if none does."""
+    while joint and model.names[joint] not in robot.arm_names:
+        joint = model.parents[joint]
+    return model.names[joint] if joint else ""
 
 
 def _around(place: pin.SE3, box: coal.Box) -> list[tuple[pin.SE3, coal.Capsule]]:
@@ -120,7 +127,8 @@ class Clearance:
 
     def __init__(self, wrapper: placo.RobotWrapper, robot: Robot) -> None:
         self._wrapper = wrapper
-        moved_by = [wrapper.model.names[shape.parentJoint] for shape in wrapper.collision_model.geometryObjects]
+        shapes = wrapper.collision_model.geometryObjects
+        moved_by = [_arm_joint(wrapper.model, shape.parentJoint, robot) for shape in shapes]
         pairs = [{moved_by[pair.first], moved_by[pair.second]} for pair in wrapper.collision_model.collisionPairs]
         arms = np.array(robot.arm_names).reshape(len(SIDES), -1).tolist()
         self._of_arm = [[i for i, pair in enumerate(pairs) if not pair.isdisjoint(arm)] for arm in arms]
