@@ -85,4 +85,5 @@ def _walks(view: View) -> Course:
 def _walks_episode(controller: Controller, settings: Settings, plan: Plan) -> Row:
     source = BehaviourSource(_walks)
     trace = simulate(controller, settings, plan, source=source, until=lambda: source.done)
-    return {"stop": None if trace.down or source.view is None else source.view.stop.tolist()}
+    seen = None if trace.down or source.view is None else source.view.stop
+    return {"stop": None if seen is None or not seen.any() else seen.tolist()}  # zeros: it never came to a stop

@@ -41,13 +41,13 @@ UNREADABLE = (
     OSError, EOFError, KeyError, ValueError, OverflowError, MemoryError, NotImplementedError, RuntimeError,
     SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-# Ranges of the uniform intervention noise for the left arm [rad], as the paper's authors have them for the H1; those of
-# the right arm are their mirror image.
+# Ranges of the uniform intervention noise for the left arm [rad], as the paper's authors have them for the H1, and the
+# axes about which its joints turn; those of the right arm are their mirror image.
 _LEFT_NOISE = {
-    "shoulder_pitch": (-2.6, 2.6),
-    "shoulder_roll": (-0.3, 3.0),
-    "shoulder_yaw": (-1.2, 4.3),
-    "elbow": (-1.2, 2.5),
+    "shoulder_pitch": ("y", (-2.6, 2.6)),
+    "shoulder_roll": ("x", (-0.3, 3.0)),
+    "shoulder_yaw": ("z", (-1.2, 4.3)),
+    "elbow": ("y", (-1.2, 2.5)),
 }
 _REACH = 0.6  # range of generated motions around nominal, as a fraction of the noise range
 _SEGMENT = (0.4, 1.6)  # [s], time from one posture of a generated motion to the next
@@ -56,12 +56,14 @@ _SEGMENT = (0.4, 1.6)  # [s], time from one posture of a generated motion to the
 def arm_noise_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and upper bounds of the intervention noise, order of `Robot.arm_names` [rad], shape (arms,).
 
-    They are the authors' within the robot's joint limits, and these limits for joints that the authors' robot lacks.
+    They are the authors' within the robot's joint limits, and these limits for joints that the authors' robot lacks. A
+    joint that turns the other way has them the other way round.
     """
     bounds = np.stack((robot.lower, robot.upper))
-    for part, ends in _LEFT_NOISE.items():
+    for part, (axis, ends) in _LEFT_NOISE.items():
         left = robot.pair(part)[0]
-        bounds[:, left] = np.clip(ends, *bounds[:, left])
+        turned = robot.axes[left, "xyz".index(axis)] < 0.0
+        bounds[:, left] = np.clip([-ends[1], -ends[0]] if turned else ends, *bounds[:, left])
     low, high = bounds[:, robot.arms]
     images = np.sort(load_mirror(robot).arms(np.stack((low, high)), robot), axis=0)
     half = len(low) // 2

@@ -1,6 +1,7 @@
 """Many robots at once: what every engine offers, and the engine of the processor, `mujoco.batch`."""
 
 import abc
+import functools
 import warnings
 from typing import Any, NamedTuple
 
@@ -183,7 +184,6 @@ class BatchSimulation(RobotBatch):
         self.warm_start = self._bind("qacc_warmstart")
         self._sensors = self._force_sensors = self._bind("sensordata")
         self._index_sensors()
-        self._blocks = self._make_blocks()
         self._footing = None if self.terrain is None else Footing(self.model, self.terrain)
         if self._footing is not None:
             self._geom_pos = self.expand("geom_pos")
@@ -197,8 +197,12 @@ class BatchSimulation(RobotBatch):
             warnings.simplefilter("ignore", UserWarning)
             return torch.from_numpy(self.batch.bind(name))
 
-    def _make_blocks(self) -> list[_Block]:
-        """Divide the robots into blocks, each with the torque-speed limit of its robots, if there is one."""
+    @functools.cached_property
+    def _blocks(self) -> list[_Block]:
+        """Divide the robots into blocks, each with the torque-speed limit of its robots, if there is one.
+
+        The limits are those of the first step, after a randomisation.
+        """
         source = self.batch.expand("actuator_forcerange") if self._limited else self.model.actuator_forcerange[None]
         force_range, blocks = source[:, self.layout.ctrl], []
         size = _BLOCK * max(1, self.batch.nthread)

@@ -79,7 +79,6 @@ class WarpBatch(RobotBatch):
         self._force_sensors = torch.zeros_like(self._sensors)
         self._index_sensors()
         self._targets = self.ctrl.new_zeros(0, *self.ctrl.shape)
-        self._limit = self.expand("actuator_forcerange")[..., 1].clone()
         slope = 1.0 / (self.robot.velocity_limit - self.robot.corner_speed)
         with self._running():
             self._slope, self._reserve = (wp.array(v, dtype=float) for v in (slope, self.robot.velocity_limit * slope))
@@ -134,6 +133,11 @@ class WarpBatch(RobotBatch):
             self._graph = capture.graph
         state = torch.cat((self.qpos, self.qvel, self.warm_start, self.ctrl), 1)
         return ~(state.abs() < _LARGEST).all(1)  # of NaN as well
+
+    @functools.cached_property
+    def _limit(self) -> torch.Tensor:
+        """The torque limits of the first step, after a randomisation [N m], shape (robots, joints)."""
+        return self.expand("actuator_forcerange")[..., 1].clone()
 
     def _launch(self) -> None:
         """Launch the kernels of a control step; stages of position and velocity are up to date before and after."""

@@ -37,6 +37,19 @@ def test_noise_range_is_the_papers_mirrored_and_within_limits(robot) -> None:
     assert (low >= robot.lower[robot.arms]).all() and (high <= robot.upper[robot.arms]).all()
 
 
+def test_an_arm_whose_joint_turns_the_other_way_is_moved_as_far_to_each_side() -> None:
+    g1, axes = load_robot("g1"), load_robot("g1").axes.copy()
+    rolls = g1.pair("shoulder_roll")
+    axes[rolls] *= -1.0
+    lower, upper = g1.lower.copy(), g1.upper.copy()
+    lower[rolls], upper[rolls] = -g1.upper[rolls], -g1.lower[rolls]
+    low, high = arm_noise_range(dataclasses.replace(g1, axes=axes, lower=lower, upper=upper))
+    before, after = arm_noise_range(g1)
+    turned = np.isin(g1.arms, rolls)
+    np.testing.assert_allclose(np.where(turned, -high, low), before)
+    np.testing.assert_allclose(np.where(turned, -low, high), after)
+
+
 def test_resampling_is_linear_in_time() -> None:
     motion = ArmMotion("m", 20.0, np.linspace(0.0, 1.0, 3)[:, None] * np.arange(8), ROBOT)  # 0.1 s
     fast = motion.resampled(50.0)

@@ -179,10 +179,10 @@ def draw_commands(
 ) -> torch.Tensor:
     """Draw commands for gaits.
 
-    Each command is uniform over its initial range. v_x and omega of the agile group are uniform over the range that
-    the curriculum has reached. Each behaviour command is at its default with probability `default_fraction`, but
-    in `combined_fraction` of the commands, or `combined_stands` of the stands, none is. Standing and stepping in place
-    have no velocity.
+    Each command is uniform over its range at the end of the training, but v_x and |omega| up to what they are at the
+    start; in the agile group, up to what the curriculum has reached. Each behaviour command is at its default with
+    probability `default_fraction`, but in `combined_fraction` of the commands, or `combined_stands` of the stands, none
+    is. Standing and stepping in place have no velocity.
 
     Hopping has the paper's smaller command space: v_x, v_y, omega and h. The other commands stay at their defaults, so
     that their tracking rewards act as regularisers.
@@ -201,11 +201,21 @@ def draw_commands(
     standing, hopping = gait == Gait.STANDING, hopping_gait(gait)
     agile = agile & ~hopping
     ranges = command_ranges(Gait.WALKING, curriculum.robot)
-    columns = [uniform(generator, count, *ranges[name].initial) for name in COMMAND_NAMES]
-    fast = torch.where(agile, curriculum.max_speed, curriculum.speeds[0])
-    columns[_V_X] = uniform(generator, count, ranges["v_x"].initial[0], fast)
-    turn = torch.where(agile, curriculum.max_yaw_rate, curriculum.yaw_rates[0])
-    columns[_OMEGA] = uniform(generator, count, -turn, turn)
+    hops = command_ranges(Gait.HOPPING_LEFT, curriculum.robot)
+    reached = {
+        "v_x": torch.where(agile, curriculum.max_speed, curriculum.speeds[0]),
+        "omega": torch.where(agile, curriculum.max_yaw_rate, curriculum.yaw_rates[0]),
+    }
+    columns = []
+    for name in COMMAND_NAMES:
+        low, high = ranges[name].finishing
+        most = reached.get(name, torch.full((count,), high, device=gait.device))
+        least = torch.clamp(-most, min=low) if name == "omega" else torch.full_like(most, low)
+        least, most = (
+            torch.where(hopping, end, of_walks)
+            for end, of_walks in zip(hops[name].finishing, (least, most.clamp(max=high)), strict=True)
+        )
+        columns.append(uniform(generator, count, least, most))
     command = torch.stack(columns, dim=1)
     stands = config.combined_fraction if config.combined_stands is None else config.combined_stands
     combined = torch.where(standing, stands, config.combined_fraction)
@@ -215,7 +225,4 @@ def draw_commands(
         command[:, i].masked_fill_(single & at_default, ranges[COMMAND_NAMES[i]].default)
     still = rand(generator, count) < config.zero_velocity_fraction
     command[:, : _OMEGA + 1].masked_fill_((standing | still)[:, None], 0.0)
-    # A range of hopping is the general one or the default alone, so clamping keeps the draws uniform.
-    hops = [limits.initial for limits in command_ranges(Gait.HOPPING_LEFT, curriculum.robot).values()]
-    low, high = torch.tensor(hops, device=command.device).T
-    return torch.where(hopping[:, None], command.clamp(low, high), command)
+    return command

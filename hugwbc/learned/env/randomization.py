@@ -10,6 +10,7 @@ import zlib
 import numpy as np
 import torch
 
+from hugwbc.errors import ConfigError
 from hugwbc.learned.config import RandomizationConfig
 from hugwbc.learned.env.readings import Readings
 from hugwbc.sim.batch import RobotBatch
@@ -84,6 +85,12 @@ def randomize(
     sliding[:] = put(friction)[:, None]
     sliding[:, floor] = lowered
     torso = model.body(simulation.robot.trunk).id
+    trunk = float(model.body_mass[torso])
+    if config.torso_mass[0] <= -trunk:
+        raise ConfigError(
+            f"torso_mass begins at {config.torso_mass[0]:g} kg, and the trunk of {simulation.robot.name} weighs "
+            f"{trunk:.2f} kg; begin above {-trunk:.2f} kg"
+        )
     simulation.expand("body_mass")[:, torso] += put(rng.uniform(*config.torso_mass, count))
     shift = rng.uniform(-config.torso_centre, config.torso_centre, (count, 3))
     simulation.expand("body_ipos")[:, torso] += put(shift)

@@ -33,8 +33,9 @@ _MOST_KNOTS = 100
 _L = COMMAND_NAMES.index("l")
 _BEYOND = 0.2  # [rad], beyond our range of a joint that another project's pose may lie
 
-_StopWay = Annotated[float, Field(ge=-0.3, le=0.3)]  # [m]
-_StopTurn = Annotated[float, Field(ge=-0.5, le=0.5)]  # [rad]
+MOST_STOP = (0.3, 0.3, 0.5)  # [m, m, rad], by which a stop may move a robot
+_StopWay = Annotated[float, Field(ge=-MOST_STOP[0], le=MOST_STOP[0])]
+_StopTurn = Annotated[float, Field(ge=-MOST_STOP[2], le=MOST_STOP[2])]
 CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
 
 

@@ -48,7 +48,14 @@ def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any datac
     """
     record = json.loads(json.dumps(dataclasses.asdict(settings), default=_named))
     record.pop("out", None)
+    if "robot" in record.get("env", {}):
+        record["env"]["robot"] = robot_label(record["env"]["robot"])
     return record
+
+
+def robot_label(name: str) -> str:
+    """Return the name of a robot, or the last two parts of the path of its table."""
+    return _named(pathlib.Path(name)) if name.endswith(".yaml") else name
 
 
 def _named(value: object) -> str:

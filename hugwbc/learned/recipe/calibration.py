@@ -15,7 +15,7 @@ from hugwbc.files import finite_json, write_whole
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.policy import POLICY_FILE, load_policy, save_policy
-from hugwbc.learned.policy.contract import LARGEST_CHANGE, Curves
+from hugwbc.learned.policy.contract import LARGEST_CHANGE, MOST_STOP, Curves
 from hugwbc.robot import Robot
 
 ROUNDS = "rounds.json"
@@ -139,8 +139,11 @@ def calibrate(
         on_round(number, _mean([error for of_gait in errors.values() for found in of_gait.values() for error in found]))
     kept, figures = _best_curves(rounds)
     write(_TRIAL, kept)
-    walks = Gait.WALKING.label in config.gaits
-    write(POLICY_FILE, kept, arena.stop(folder / _TRIAL, config) if walks else controller.contract.stop)
+    stop = controller.contract.stop
+    if Gait.WALKING.label in config.gaits:
+        x, y, turn = np.clip(arena.stop(folder / _TRIAL, config), np.negative(MOST_STOP), MOST_STOP).tolist()
+        stop = x, y, turn
+    write(POLICY_FILE, kept, stop)
     (folder / _TRIAL).unlink(missing_ok=True)
     return figures
 

@@ -22,7 +22,7 @@ from hugwbc.learned import distributed
 from hugwbc.learned.config import CalibrationConfig, TrainConfig
 from hugwbc.learned.config.schedules import replaced
 from hugwbc.learned.distributed import Stop, StoppedError, stopped_by_signals
-from hugwbc.learned.policy.records import versions
+from hugwbc.learned.policy.records import robot_label, versions
 from hugwbc.learned.recipe.ancestry import (
     KINDS,
     Ancestry,
@@ -35,6 +35,7 @@ from hugwbc.learned.recipe.ancestry import (
 )
 from hugwbc.learned.recipe.calibration import ROUNDS, Arena, calibrate
 from hugwbc.learned.recipe.recipe import TAKEN, Recipe, Stage
+from hugwbc.learned.rl.continuation import OF_A_SESSION
 from hugwbc.learned.rl.trainer import BEST_FOLDER, CHECKPOINT_NAME, RECIPE_NAME, Trainer
 from hugwbc.source import source_commit
 
@@ -117,6 +118,10 @@ class _Work:
         self.seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}  # a calibration has its own
         # Without the defaults: a setting that a newer version adds changes no recipe.
         settings = TypeAdapter(Stage).dump_python(self.stage, mode="json", exclude_defaults=True)
+        for name in OF_A_SESSION:
+            settings[self.stage.kind].pop(name, None)
+        if robot := settings[self.stage.kind].get("env", {}).get("robot"):
+            settings[self.stage.kind]["env"]["robot"] = robot_label(robot)
         self.digest = digest(json.dumps(settings | self.seed, sort_keys=True))
         self.inputs = {
             setting: self.out / str(path) / TAKEN[setting] if str(path) in self.recipe.stages else path

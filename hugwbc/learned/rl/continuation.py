@@ -14,7 +14,7 @@ from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
 from hugwbc.learned.policy.records import settings_record
 
-_OF_A_SESSION = ("resume", "start_from", "steps", "hours", "threads", "device", "save_interval")  # settings
+OF_A_SESSION = ("resume", "hours", "threads", "device", "save_interval")  # settings without which a run is the same
 # Settings of the environment without which a policy moves differently: its clock, its drives and its feed-forward.
 _OF_THE_MOTION = (
     "action_scale",
@@ -65,7 +65,7 @@ def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib
     changed = [
         f"{name} {before.get(name, 'nothing')} (here {now.get(name, 'nothing')})"
         for name in names
-        if name not in _OF_A_SESSION and before.get(name) != now.get(name)
+        if name not in (*OF_A_SESSION, "start_from", "steps") and before.get(name) != now.get(name)
     ]
     if changed:
         more = f", and {len(changed) - _MOST_NAMED} others" if len(changed) > _MOST_NAMED else ""

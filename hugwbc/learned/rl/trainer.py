@@ -21,7 +21,15 @@ from hugwbc.learned.env.randomization import restore as restore_generator
 from hugwbc.learned.policy import checkpoint, save_policy
 from hugwbc.learned.policy.network_files import POLICY_FILE, SNAPSHOT_FILE
 from hugwbc.learned.policy.networks import Actor, ActorCritic, load_into, policy_widths
-from hugwbc.learned.policy.records import append_row, append_session, begin_log, check_robot, settings_record, versions
+from hugwbc.learned.policy.records import (
+    append_row,
+    append_session,
+    begin_log,
+    check_robot,
+    robot_label,
+    settings_record,
+    versions,
+)
 from hugwbc.learned.rl.continuation import (
     by_group,
     check_observations,
@@ -82,7 +90,8 @@ class Trainer:
                     raise ConfigError(f"{here}; give --processes {before}")
             with readable(path):
                 before = metadata["config"]["env"].get("robot", config.env.robot)
-            check_robot(str(path), before, config.env.robot)
+            if robot_label(before) != robot_label(config.env.robot):
+                check_robot(str(path), before, config.env.robot)
             check_observations(metadata, config.env, path)
         now = config.at(self.run_steps)
         # The networks start equal in all processes; robots, commands and noise must not.
@@ -317,7 +326,9 @@ class Trainer:
             self.remark = _ANEW.format(path) if anew else differences(metadata, self._env_config, path)
             if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
                 self.evaluation, best = dict(metadata["evaluation"]), dict(metadata["best"])
-                self.best = best if (self.config.out / BEST_FOLDER / POLICY_FILE).exists() else {}
+                before, now = (self.config.at(float(n)).env for n in (metadata["config"]["steps"], self.config.steps))
+                kept = (self.config.out / BEST_FOLDER / POLICY_FILE).exists()
+                self.best = best if kept and before == now else {}  # scores of other environments do not compare
         if not self.config.resume:
             self.ppo.bound_std(self.steps)
             if groups["env"]:  # whose generators go on with the other run's seed

@@ -3,12 +3,12 @@ import dataclasses
 import pytest
 import torch
 
-from hugwbc.commands import command_ranges
+from hugwbc.commands import COMMAND_NAMES, command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.learned.config import CommandConfig, CurriculumConfig
 from hugwbc.learned.env.curriculum import Curriculum, draw_commands, draw_gaits
-from hugwbc.robot import load_robot
+from hugwbc.robot import Robot, load_robot
 
 HOPPING = CommandConfig(standing_fraction=0.1, walking_fraction=0.0, hopping_fraction=0.9)
 COUNT = 4000
@@ -91,8 +91,10 @@ def test_without_agile_robots_the_speed_rests() -> None:
     assert curriculum.alpha == pytest.approx(0.01)
 
 
-def draw(config: CommandConfig, *, max_speed: float = 0.6, robot: str = "h1") -> tuple[torch.Tensor, torch.Tensor]:
-    curriculum = Curriculum(CurriculumConfig(), load_robot(robot))
+def draw(
+    config: CommandConfig, *, max_speed: float = 0.6, robot: str | Robot = "h1"
+) -> tuple[torch.Tensor, torch.Tensor]:
+    curriculum = Curriculum(CurriculumConfig(), load_robot(robot) if isinstance(robot, str) else robot)
     curriculum.max_speed = max_speed
     agile = torch.arange(COUNT) % 2 == 0
     generator = torch.Generator().manual_seed(0)
@@ -137,6 +139,19 @@ def test_hopping_has_the_papers_command_space_whatever_the_speed_reached(
     assert lowest <= hopping[:, 5].min() < 0.93 * lowest and hopping[:, 5].max() == 0.0
     defaults = torch.tensor([2.0, swing, 0.0, 0.0])
     torch.testing.assert_close(hopping[:, [3, 4, 6, 7]], defaults.expand(hopping.shape[0], 4))
+
+
+def test_commands_reach_the_ends_of_a_robots_own_ranges() -> None:
+    ends = {"h": (-0.25, 0.0), "v_x": (-1.0, 1.5), "v_y": (-0.3, 0.3), "omega": (-0.5, 1.0)}
+    own = {name: {"initial": (0.4 * low, 0.4 * high), "finishing": (low, high)} for name, (low, high) in ends.items()}
+    command, gait = draw(HOPPING, max_speed=1.5, robot=dataclasses.replace(load_robot("g1"), commands=own))
+    hopping = command[gait >= Gait.HOPPING_LEFT]
+    assert hopping[:, 0].unique().numel() > 0.8 * len(hopping), "no value piles up at the bound"
+    mixed = CommandConfig(standing_fraction=0.0, walking_fraction=1.0)
+    command, _ = draw(mixed, max_speed=1.5, robot=dataclasses.replace(load_robot("g1"), commands=own))
+    for name, (low, high) in ends.items():
+        column = command[:, COMMAND_NAMES.index(name)]
+        assert low <= column.min() < 0.9 * low + 1e-6 and 0.9 * high - 1e-6 < column.max() <= high, name
 
 
 def test_a_fraction_of_the_commands_combines_all_of_them() -> None:

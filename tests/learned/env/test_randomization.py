@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from hugwbc.errors import ConfigError
 from hugwbc.learned.config import EnvConfig, RandomizationConfig
 from hugwbc.learned.env.humanoid_env import HumanoidEnv
 from hugwbc.learned.env.randomization import Latency, SensorErrors, draw_delays, randomize
@@ -269,3 +270,19 @@ def test_each_robot_has_its_own_factor_and_zero_is_the_truth(small_env: Humanoid
     assert exact.sensed(small_env.readings) is small_env.readings
     factors = SensorErrors(500, 19, (0.5, 1.5), torch.Generator().manual_seed(0)).scale
     assert 0.5 <= factors.min() < 0.6 and 1.4 < factors.max() <= 1.5
+
+
+def test_what_a_user_draws_of_the_drives_limits_stays() -> None:
+    simulation = BatchSimulation(COUNT, robot=load_robot())
+    weak = 0.5 * simulation.expand("actuator_forcerange").clone()
+    simulation.expand("actuator_forcerange")[:] = weak
+    simulation.step(2)
+    limits = simulation.expand("actuator_forcerange")
+    assert (limits.abs() <= weak.abs() + 1e-6).all() and limits.abs().sum() > 0.9 * weak.abs().sum()
+
+
+def test_a_trunk_that_would_weigh_less_than_nothing_is_refused() -> None:
+    simulation = BatchSimulation(1, robot=load_robot())
+    simulation.model.body_mass[simulation.model.body(simulation.robot.trunk).id] = 0.9
+    with pytest.raises(ConfigError, match=r"^torso_mass begins at -1 kg, and the trunk of h1 weighs 0.90 kg; begin ab"):
+        randomize(simulation, RandomizationConfig(), np.random.default_rng(0))

@@ -1,10 +1,13 @@
 import csv
 import pathlib
+import shutil
 
 import pytest
 
 from hugwbc.errors import ConfigError
-from hugwbc.learned.policy.records import append_row, begin_log, check_robot
+from hugwbc.learned.config import EnvConfig, TrainConfig
+from hugwbc.learned.policy.records import append_row, begin_log, check_robot, settings_record
+from hugwbc.robot_tables import table_file
 
 
 def test_rows_and_empty_cells(tmp_path: pathlib.Path) -> None:
@@ -45,3 +48,13 @@ def test_the_log_of_another_run_is_kept_apart(tmp_path: pathlib.Path) -> None:
 def test_a_network_for_a_robot_whose_table_has_gone_says_so() -> None:
     with pytest.raises(ConfigError, match=r"snapshot is for the robot /gone/mine\.yaml, whose table is not there"):
         check_robot("snapshot", "/gone/mine.yaml", "h1")
+
+
+def test_a_record_says_the_same_of_a_robot_of_ones_own_in_another_folder(tmp_path: pathlib.Path) -> None:
+    records = []
+    for place in ("here", "there"):
+        folder = tmp_path / place / "mine"
+        shutil.copytree(table_file("g1").parent, folder, ignore=shutil.ignore_patterns("policies", "recipes"))
+        (folder / "g1.yaml").rename(folder / "mine.yaml")
+        records.append(settings_record(TrainConfig(out=tmp_path, env=EnvConfig(robot=str(folder)))))
+    assert records[0] == records[1] and records[0]["env"]["robot"] == "mine/mine.yaml"

@@ -155,6 +155,15 @@ def test_the_calibration_keeps_the_best_value_at_each_knot(made, tmp_path) -> No
     assert figures["jumping/v_x/calibrated"] is None
 
 
+def test_a_stop_that_moves_the_robot_far_is_written_as_far_as_a_contract_may_say(made) -> None:
+    far = Arena(executed, lambda policy, config: (0.4, -0.2, -0.7))
+    settings = CalibrationConfig(
+        policy=made / "more" / "policy.safetensors", knots=2, rounds=1, gaits=("walking",), commands=("v_x",)
+    )
+    calibrate(settings, made, far, lambda number, error: None)
+    assert load_policy(made / "policy.safetensors").contract.stop == (0.3, -0.2, -0.5)
+
+
 def test_a_policy_that_was_changed_does_not_pass(made, capsys) -> None:
     path = made / "policy.safetensors"
     (made / "snapshot.safetensors").write_bytes((made / "walk/snapshot.safetensors").read_bytes())
@@ -188,9 +197,10 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, tmp_path, monkeypa
 
 
 def test_only_what_differs_from_the_defaults_tells_recipes_apart(recipe, tmp_path) -> None:
-    """A new setting with a default must not keep a run from going on."""
+    """A new setting with a default must not keep a run from going on, nor another machine."""
     recipe.write_text(
-        "seed: 2001\nstages: {walk: {train: {steps: 64, env: {robot: h1, count: 8, extra: {alive: 4}}}}}\n"
+        "seed: 2001\nstages: {walk: {train: {steps: 64, threads: 3, device: cpu, save_interval: 7, "
+        "env: {robot: h1, count: 8, extra: {alive: 4}}}}}\n"
     )
     work = _Work(load_recipe(recipe), "walk", tmp_path, in_arena, Stop(), lambda *_: None, lambda line: None)
     given = {"train": {"steps": 64.0, "env": {"count": 8}}, "seed": 2001}

@@ -186,6 +186,13 @@ def test_best_policy_by_evaluation_is_kept(tmp_path: pathlib.Path, monkeypatch: 
     assert other.iteration == 4 and other.best == {}
 
 
+def test_scores_on_other_ground_do_not_compare(tmp_path: pathlib.Path) -> None:
+    rough = {"schedules": {"env.terrain.roughness": Schedule({0: 0.0, 192: 0.02}, "steps")}, **EVALUATE}
+    assert run(config(tmp_path, 2, **rough)).best
+    assert Trainer(config(tmp_path, 2, resume=True, **rough)).best
+    assert Trainer(config(tmp_path, 4, resume=True, **rough)).best == {}
+
+
 def test_a_run_that_is_cut_off_agrees_with_its_best_policy(tmp_path: pathlib.Path, monkeypatch) -> None:
     scores = iter([1.0, 5.0, 3.0])
     monkeypatch.setattr(Evaluator, "run", lambda self, actor: {"evaluation/score": next(scores)})
