@@ -19,7 +19,6 @@ MILESTONES = (
 
 
 _REACH, _ASIDE = 0.38, 0.18  # [m], of the pelvis from the handle, which is in front of the right shoulder
-_BAR = 0.06  # [m], from the front of the cabinet to the handle
 _APART = 0.028  # [m], of hand and handle when it is hooked: a hand that touches it would press against its own hook
 _FARTHER = 0.02  # [m], than the drawer has to open
 _SPEED = 0.2  # [m/s]
@@ -31,7 +30,7 @@ _YIELDING = 400.0  # [N/m], of a hand that pulls: the hook must not break by the
 @step
 def open_drawer(view: View, shapes: Shapes, *, timeout: Seconds = 60.0) -> Course:
     """Walk to the drawer, hook the handle with the right hand, and walk back until it is seen to be open."""
-    handle = shapes["drawer"]["size"][0] / 2 + _BAR
+    handle = shapes["drawer"]["size"][0] / 2 + shapes["drawer"]["handle"]
     walk = walk_to(view, before="drawer", distance=handle + _REACH, aside=_ASIDE)
     view = yield from doing("walk to the drawer", walk)
     view = yield from doing("reach for the handle", _reach(view, handle))

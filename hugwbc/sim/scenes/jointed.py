@@ -108,6 +108,7 @@ class Drawer(Jointed):
         height: of the drawer's centre above the ground [m].
         resistance: dry friction of the slides [N].
         travel: how far it opens [m].
+        handle: distance of the bar from the cabinet's front [m].
     """
 
     size: tuple[_Side, _Side, _Side] = (0.4, 0.45, 0.16)
@@ -115,6 +116,7 @@ class Drawer(Jointed):
     mass: Mass = 3.0
     resistance: Annotated[Number, between(0.0, 200.0)] = 15.0
     travel: Annotated[Number, between(0.01, 2.0)] = 0.3
+    handle: Annotated[Number, between(0.03, 0.5)] = 0.06
 
     def body_names(self) -> tuple[str, ...]:  # noqa: D102
         return self.name, f"{self.name}/cabinet"
@@ -139,7 +141,7 @@ class Drawer(Jointed):
         self._geom(body, _BOX, [0.009, width, height], [-depth - 0.009, 0.0, 0.0], mass=0.4 * mass)
         inside = {"mass": 0.5 * mass, "contype": 0, "conaffinity": 0}
         self._geom(body, _BOX, [depth - 0.02, width - 0.02, height - 0.02], **inside)
-        metal, bar = "#5b6068", -depth - 0.06
+        metal, bar = "#5b6068", -depth - settled(self.handle)
         for side in (-1, 1):
             at = [(bar - depth - 0.018) / 2, side * 0.07, 0.0]
             self._geom(body, _BOX, [(-depth - 0.018 - bar) / 2, 0.006, 0.006], at, mass=0.02 * mass, rgb=metal)
