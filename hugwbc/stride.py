@@ -11,17 +11,15 @@ _MIDDLE = 0.2  # [strides], from when a foot has taken over the weight to the mi
 class OverStride:
     """Mean of a vector over the last stride: a pelvis that sways from foot to foot has no other resting value."""
 
-    def __init__(self, duration: float) -> None:
-        """Take the mean over a duration [s]."""
-        self._duration = duration
+    def __init__(self) -> None:
         self._values: collections.deque[tuple[float, np.ndarray]] = collections.deque()
         self._sum: np.ndarray | float = 0.0
 
-    def __call__(self, time: float, value: np.ndarray) -> np.ndarray:
-        """Add the value of a time [s] and return the mean."""
+    def __call__(self, time: float, value: np.ndarray, stride: float) -> np.ndarray:
+        """Add the value of a time [s] and return the mean over a stride [s] until then."""
         self._values.append((time, value))
         self._sum = self._sum + value
-        while self._values[0][0] < time - self._duration + 1e-9:
+        while self._values[0][0] < time - stride + 1e-9:
             self._sum = self._sum - self._values.popleft()[1]
         return self._sum / len(self._values)
 
@@ -54,6 +52,6 @@ class MidStance:
         if left != self._left or time < self._since:
             self._left, self._since, self._told = left, time, False
         stood = time - self._since
-        now = left and not self._told and stood >= _MIDDLE * stride
+        now = left and not self._told and stood >= _MIDDLE * stride - 1e-9
         self._told = self._told or now
         return now or stood > stride

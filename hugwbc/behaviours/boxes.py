@@ -9,14 +9,14 @@ import math
 import numpy as np
 
 from hugwbc import rotations
-from hugwbc.behaviours.course import Course, Failure, Name, doing, seen, upright
+from hugwbc.behaviours.course import Course, Failure, Name, doing, kept, seen, upright
 from hugwbc.behaviours.hands import LEVEL, Directions, glide, hands_in, squat, stature
 from hugwbc.behaviours.hold import TOE_IN, from_hands
 from hugwbc.behaviours.reach import grip
 from hugwbc.behaviours.walk import walk_to
 from hugwbc.commands import Command
 from hugwbc.robot import SIDES
-from hugwbc.scripts.view import Grip, SeenObject, View
+from hugwbc.scripts.view import Action, Grip, SeenObject, View
 from hugwbc.settings import NotNegative, Positive, settings
 from hugwbc.targets import HandFrame
 
@@ -29,6 +29,8 @@ _LOST = 0.25  # [m], from the middle of a box to the middle of the hands that ha
 _HUNG = 0.015  # [m], between a hand and the box that hangs from it
 _STRONG = 300.0  # [N], of a hook: both hold one rigid box, and press on each other
 _SHORT, _NEARER = 0.08, 0.12  # [m], by which the hands may be short of the box, and the robot come nearer for it
+_RESTS, _SLOWEST_RISE = 0.5, 4.0  # [s], that the pelvis has to rest before a walk, and after which it walks anyway
+_MOVES = 0.01  # [m], that a pelvis at rest does not move in that time
 _LET_GO = 0.10  # [m], how far the hands open
 
 
@@ -138,7 +140,8 @@ class BoxGrip:
     def bring(self, view: View, name: Name, goal: np.ndarray) -> Course:
         """Bring the box to a point of the heading frame [m] and stand upright; from then on it moves with the robot."""
         points = self._sides(view, self.gap) - [self.at[0], 0.0, self.at[1]] + goal
-        view = yield from self._glide(view, points, 0.0, upright(view), "heading", speed=0.12, settle=0.5)
+        view = yield from self._glide(view, points, 0.0, upright(view), "heading", speed=0.12, settle=0.0)
+        view = yield from _come_up(view)
         _check_held(view, name)
         return view
 
@@ -217,6 +220,17 @@ class BoxGrip:
             posture=posture,
             settle=settle,
         )
+
+
+def _come_up(view: View) -> Course:
+    """Wait until the pelvis rests: with a load it may come up later than it is told, and must before it walks."""
+    begin = since = view.time
+    height = view.position[2]
+    while view.time - since < _RESTS and view.time - begin < _SLOWEST_RISE:
+        view = yield Action(view.last.command, kept(view))
+        if abs(view.position[2] - height) > _MOVES:
+            since, height = view.time, view.position[2]
+    return view
 
 
 def _check_held(view: View, name: str) -> None:

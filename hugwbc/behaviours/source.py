@@ -12,6 +12,7 @@ from hugwbc import extensions
 from hugwbc.behaviours.course import Behaviour, Course, Failure, at_rest
 from hugwbc.behaviours.fetch_cup import fetch_cup
 from hugwbc.behaviours.hands import stature
+from hugwbc.behaviours.lag import Lag
 from hugwbc.behaviours.stops import SETTLED, Stops
 from hugwbc.commands import Command
 from hugwbc.errors import ConfigError, UnknownNameError
@@ -108,7 +109,7 @@ class BehaviourSource:
         self.status, self.reason, self.action = Status.RUNNING, "", Action()
         self.view: View | None = None
         self._course: Course | None = None
-        self._ramp, self._straying, self._stops = CommandRamp(), Straying(), Stops()
+        self._ramp, self._straying, self._stops, self._lag = CommandRamp(), Straying(), Stops(), Lag()
         self._grips: dict[str, str | None] = {}  # what each gripper was last asked to hold
         self._lost: dict[str, str] = {}  # what a force has torn out of it
 
@@ -118,13 +119,19 @@ class BehaviourSource:
         if self.view is not None:
             self._note_grips(self.view.held, view.held)
         self._stops.note(view, self.action.command.gait)
-        self.view = changed(view, last=self.action, stop=self._stops.moved, mid_stance=self._stops.mid_stance)
+        self._lag.note(view, self.action.command)
+        self.view = self.completed(view)
         self._straying.note(self.action.command.gait, view.position[:2].tolist(), dt)
         action = self.act(self.view)
         hands = action.hands
         if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
             hands = changed(hands, stamp=view.state.time, sequence=None)
         self.action = changed(action, command=self._ramp(action.command, dt), hands=hands)
+
+    def completed(self, view: View) -> View:
+        """Return a view with the last action, and what the run has shown of the robot's walks."""
+        stop = view.stop if self._stops.moved is None else self._stops.moved
+        return changed(view, last=self.action, stop=stop, lag=self._lag.velocity, stuck=self._lag.stuck)
 
     def _note_grips(self, before: Sequence[str | None], now: Sequence[str | None]) -> None:
         """Note which grips a force has broken: those that end although they were asked for."""

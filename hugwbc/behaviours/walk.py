@@ -27,6 +27,7 @@ from hugwbc.behaviours.course import (
     standing,
     step,
 )
+from hugwbc.behaviours.lag import STUCK
 from hugwbc.behaviours.stops import SETTLED
 from hugwbc.commands import VELOCITY_NAMES, Command, default_command
 from hugwbc.errors import ConfigError
@@ -42,15 +43,10 @@ _SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
 _FAR = 0.6  # [m], a goal farther away is walked to face first
 _BEFORE = 0.5  # [m], from an object to the robot that stands before it
 _SLOWEST_TURN = 0.6  # [rad/s], of a turn
-_BIAS_TIME = 3.5  # [s], over which the difference of commanded and walked velocity is learnt
-_MOST_BIAS = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
 _SLOW_TIME = 0.6  # [s] near the goal before the robot stands
 _HAUL_GAIN = 0.8  # [1/s], speed of a push per distance that is left, and per distance from the line
 _SLOWEST = 0.08  # [m/s], of a push
-_STUCK, _START = 3.0, 2.0  # [s] in which what is walked or pushed has to move, and how much longer at the start
-_SLOWEST_HELD = 0.08, 0.15  # [m/s], [rad/s]; a robot that is told to walk slower may stay behind without being held
-_PUSHES = 5.0  # [N] against the way on both hands, from which on they push something
-_HELD = 0.2  # share of the wanted velocity below which the mean of a stride is that of a robot which is held
+_START = 2.0  # [s], how much longer than `STUCK` what is pushed may take to move at the start
 
 
 class Goal(NamedTuple):
@@ -181,7 +177,7 @@ def _haul(view: View, name: str, distance: float, speed: float, sign: float) -> 
             break
         if moved > far + 0.01:
             far, time = moved, view.time
-        if view.time - time > _STUCK + _START * (far == 0.0):
+        if view.time - time > STUCK + _START * (far == 0.0):
             raise Failure(f"{progress} and is stuck")
         turn = float(rotations.wrap_angle(yaw - view.state.yaw))
         aside = float((start - view.position) @ axes[:, 1])
@@ -210,10 +206,9 @@ def stand(view: View, seconds: Seconds = 1.0, *, h: float = 0.0, p: float = 0.0,
 class _Walk:
     """A walk to a goal, which turns to its heading, and stands.
 
-    The velocity falls with the distance. Controllers do not walk exactly as fast as they are told; the difference, as
-    the estimate knows it, is learnt and added to the command, but does not grow while something holds the robot. A
-    pelvis sways from foot to foot, so that it stops when the mean of a stride is near the goal, or before it by what
-    stops have moved the robot so far (`View.stop`). Where it then stands outside of the tolerances, it walks again.
+    The velocity falls with the distance; that by which the robot lags is added to the command (`View.lag`). A pelvis
+    sways from foot to foot, so that it stops when the mean of a stride is near the goal, or before it by what stops
+    have moved the robot so far (`View.stop`). Where it then stands outside of the tolerances, it walks again.
     """
 
     goal: Callable[[View], Goal]  # returns the goal as it is known now
@@ -227,9 +222,8 @@ class _Walk:
         """Walk."""
         if view.state.position is None or view.state.velocity is None:
             raise Failure("the position of the robot is not known; add an estimator")
-        bias = np.zeros(3)
         while True:
-            view = yield from self._approach(view, bias)
+            view = yield from self._approach(view)
             if not self.stand:
                 return view
             view = yield from self._stop(view)
@@ -252,24 +246,17 @@ class _Walk:
         distance = math.hypot(error[0], error[1])
         return distance <= share * self.tolerance and abs(error[2]) <= share * YAW_TOLERANCE
 
-    def _approach(self, view: View, bias: np.ndarray) -> Course:
-        """Walk until the mean of a stride is near the goal for a while; at once if it need not stand.
-
-        Args:
-            view: now.
-            bias: estimated bias of the velocity [m/s, m/s, rad/s], shape (3,); goes on changing.
-        """
-        stride = 1.0 / default_command(Gait.WALKING, view.robot).f
-        (mean, pace), time = (OverStride(stride) for _ in range(2)), view.time
-        free = np.full(2, time + _START)  # when it last walked, and turned, as it was told
+    def _approach(self, view: View) -> Course:
+        """Walk until the mean of a stride is near the goal for a while; at once if it need not stand."""
+        stride, mean = 1.0 / default_command(Gait.WALKING, view.robot).f, OverStride()
         near: float | None = None
         error = self._error(view)
         if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
             return view
         while True:
             error = self._error(view) - (view.stop if self.stand else 0.0)
-            velocity = self._velocity(error) + bias
-            average = mean(view.time, error)
+            velocity = self._velocity(error) + view.lag
+            average = mean(view.time, error, stride)
             near = None if not self._arrived(average, _NEAR) else view.time if near is None else near
             if near is not None and not self.stand:
                 return view
@@ -277,18 +264,12 @@ class _Walk:
             if ready and self._arrived(average, _DEADBAND):
                 return view
             view = yield Action(_walking(view, velocity), kept(view), progress=self.progress)
-            share = min((view.time - time) / _BIAS_TIME, 1.0)
-            time = view.time
-            asked, walked = view.last.command.array()[:3], view.state.heading_velocity
-            felt = np.zeros(3) if view.hand_force is None else view.hand_force.sum(axis=0)
-            felt = felt @ rotations.rotation_z(view.state.yaw)
-            told, held = _held(*pace(time, np.array([asked - bias, walked, felt])))
-            free = np.where(held, free, np.maximum(free, time))
-            most = np.where((time > free)[[0, 0, 1]], np.abs(bias), _MOST_BIAS)
-            bias[:] = np.clip(bias + share * (asked - bias - walked), -most, most)
-            if told.any() and (time - free[told] > _STUCK).all():
-                speed = f"{math.hypot(asked[0], asked[1]):.1f} m/s" if told[0] else f"{abs(asked[2]):.1f} rad/s"
-                words = f"{'moved' if told[0] else 'turned'} for {_STUCK:g} s while commanded {speed}"
+            if view.stuck:
+                v_x, v_y, omega, *_ = view.last.command.array()
+                speed = math.hypot(v_x, v_y)
+                words = f"moved for {STUCK:g} s while commanded {speed:.1f} m/s"
+                if speed < abs(omega):
+                    words = f"turned for {STUCK:g} s while commanded {abs(omega):.1f} rad/s"
                 raise Failure(f"stuck: has not {words}; {self.progress}")
 
     def _velocity(self, error: np.ndarray) -> np.ndarray:
@@ -321,20 +302,3 @@ def _walking(view: View, velocity: Iterable[float]) -> Command:
     last = view.last.command
     values = dict(zip(VELOCITY_NAMES, map(float, velocity), strict=True)) | {"h": last.h, "p": last.p}
     return Command.from_mapping(values, Gait.WALKING, view.robot)
-
-
-def _held(wanted: np.ndarray, walked: np.ndarray, felt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether it is told to walk and to turn, shape (2,), and whether something holds it or pushes it back.
-
-    What the hands push, such as a door, gives way if the robot is told to walk ever faster.
-
-    Args:
-        wanted: velocity in the heading frame and yaw rate, mean of a stride, shape (3,).
-        walked: likewise, as it moved.
-        felt: force on both hands in the heading frame, likewise [N], shape (3,).
-    """
-    asked = np.array([math.hypot(wanted[0], wanted[1]), abs(wanted[2])])
-    along = np.array([walked[:2] @ wanted[:2], walked[2] * wanted[2]])
-    told = asked > _SLOWEST_HELD
-    pushes = felt[:2] @ wanted[:2] < -_PUSHES * asked[0]
-    return told, told & (along < _HELD * asked**2) & (not pushes)

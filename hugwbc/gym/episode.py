@@ -1,7 +1,5 @@
 """One episode of a task, stepped from outside and judged while it runs, and behaviours that follow its actions."""
 
-import dataclasses
-
 import numpy as np
 
 from hugwbc.behaviours import BehaviourSource
@@ -59,7 +57,7 @@ class Episode:
     @property
     def view(self) -> View:
         """The view now."""
-        return dataclasses.replace(self._loop.look(self.time), last=self._source.action)
+        return self._source.completed(self._loop.look(self.time))
 
     @property
     def problem(self) -> str:

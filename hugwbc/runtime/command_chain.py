@@ -87,8 +87,15 @@ class CommandChain:
         self._given: Command | None = None
         self._asked: Command | None = None
 
-    def __call__(self, command: Command, state: RobotState, dt: float) -> Command:
-        """Return the command that the controller is to follow in the next period, and count what was changed."""
+    def __call__(self, command: Command, state: RobotState, dt: float, *, mid_stance: bool) -> Command:
+        """Return the command that the controller is to follow in the next period, and count what was changed.
+
+        Args:
+            command: asked for.
+            state: of the robot.
+            dt: since the last call [s].
+            mid_stance: whether a walk may end now (`hugwbc.stride.MidStance`).
+        """
         if not isinstance(command, Command):
             what = f"a command is a {type(command).__name__}: keeping the last good one"
             self._log.count("source_failures", what)
@@ -99,7 +106,7 @@ class CommandChain:
         if self.command is not self._asked and self.command != self._asked:
             self._asked, (self._possible, self._guarded) = self.command, feasible(self.command, self._robot)
         self._count("commands_guarded", self._guarded)
-        command = self._braking(self._possible, state, dt)
+        command = self._braking(self._possible, state, dt, mid_stance=mid_stance)
         if self._braking.active:
             self._log.count("braked", "told to change the gait while moving: braking and standing first")
         return command

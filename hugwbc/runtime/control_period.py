@@ -19,6 +19,7 @@ from hugwbc.runtime.sight import Sight
 from hugwbc.runtime.source_stage import SourceStage
 from hugwbc.scripts.view import CommandSource, View
 from hugwbc.state import RobotState
+from hugwbc.stride import MidStance
 from hugwbc.upper_ik import UpperBodySource
 
 LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator; a longer period of a controller has several
@@ -117,6 +118,7 @@ class ControlPeriod:
         self._handover.reset()
         self.guard.reset(self._check.admit(self.estimate))
         self.hands, self.ik_s, self._last = None, 0.0, None
+        self._mid_stance = MidStance()
         self._followed = self.chain.command  # by the controller in the last period
         if self.upper_body is not None:
             self.upper_body.reset()
@@ -156,9 +158,10 @@ class ControlPeriod:
             raise ConfigError("decide was called before the run has begun; call reset of the loop first")
         state, dt = self._check.admit(self.estimate), self.period
         self.log.count("ticks")
-        command, self.hands = self._source.ask(t, self.estimate, dt)
+        mid_stance = self._mid_stance(t, state.foot_force, 1.0 / self._followed.f)
+        command, self.hands = self._source.ask(t, self.estimate, dt, mid_stance=mid_stance)
         arms, command = self._solve_arms(command)
-        command = self._followed = self.chain(command, state, dt)
+        command = self._followed = self.chain(command, state, dt, mid_stance=mid_stance)
         for sensor in state.coasted:
             self.log.count_of("readings_refused", sensor, f"readings of {sensor} refused and replaced")
         lost = state.lost or (self.motors.dead and f"the motor of {self.motors.dead} is dead")

@@ -70,28 +70,42 @@ class SourceStage:
         self._last: tuple[Command, HandTargets | None] = (self._stand, None)
         self._unheard = 0.0  # [s] since it came
         self._view: View | None = None
+        self._usable: RobotState | None = None  # the last such state
         if self._seeing is not None:
             self._seeing.restart()
             self._sight.reset()
 
     def look(self, t: float, state: RobotState) -> View:
-        """Return what is seen at time t of the run [s]; each time has one view."""
+        """Return what is seen at time t of the run [s]; each time has one view.
+
+        A state that cannot be used is not shown: what a source learns from it would never be right again.
+        """
         if self._view is None or self._view.time != t:
-            self._view = self._sight.look(t, state)
+            self._usable = state if state.is_usable or self._usable is None else self._usable
+            self._view = changed(self._sight.look(t, self._usable), stop=self._stop)
         return self._view
 
-    def ask(self, t: float, state: RobotState, dt: float) -> tuple[Command, HandTargets | None]:
-        """Return command and hand targets for the period [s] that begins at time t of the run [s]."""
+    def ask(
+        self, t: float, state: RobotState, dt: float, *, mid_stance: bool = True
+    ) -> tuple[Command, HandTargets | None]:
+        """Return command and hand targets for the period [s] that begins at time t of the run [s].
+
+        Args:
+            t: time of the run [s].
+            state: the estimate.
+            dt: the period [s].
+            mid_stance: whether a walk may end now (`View.mid_stance`).
+        """
         self.placed = state
-        asked = self._log.ask("source_failures", "the source", lambda: self._ask(t))
+        asked = self._log.ask("source_failures", "the source", lambda: self._ask(t, mid_stance))
         self._unheard = 0.0 if asked is not None else self._unheard + dt
         if asked is not None or self._unheard > STALE_TIME:
             self._last = asked or (self._stand, None)
         return self._last
 
-    def _ask(self, t: float) -> tuple[Command, HandTargets | None]:
+    def _ask(self, t: float, mid_stance: bool) -> tuple[Command, HandTargets | None]:
         if self._seeing is not None:
-            view = changed(self.look(t, self.placed), stop=self._stop)
+            view = changed(self.look(t, self.placed), mid_stance=mid_stance)
             self.placed = view.state
             self._seeing.see(view)
             self._sight.grip(self._seeing.grips)

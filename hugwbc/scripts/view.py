@@ -122,6 +122,9 @@ class View:
         held: names of the objects that the left and the right idealised gripper hold; None for an open one.
         last: the request of the last tick.
         stop: by how much a stop moves the robot, heading frame [m, m, rad], shape (3,); zeros if it is not known.
+        lag: commanded minus walked velocity, as the walks of the run have shown it, heading frame [m/s, m/s, rad/s],
+            shape (3,); added to a command, it makes the robot walk as wanted.
+        stuck: whether something holds the robot, which has not moved for 3 s although it is told to walk.
         mid_stance: whether the robot is in the moment of its stride in which it should be told to stand
             (`hugwbc.stride`).
         robot: whose ranges and defaults commands have; None for the paper's.
@@ -137,6 +140,8 @@ class View:
     held: tuple[str | None, str | None] = (None, None)
     last: Action = dataclasses.field(default_factory=Action)
     stop: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    lag: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    stuck: bool = False
     mid_stance: bool = True
     robot: Robot | None = None
     hand_tip: float = 0.04

@@ -14,7 +14,7 @@ from hugwbc.gym import TASK_ENVIRONMENTS
 from hugwbc.gym.task_action import Wish
 from hugwbc.gym.task_env import TaskEnv
 from hugwbc.robot import load_robot
-from hugwbc.runtime.controllers import ControllerSpec
+from hugwbc.runtime.controllers import ControllerSpec, load_controller
 from hugwbc.scripts.view import SeenObjects
 from hugwbc.sim import Arena, Scene
 from hugwbc.sim.scenes import Button, Uniform, Wall
@@ -204,6 +204,16 @@ def test_a_scene_and_a_task_of_ones_own(tmp_path):
 def test_bad_options_are_refused(options, error, message):
     with pytest.raises(error, match=message):
         TaskEnv("press_button", **({"controller": "hold"} | options))
+
+
+def test_a_view_says_how_the_robot_walks_as_in_a_run():
+    env = press("learned")
+    env.reset(seed=3)
+    np.testing.assert_array_equal(env.view.stop, load_controller("learned").stop)
+    assert env.view.stop.any()
+    for _ in range(3):
+        env.step(env.actions.encode(Wish(command=Command(v_x=0.3, gait=Gait.WALKING))))
+    assert env.view.lag[0] > 0.0, "it has only begun to walk"
 
 
 def test_what_cannot_be_rendered_and_a_step_before_a_reset_are_refused():

@@ -9,6 +9,7 @@ from hugwbc.evaluation.plans import Knot, Schedule
 from hugwbc.runtime import Simulation, load_controller, rollout
 from hugwbc.runtime.braking import DECELERATION, JUMPS, LONGEST, PAUSE, SLOW, Braking
 from hugwbc.runtime.loop import ControlLoop
+from hugwbc.stride import MidStance
 from tests.conftest import make_state
 
 DT = 0.02
@@ -135,27 +136,25 @@ def test_an_unknown_velocity_is_waited_for_for_a_stride(state):
 
 @pytest.mark.parametrize("late", [0.0, 0.1, 0.2, 0.3, 0.4])
 def test_a_walk_ends_in_the_middle_of_a_stance_of_the_left_foot(state, late):
-    braking, stride = Braking(), 1.0 / WALK.f
+    braking, moment, stride = Braking(), MidStance(), 1.0 / WALK.f
     time = 0.0
     while True:
         force = np.zeros((2, 3))
         force[0 if time % stride < 0.5 * stride else 1, 2] = 500.0
         asked = WALK if time < 2.0 + late else STAND
-        if braking(asked, dataclasses.replace(moving(state, 0.0), foot_force=force), DT).gait is Gait.STANDING:
+        mid_stance = moment(time, force, stride)
+        if braking(asked, moving(state, 0.0), DT, mid_stance=mid_stance).gait is Gait.STANDING:
             break
         time += DT
     assert 0.2 * stride <= time % stride < 0.2 * stride + 2 * DT
     assert 2.0 + late < time < 2.0 + late + WALK.v_x / DECELERATION[0] + stride + 2 * DT
 
 
-def test_a_walk_whose_feet_do_not_take_turns_ends_after_a_stride(state):
-    braking = Braking()
-    still = dataclasses.replace(moving(state, 0.0), foot_force=np.array([[0.0, 0.0, 300.0], [0.0, 0.0, 200.0]]))
-    for _ in range(50):
-        braking(WALK, still, DT)
-    commands = stop(braking, still, 3.0)
-    first = next(index for index, command in enumerate(commands) if command == STAND)
-    assert first * DT <= WALK.v_x / DECELERATION[0] + 1.0 / WALK.f + 3 * DT
+def test_feet_that_do_not_take_turns_are_in_mid_stance_after_a_stride():
+    moment, force = MidStance(), np.array([[0.0, 0.0, 300.0], [0.0, 0.0, 200.0]])
+    told = [moment(DT * tick, force, 0.5) for tick in range(100)]
+    assert all(told[round(0.5 / DT) + 1 :]) and sum(told[: round(0.5 / DT)]) == 1
+    assert moment(2.0, None, 0.5), "where the forces are not known, any moment is right"
 
 
 def test_a_robot_that_never_seems_slow_stands_in_the_end(state):

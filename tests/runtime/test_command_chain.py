@@ -85,7 +85,7 @@ def chained(*commands):
     """Return what becomes of commands in succession, the chain, and its report."""
     log = SafetyLog()
     chain = CommandChain(log, ROBOT)
-    return [chain(command, make_state(), 0.02) for command in commands], chain, log.report()
+    return [chain(command, make_state(), 0.02, mid_stance=True) for command in commands], chain, log.report()
 
 
 def test_out_of_range_commands_are_clamped_counted_and_never_passed_on():
