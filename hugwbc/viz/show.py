@@ -35,6 +35,7 @@ SETTLE = 1.0  # [s] after a start that do not count in mean velocities
 FALLEN_PAUSE = 1.0  # [s] to look at a fallen robot before it stands up again
 PAGE_LOAD_TIME = 1.5  # [s] that a browser needs to show the scene
 DEARER, CHEAPER = 0.2, 0.02  # shares by which a picture's time changes what the next one may take
+UNEVEN = 2.0  # how many times as long as the slower ones, or as in reality, a picture counts at most
 SMOOTHING = 0.05  # share of a picture in the speed that is shown
 VERDICT_TIME = 60.0  # [s] that the page shows how a task ended
 USAGE_ERROR, INTERRUPTED = 2, 130  # exit codes
@@ -63,7 +64,9 @@ class RealTime:
         if step <= 0.0:  # the robot was reset
             self._shown = now
             return
-        dearer = (now - self._shown) / step - self._cost
+        # A program that was suspended for a while goes on as before.
+        cost = min((now - self._shown) / step, UNEVEN * max(1.0, self._cost))
+        dearer = cost - self._cost
         self._cost += dearer * (DEARER if dearer > 0.0 else CHEAPER)
         due = self._shown + step * max(1.0, self._cost)
         if due > now:
@@ -71,10 +74,10 @@ class RealTime:
         length, self._shown = max(due, now) - self._shown, max(due, now)
         self.speed += SMOOTHING * (step / length - self.speed)
 
-    def pause(self, duration: float) -> None:
-        """Stop the clock for a duration [s]."""
+    def pause(self, duration: float = 0.0) -> None:
+        """Wait for a duration [s], and do not count the time since the last picture."""
         time.sleep(duration)
-        self._shown += duration
+        self._shown = time.monotonic()
 
 
 def open_view(name: str, robot: Robot, *, scene: Scene | None = None, tell: Tell = print) -> Draw:
@@ -250,6 +253,7 @@ def drive(
             except HugwbcError as error:  # such as a scene in which the robot does not fit; driving continues
                 words = f"{task} was not done: {error}"
             page.stage(loop.simulation)
+            clock.pause()  # the task kept real time by itself
             tell(words)
             page.source.tell(words, VERDICT_TIME)
         return again or task is not None

@@ -1,6 +1,8 @@
 """Runs in front of a viewer: what is drawn and when, what is told, and what is left to look at."""
 
+import itertools
 import sys
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -13,11 +15,16 @@ from hugwbc.sim import Simulation
 from hugwbc.viz import show
 
 
-def test_the_clock_keeps_real_time_and_slows_evenly_where_the_computer_is_slow(monkeypatch):
+@pytest.fixture
+def now(monkeypatch) -> list[float]:
+    """The time of a clock that only sleeping moves [s]."""
     now = [10.0]
     monkeypatch.setattr(show.time, "sleep", lambda length: now.__setitem__(0, now[0] + length))
     monkeypatch.setattr(show.time, "monotonic", lambda: now[0])
+    return now
 
+
+def test_the_clock_keeps_real_time_and_slows_evenly_where_the_computer_is_slow(now):
     def lengths(costs):
         clock, times = show.RealTime(), []
         for picture, cost in enumerate(costs, start=1):
@@ -31,6 +38,24 @@ def test_the_clock_keeps_real_time_and_slows_evenly_where_the_computer_is_slow(m
     assert times == pytest.approx([0.04] * 200) and speed == pytest.approx(1.0)
     times, speed = lengths([0.03, 0.08] * 100)  # every other picture takes twice as long as it should
     assert np.ptp(times[-50:]) < 0.01 and 0.5 < speed < 0.6
+    times, _ = lengths([0.02] * 50 + [600.0] + [0.02] * 50)  # suspended once
+    assert times[51:] == pytest.approx([0.04] * 50)
+
+
+def test_driving_keeps_real_time_after_a_task(now):
+    pictures, page = [], mock.MagicMock()
+    page.take.return_value = False
+    page.take_task.side_effect = itertools.chain([None, "press_button"], itertools.repeat(None))
+    page.show.side_effect = lambda *_, speed, **__: pictures.append((now[0], speed))
+
+    def perform(task):
+        now[0] += 60.0
+        return f"{task} was done"
+
+    loop = ControlLoop(HoldController(load_robot()), Constant(Command()), Simulation(sensing="exact"))
+    show.drive(loop, page, 1.0, perform=perform, tell=lambda words: None)
+    times, speeds = np.array(pictures).T
+    assert times[-1] - times[0] == pytest.approx(60.0 + 1.0, abs=0.05) and speeds == pytest.approx(1.0)
 
 
 def test_a_run_is_drawn_in_time_recorded_and_left_as_a_page(tmp_path, monkeypatch):
