@@ -13,7 +13,6 @@ socket to it (the browser says so in `Origin`, and leaves it to the server to ch
 import contextlib
 import dataclasses
 import http
-import ipaddress
 import json
 import math
 import pathlib
@@ -226,7 +225,8 @@ def _response(text: str, kind: str) -> Response:
 
 
 HOST = "127.0.0.1"
-OWN_NAMES = ("127.0.0.1", "localhost", "[::1]")
+OWN_HOSTS = (HOST, "localhost", "::1")
+OWN_NAMES = (HOST, "localhost", "[::1]")  # the same in a request
 LARGEST_MESSAGE = 65536  # [bytes] of a page
 # What viser's page may say: where it looks from, which hand it drags, and the value of a slider, a box or a button.
 _DRAGS = ("TransformControlsUpdateMessage", "TransformControlsDragStartMessage", "TransformControlsDragEndMessage")
@@ -234,14 +234,10 @@ _UPDATE = "GuiUpdateMessage"
 
 
 def check_host(host: str, *, expose: bool) -> None:
-    """Refuse a host to listen on that is within reach of other machines, unless it is meant to be exposed."""
-    try:
-        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        loopback = False
-    if not loopback and not expose:
+    """Refuse a host to listen on that is not this machine by its own name, unless it is meant to be exposed."""
+    if not expose and host not in OWN_HOSTS:
         raise ConfigError(
-            f"host is {host}: other machines could drive the robot; give {HOST}, or --expose if that is meant"
+            f"host is {host}; give {', '.join(OWN_HOSTS)}, or --expose if other machines are to drive the robot"
         )
 
 

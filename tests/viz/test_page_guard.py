@@ -16,12 +16,13 @@ from hugwbc.viz.drive_link import DriveLink, admitted, check_host, refusal
 from hugwbc.viz.live import LivePage
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "example.org", "::"])
-def test_hosts_that_others_can_reach_are_refused_unless_a_flag_says_so(host):
-    with pytest.raises(ConfigError, match="other machines could drive the robot"):
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "example.org", "::", "127.0.0.2"])
+def test_hosts_but_this_machine_by_its_own_names_are_refused_unless_a_flag_says_so(host):
+    with pytest.raises(ConfigError, match="--expose if other machines are to drive the robot"):
         check_host(host, expose=False)
     check_host(host, expose=True)
-    check_host("127.0.0.1", expose=False)
+    for own in ("127.0.0.1", "localhost", "::1"):
+        check_host(own, expose=False)
 
 
 @pytest.mark.parametrize(
