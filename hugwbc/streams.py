@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from hugwbc.errors import one_line
+
 TELL_EVERY = 1.0  # [s] between two lines about problems of one kind
 
 
@@ -50,7 +52,7 @@ class Tally:
         self.counts[kind] += number
         if not problem:
             return
-        self.problem, now = problem[:200], self._clock()
+        self.problem, now = one_line(problem, 200), self._clock()
         if now - self._told.get(kind, -math.inf) >= TELL_EVERY:
             self._told[kind] = now
             self._tell(f"{self._name}: {kind} ({self.counts[kind]} so far): {self.problem}")

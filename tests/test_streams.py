@@ -21,6 +21,14 @@ def test_a_problem_is_told_once_a_second_for_each_kind_and_all_are_counted():
     )
 
 
+def test_a_problem_is_told_on_one_line_that_any_terminal_can_show():
+    told = []
+    tally = Tally("a line", told.append)
+    tally.note("refused", "unknown key '\ud800\n\x1b[2J'")
+    assert told == [r"a line: refused (1 so far): unknown key '\ud800\n\x1b[2J'"]
+    assert str(tally).endswith(r"unknown key '\ud800\n\x1b[2J'")
+
+
 @pytest.mark.parametrize(
     ("message", "words"),
     [(b"x" * 11, "longer than 10"), (b"\xff", "not JSON"), ("[" * 9, "not JSON"), ("[1]", "not a JSON object")],
