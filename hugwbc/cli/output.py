@@ -145,7 +145,10 @@ def say_arena(arena: "Arena", json_path: pathlib.Path | None = None) -> None:
 def _print(text: str, stream: TextIO) -> None:
     """Print as long as the stream has a reader, so that `| head` does not stop the work that writes files."""
     try:
-        print(text, file=stream, flush=True)
+        try:
+            print(text, file=stream, flush=True)
+        except UnicodeEncodeError:  # names from a network or a file may have any characters
+            print(text.encode("ascii", "backslashreplace").decode(), file=stream, flush=True)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 

@@ -1,3 +1,4 @@
+import io
 import json
 import pathlib
 import subprocess
@@ -95,6 +96,14 @@ def test_work_goes_on_when_nobody_reads_any_more(tmp_path):
         process.stdout.close()
         assert process.stderr.read() == b"" and process.wait(60) == 0
     assert (tmp_path / "done").exists()
+
+
+def test_what_a_terminal_cannot_show_is_escaped(monkeypatch):
+    terminal = io.TextIOWrapper(io.BytesIO(), "latin-1")
+    monkeypatch.setattr(sys, "stdout", terminal)
+    output.say("Stra\u00dfe")
+    output.say("\u03bb \ud800\nend")
+    assert terminal.buffer.getvalue() == b"Stra\xdfe\n\\u03bb \\ud800\nend\n"
 
 
 def test_options_are_named_without_their_classes_and_a_home_is_expanded_anywhere(monkeypatch):
