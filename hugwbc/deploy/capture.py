@@ -57,10 +57,10 @@ class Capture:
         objects, held, tick = content["objects"], content["held"], content["tick"]
         if type(tick) is not int or not 0 <= tick < 2**53:
             raise CaptureError(f"'tick' is {tick!r:.40}; give the robot's clock in milliseconds")
-        if not isinstance(objects, dict):
-            raise CaptureError("'objects' is not a mapping of names to poses")
+        if not isinstance(objects, dict) or not all(map(_is_name, objects)):
+            raise CaptureError("'objects' is not a mapping of printable names to poses")
         if not isinstance(held, list) or len(held) != len(SIDES) or not all(_is_name(name) for name in held):
-            raise CaptureError("'held' is not two names, each of an object or null")
+            raise CaptureError("'held' is not two printable names, each of an object or null")
         if len(objects) > _MOST:
             raise CaptureError(f"there are {len(objects)} objects; at most {_MOST} are followed")
         poses = np.array([_pose(name, pose) for name, pose in objects.items()]).reshape(-1, _POSE)
@@ -129,7 +129,9 @@ def _grip(content: object) -> Grip:
         raise CaptureError("a grip is a mapping with side and name and, as wanted, hook and breaking_force")
     hook, force = content.get("hook", False), content.get("breaking_force", BREAKING_FORCE)
     if content["side"] not in SIDES or not _is_name(content["name"]) or type(hook) is not bool:
-        raise CaptureError("a grip has a side (left or right), a name (a text or null) and a hook (true or false)")
+        raise CaptureError(
+            "a grip has a side (left or right), a name (a printable text or null) and a hook (true or false)"
+        )
     if type(force) not in (int, float) or not 0.0 < force < STRONGEST:
         raise CaptureError(f"the breaking force of a grip is {force!r:.40}; give one above 0 and below {STRONGEST:g} N")
     return Grip(content["side"], content["name"], hook, float(force))
@@ -157,4 +159,4 @@ def _pose(name: str, content: object) -> np.ndarray:
 
 
 def _is_name(value: object) -> bool:
-    return value is None or isinstance(value, str)
+    return value is None or (isinstance(value, str) and value.isprintable())

@@ -56,7 +56,7 @@ def test_a_capture_is_read_as_it_was_written() -> None:
         {"robot": [float("nan"), *POSE[1:]]}, {"robot": [1e400, *POSE[1:]]}, {"robot": [10**400, *POSE[1:]]},
         {"objects": []}, {"objects": {"parcel": [0.0] * 7}}, {"objects": {"parcel": "x"}}, {"held": [None]},
         {"held": [1, 2]}, {"robot": [200, 30, 980, 1, 0, 0, 0]}, {"more": 1},
-        {"objects": {str(n): POSE for n in range(101)}},
+        {"objects": {str(n): POSE for n in range(101)}}, {"objects": {"\ud800": POSE}}, {"held": [None, "a\nb"]},
     ],
 )  # fmt: skip
 def test_a_malformed_capture_is_refused(changes: dict[str, object]) -> None:
@@ -84,6 +84,7 @@ def test_grips_are_read_as_they_were_written() -> None:
         {"side": "left", "name": "a", "hook": 1}, {"side": "left", "name": "a", "breaking_force": 0},
         {"side": "left", "name": "a", "breaking_force": float("inf")}, {"side": "left", "name": "a", "x": 1},
         {"side": "left", "name": "a", "breaking_force": True}, {"side": "left", "name": "a", "breaking_force": "9"},
+        {"side": "left", "name": "\x1b[2J"},
     ],
 )  # fmt: skip
 def test_a_malformed_grip_is_refused(grip: object) -> None:
