@@ -4,10 +4,11 @@ import contextlib
 import importlib
 import socket
 import time
+from collections.abc import Iterator
 from typing import Any
 
 from hugwbc.deploy.transport import HISTORY, UNREACHABLE, Service
-from hugwbc.deploy.wire import COMMAND, STATE, from_cdr, idl_class, to_cdr
+from hugwbc.deploy.wire import COMMAND, STATE, from_cdr, idl_class, text_of, to_cdr
 from hugwbc.errors import ConfigError, needing
 
 TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
@@ -92,9 +93,12 @@ class DdsEndpoint:
     def _topic(self, name: str, kind: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
         return self._dds.topic.Topic(self._participant, name, idl_class(kind))
 
-    def _raw_topic(self, kind: str) -> Any:  # noqa: ANN401  a topic of cyclonedds
-        """Return the topic of a message, with the maker's type on the network and bytes in this process."""
-        topic = self._topic(TOPICS[kind.partition(".")[2]], kind)
+    def _raw_topic(self, kind: str, name: str | None = None) -> Any:  # noqa: ANN401  a topic of cyclonedds
+        """Return a topic, by default that of a message, with its type on the network and bytes in this process.
+
+        Where a text is not UTF-8, cyclonedds would raise an error and lose all messages that wait.
+        """
+        topic = self._topic(name or TOPICS[kind.partition(".")[2]], kind)
         topic.data_type = _Raw
         return topic
 
@@ -156,11 +160,11 @@ class DdsEndpoint:
         The first call subscribes.
         """
         if topic not in self._text_readers:
-            reader = self._dds.sub.DataReader(self._participant, self._topic(topic, _TEXT), qos=self._reliable)
+            reader = self._dds.sub.DataReader(self._participant, self._raw_topic(_TEXT, topic), qos=self._reliable)
             self._text_readers[topic] = reader
         with contextlib.suppress(self._error):
             samples = self._text_readers[topic].take(N=HISTORY)
-            return [sample.data for sample in samples if isinstance(getattr(sample, "data", None), str)]
+            return [text_of(sample.data) for sample in samples if isinstance(sample, _Raw)]
         return []
 
     def call(self, number: int, parameter: str, timeout: float) -> tuple[int, str]:
@@ -178,8 +182,8 @@ class DdsEndpoint:
             if now >= again:  # an answer is lost while the other side has not yet found this one's reader
                 writer.write(request)
                 again = now + _CALL_AGAIN
-            for answer in reader.take(N=HISTORY):
-                if getattr(answer, "header", None) is not None and answer.header.identity.id == identity:
+            for answer in _heard(reader, "Response_"):
+                if answer.header.identity.id == identity:
                     return answer.header.status.code, answer.data
             time.sleep(_BUSY_PAUSE)
         return UNREACHABLE, ""
@@ -193,17 +197,17 @@ class DdsEndpoint:
         if self._service is None:
             return
         writer, reader = self._switcher()
-        for request in reader.take(N=HISTORY):
-            if getattr(request, "header", None) is not None:
-                code, data = self._service(request.header.identity.api_id, request.parameter)
-                header = _api("ResponseHeader_")(request.header.identity, _api("ResponseStatus_")(code))
-                writer.write(_api("Response_")(header, data, []))
+        for request in _heard(reader, "Request_"):
+            code, data = self._service(request.header.identity.api_id, request.parameter)
+            header = _api("ResponseHeader_")(request.header.identity, _api("ResponseStatus_")(code))
+            writer.write(_api("Response_")(header, data, []))
 
     def _switcher(self) -> tuple[Any, Any]:
         """Return writer and reader of calls and answers, made when they are first needed."""
         if self._calls is None:
             topics = [self._topic(name, f"unitree_api.{kind}") for name, kind in _SWITCHER.items()]
             written, read = reversed(topics) if self._robot else topics
+            read.data_type = _Raw
             writer, reader = self._dds.pub.DataWriter, self._dds.sub.DataReader
             self._calls = writer(self._participant, written), reader(self._participant, read)
         return self._calls
@@ -219,8 +223,16 @@ class DdsEndpoint:
         del self._participant, self._domain
 
 
-def _api(name: str) -> type:
+def _api(name: str) -> Any:  # noqa: ANN401  a class of cyclonedds
     return idl_class(f"unitree_api.{name}")
+
+
+def _heard(reader: Any, name: str) -> Iterator[Any]:  # noqa: ANN401  of cyclonedds
+    """Yield the calls or answers that have arrived; one whose text is not UTF-8 is left out."""
+    for sample in reader.take(N=HISTORY):
+        if isinstance(sample, _Raw):
+            with contextlib.suppress(UnicodeDecodeError):
+                yield _api(name).deserialize(sample.data)
 
 
 def check_network(net: str, domain: int) -> None:

@@ -121,6 +121,12 @@ def from_cdr(name: str, data: bytes) -> bytes | None:
     return message.tobytes()
 
 
+def text_of(data: bytes) -> str:
+    """Return the text of a `std_msgs.String_` from the network; what is not UTF-8 is replaced."""
+    # Header and length come first, and a NUL ends it.
+    return data[len(_CDR_HEADER) + _WORD :].partition(b"\0")[0].decode("utf-8", "replace")
+
+
 def kind_of(message: bytes) -> str:
     """Return the kind of message that has this size, else the size, for people."""
     kinds = (f"{package}.{name}" for package in PACKAGES for name in (STATE, COMMAND))

@@ -1,17 +1,19 @@
-"""Two processes over DDS on the loopback interface."""
+"""Messages over DDS on the loopback interface."""
 
+import contextlib
 import re
 import signal
 from collections.abc import Iterator
 
 import pytest
+from cyclonedds.pub import DataWriter
 from deploy_processes import Processes, output
 
-from hugwbc.deploy.dds import DdsEndpoint, check_network
+from hugwbc.deploy.capture import GRIPS
+from hugwbc.deploy.dds import DdsEndpoint, _api, _Raw, check_network
 from hugwbc.errors import ConfigError
 
-# Two processes in real time: on a busy machine they take minutes.
-pytestmark = pytest.mark.slow
+in_real_time = pytest.mark.slow  # two processes: on a busy machine they take minutes
 
 
 @pytest.fixture
@@ -20,6 +22,7 @@ def processes(tmp_path) -> Iterator[Processes]:
         yield found
 
 
+@in_real_time
 @pytest.mark.parametrize(("name", "other"), [("h1", "g1"), ("g1", "h1")])
 def test_deploy_and_replay_in_lockstep(processes, tmp_path, free_domain, name, other) -> None:
     """Modes are released, states answered, commands accepted; the recording is replayed bit for bit."""
@@ -98,6 +101,7 @@ print("moved", states[-1].motor_state[elbow].q - start, "sum right", CRC().Crc(s
 """
 
 
+@in_real_time
 @pytest.mark.parametrize(("seals", "name"), [(True, "h1"), (False, "h1"), (True, "g1")])
 def test_the_makers_order_of_messages_works_and_a_client_without_check_sum_is_told(processes, free_domain, seals, name):
     words = ("--robot", name, "--domain", free_domain, "--slower", "2", "--duration", "100")
@@ -129,6 +133,7 @@ for _ in range(150):
 """
 
 
+@in_real_time
 def test_a_second_program_is_told_and_damps_and_a_second_deploy_is_refused(processes, free_domain) -> None:
     words = ("--domain", free_domain, "--slower", "10")  # for a busy machine
     processes.hugwbc("simulate-robot", *words, "--duration", "30", "--schedule", "0.2 Start")
@@ -150,3 +155,29 @@ def test_networks_that_do_not_exist_are_refused(net, domain, words) -> None:
         check_network(net, domain)
     with pytest.raises(ConfigError, match=words):
         DdsEndpoint(package="unitree_go", robot=False, net=net, domain=domain)
+
+
+def send(endpoint: DdsEndpoint, messages: list[bytes], kind: str, topic: str | None = None) -> None:
+    """Send bytes to an endpoint, as another program would."""
+    writer = DataWriter(endpoint._participant, endpoint._raw_topic(kind, topic))
+    for message in messages:
+        writer.write(_Raw(message))
+
+
+def test_a_text_that_is_not_utf8_ends_nothing_and_drops_no_other(free_domain) -> None:
+    with contextlib.closing(DdsEndpoint(package="unitree_go", robot=True, net="lo", domain=free_domain)) as endpoint:
+        endpoint.texts(GRIPS)
+        texts = [b"\0\1\0\0\4\0\0\0" + text for text in (b"one\0", b"t\xffo\0", "\N{SNOWMAN}\0".encode())]
+        send(endpoint, texts, "std_msgs.String_", GRIPS)
+        assert endpoint.texts(GRIPS) == ["one", "t\N{REPLACEMENT CHARACTER}o", "\N{SNOWMAN}"]
+        asked: list[str] = []
+        endpoint.serve(lambda number, parameter: (asked.append(parameter) or 0, ""))
+        identity, lease, policy = (
+            _api("RequestIdentity_")(1, 2),
+            _api("RequestLease_")(0),
+            _api("RequestPolicy_")(0, False),
+        )
+        call = _api("Request_")(_api("RequestHeader_")(identity, lease, policy), "wish", []).serialize()
+        send(endpoint, [call.replace(b"i", b"\xff"), call], "unitree_api.Request_", "rt/api/motion_switcher/request")
+        endpoint.receive(0.0)
+        assert asked == ["wish"]
