@@ -116,7 +116,7 @@ class DdsEndpoint:
                 self._wait.wait(self._dds.util.duration(seconds=timeout))
                 samples = self._reader.take(N=HISTORY)
             data = [sample.data for sample in samples if isinstance(sample, _Raw)]
-            return [message for one in data if (message := from_cdr(self._receives, one)) is not None]
+            return [from_cdr(self._receives, one) or one for one in data]  # what is no message is refused later
         return []
 
     def foreign(self) -> str | None:

@@ -9,8 +9,11 @@ import pytest
 from cyclonedds.pub import DataWriter
 from deploy_processes import Processes, output
 
+from hugwbc import load_robot
 from hugwbc.deploy.capture import GRIPS
 from hugwbc.deploy.dds import DdsEndpoint, _api, _Raw, check_network
+from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.watchdogs import Intake, Limits
 from hugwbc.errors import ConfigError
 
 in_real_time = pytest.mark.slow  # two processes: on a busy machine they take minutes
@@ -181,3 +184,12 @@ def test_a_text_that_is_not_utf8_ends_nothing_and_drops_no_other(free_domain) ->
         send(endpoint, [call.replace(b"i", b"\xff"), call], "unitree_api.Request_", "rt/api/motion_switcher/request")
         endpoint.receive(0.0)
         assert asked == ["wish"]
+
+
+def test_a_state_of_a_wrong_size_is_refused_and_named(free_domain) -> None:
+    with contextlib.closing(DdsEndpoint(package="unitree_go", robot=False, net="lo", domain=free_domain)) as endpoint:
+        intake = Intake(Messages(load_robot("h1")), Limits())
+        send(endpoint, [b"\0\1\0\0" + bytes(1276)], "unitree_go.LowState_")
+        (message,) = endpoint.receive(1.0)
+    assert not intake.check(message, 0.0) and intake.torn == 1
+    assert "it is 1280 bytes instead of unitree_go.LowState_, which h1 speaks" in intake.refusal
