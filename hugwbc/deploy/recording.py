@@ -50,6 +50,7 @@ class Recorder:
 
     def add(self, kind: bytes, time: float, content: bytes = b"") -> None:
         """Record an entry at a time [s]."""
+        content = content[:_LONGEST_ENTRY]  # a message that was refused may have any size
         try:
             self._entries.put_nowait(_ENTRY.pack(kind, time, len(content)) + content)
         except queue.Full:

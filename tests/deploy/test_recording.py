@@ -160,5 +160,8 @@ def test_the_longest_text_can_be_read_again(tmp_path) -> None:
     path, text = tmp_path / "run.bin", "\U0001f4e6" * LONGEST
     recorder = Recorder(path, {})
     recorder.add(recording.SEEN, 0.0, text.encode())
+    recorder.add(recording.REFUSED, 0.0, bytes(10 * len(text)))
+    recorder.add(recording.FAULT, 0.0, b"late")
     recorder.close()
-    assert [entry.content.decode() for entry in Recording(path).entries()] == [text]
+    contents = [entry.content for entry in Recording(path).entries()]
+    assert contents[0].decode() == text and contents[2] == b"late", "what is longer was cut off"
