@@ -9,7 +9,7 @@ from typing import Any
 
 from hugwbc.deploy.transport import HISTORY, UNREACHABLE, Service
 from hugwbc.deploy.wire import COMMAND, STATE, from_cdr, idl_class, text_of, to_cdr
-from hugwbc.errors import ConfigError, needing
+from hugwbc.errors import ConfigError, needing, one_line
 
 TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
 _SWITCHER = {"rt/api/motion_switcher/request": "Request_", "rt/api/motion_switcher/response": "Response_"}
@@ -125,7 +125,7 @@ class DdsEndpoint:
         reader = builtin.BuiltinDataReader(self._participant, builtin.BuiltinTopicDcpsPublication)
         found = reader.read(N=_MOST_WRITERS)
         writers = (writer for writer in found if getattr(writer, "topic_name", "") == topic)
-        kinds = {writer.type_name.replace("::msg::dds_::", ".") for writer in writers}
+        kinds = {one_line(writer.type_name.replace("::msg::dds_::", ".")) for writer in writers}
         return next(iter(kinds - {self._receives}), None)
 
     def rivals(self) -> int:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from hugwbc.errors import DeploymentError
+from hugwbc.errors import DeploymentError, one_line
 
 Service = Callable[[int, str], tuple[int, str]]
 """A service of the robot: takes the number of a call and its parameter, returns a code (0: done) and data."""
@@ -108,7 +108,7 @@ def _active(data: str) -> str:
         content = json.loads(data)
     except (ValueError, RecursionError):
         return ""
-    return str(content.get("name") or "") if isinstance(content, dict) else ""
+    return one_line(str(content.get("name") or "")) if isinstance(content, dict) else ""
 
 
 class SimulatedSwitcher:

@@ -36,9 +36,9 @@ def test_an_error_of_the_switcher_does_not_mean_that_no_mode_is_active() -> None
 
 def test_a_mode_that_needs_a_second_release_is_named_once() -> None:
     robot, client = local_pair()
-    names = iter(["ai", "", "ai", "", ""])  # a check and a release in turn
+    names = iter(["ai\n", "", "ai\n", "", ""])  # a check and a release in turn
     robot.serve(lambda number, parameter: (0, json.dumps({"name": next(names)})))
-    assert release_modes(client, required=True) == "released ai"
+    assert release_modes(client, required=True) == r"released ai\n"
 
 
 def test_a_mode_that_stays_is_an_error(monkeypatch) -> None:
