@@ -13,7 +13,7 @@ from hugwbc.stride import OverStride
 STUCK = 3.0  # [s], after which a robot that is held is stuck
 _START = 2.0  # [s], how much longer at the start of a walk
 _TIME = 3.5  # [s], over which the lag is learnt
-_MOST = np.array([0.12, 0.12, 0.15])  # [m/s], [m/s], [rad/s]
+_MOST = np.array([0.2, 0.2, 0.2])  # [m/s], [m/s], [rad/s]
 _SLOWEST_HELD = 0.08, 0.15  # [m/s], [rad/s]; a robot that is told to walk slower may stay behind without being held
 _PUSHES = 5.0  # [N] against the way on both hands, from which on they push something
 _HELD = 0.2  # share of the wanted velocity below which the mean of a stride is that of a robot which is held

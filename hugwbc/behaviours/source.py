@@ -46,7 +46,7 @@ class CommandRamp:
     """Soft starts and stops: limits how fast a command changes, whatever a behaviour asks for.
 
     A robot that walks and is told to stand slows down first, goes on stepping for `STEP_OUT` and then stands: the
-    learned policy falls if it is switched to standing at speed.
+    learned policy falls if it is switched to standing at speed. It is at rest where its command is what it lags by.
     """
 
     def __init__(self) -> None:
@@ -54,14 +54,16 @@ class CommandRamp:
         self.command = Command()
         self._slow = math.inf  # time since the commanded speed was last above `SLOW`
 
-    def __call__(self, asked: Command, dt: float) -> Command:
-        """Return the command for this tick, `dt` [s] after the last one."""
+    def __call__(self, asked: Command, dt: float, lag: np.ndarray) -> Command:
+        """Return the command for this tick, `dt` [s] after the last one, of a robot that lags (`View.lag`)."""
         last = self.command.array()
         wanted = asked.array()
+        if asked.gait is Gait.STANDING and self.command.gait is Gait.WALKING:
+            wanted[_VELOCITIES] = lag
         most = np.full(wanted.shape, math.inf)
         most[_VELOCITIES], most[_BODY] = ACCELERATION * dt, BODY_SPEED * dt
         values = last + np.clip(wanted - last, -most, most)
-        self._slow = 0.0 if bool(np.any(np.abs(values[_VELOCITIES]) > SLOW)) else self._slow + dt
+        self._slow = 0.0 if bool(np.any(np.abs(values[_VELOCITIES] - lag) > SLOW)) else self._slow + dt
         gait = asked.gait
         if gait is Gait.STANDING and self.command.gait is not Gait.STANDING:
             if self._slow < STEP_OUT:
@@ -126,7 +128,7 @@ class BehaviourSource:
         hands = action.hands
         if hands is not None:  # what is seen is noisy: the arms must not take the targets' differences for a motion
             hands = changed(hands, stamp=view.state.time, sequence=None)
-        self.action = changed(action, command=self._ramp(action.command, dt), hands=hands)
+        self.action = changed(action, command=self._ramp(action.command, dt, self.view.lag), hands=hands)
 
     def completed(self, view: View) -> View:
         """Return a view with the last action, and what the run has shown of the robot's walks."""

@@ -1,5 +1,7 @@
 """A behaviour as a source of commands: soft changes, the end, and errors that stop nothing."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from behaviour_helpers import view
@@ -23,9 +25,12 @@ def march(view, end: Exception | None = None):
 
 
 def _played(source: BehaviourSource, seconds: float = 5.0) -> list[Command]:
+    """Play a behaviour for a robot that is as fast as it is told."""
     commands = []
     for tick in range(round(seconds / 0.02)):
-        source.see(view(0.02 * tick, position=(1.0, 0.0, 0.98)))
+        now, (v_x, v_y, omega, *_) = view(0.02 * tick, position=(1.0, 0.0, 0.98)), source.action.command.array()
+        moves = {"velocity": np.array([v_x, v_y, 0.0]), "angular_velocity": np.array([0.0, 0.0, omega])}
+        source.see(dataclasses.replace(now, state=dataclasses.replace(now.state, **moves)))
         commands.append(source.command_at(0.02 * tick))
     return commands
 

@@ -8,7 +8,9 @@ from behaviour_helpers import view
 
 from hugwbc import rotations
 from hugwbc.behaviours import Behaviour, BehaviourSource, Course, Status, View, face, walk_to
+from hugwbc.behaviours.source import CommandRamp
 from hugwbc.behaviours.walk import POSITION_TOLERANCE
+from hugwbc.commands import Command
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
 from hugwbc.stride import MidStance
@@ -166,3 +168,17 @@ def test_a_walk_begins_with_the_lag_that_the_last_one_has_shown() -> None:
         now = dataclasses.replace(now, state=dataclasses.replace(now.state, velocity=np.array([speed, 0.0, 0.0])))
     assert walk.status is Status.SUCCESS, walk.reason
     assert lags == [0.0, pytest.approx(0.06, abs=0.01)]
+
+
+def test_a_robot_that_lags_is_kept_in_its_place_until_it_stands() -> None:
+    """Without the lag in its command it would go back by 0.16 m/s while it steps on the spot before a stand."""
+    ramp, lag, at = CommandRamp(), np.array([0.16, 0.0, 0.0]), []
+    walk = Command(v_x=0.36, gait=Gait.WALKING)
+    for tick in range(200):
+        command = ramp(walk if tick < 100 else Command(), DT, lag)
+        if tick >= 100:
+            at.append(command.v_x)
+        if command.gait is Gait.STANDING:
+            break
+    assert command == Command() and min(at[:-1]) == pytest.approx(lag[0])
+    assert 0.5 < DT * len(at) < 1.1, "it slows down, steps on for a while, and stands"
