@@ -29,14 +29,18 @@ class Difference:
     against: str  # label of the other controller
     estimate: Estimate  # of the difference; its interval is a paired bootstrap
     p: float | None = None  # of a percentage, which has no interval: that of the exact test
+    judged: bool = True  # whether both figures are
 
     @property
     def is_clear(self) -> bool:
-        """Whether it is unlikely to be chance: p is below 0.05, or the interval of enough episodes leaves out 0."""
+        """Whether it is unlikely to be chance: p is below 0.05, or the interval of enough episodes leaves out 0.
+
+        Intervals of figures that are not judged are never clear: means lack what fell early.
+        """
         low, high, pairs = self.estimate.low, self.estimate.high, self.estimate.samples
         if low is None or high is None:
             return self.p is not None and self.p < 1.0 - CONFIDENCE
-        return pairs >= FEW and not low <= 0.0 <= high
+        return self.judged and pairs >= FEW and not low <= 0.0 <= high
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Figure:
         higher_is_better: whether higher values are better, or lower ones; None where neither are.
         reference: which of the paper's policies `paper` belongs to, where the paper prints several.
         difference: from another controller's figure; None where there is none to compare with.
-        judged: whether the figure is judged against the paper's.
+        judged: whether the figure is judged against the paper's, and its mean against another controller's.
     """
 
     table: str

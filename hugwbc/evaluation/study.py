@@ -131,11 +131,11 @@ def values_alone(experiment: Experiment[Any], result: Result) -> Values:
 def _compared(figure: Figure, values: Values, other: Result, theirs: Values) -> Figure:
     """Return a figure with its difference from another controller's, if it is a mean of the same episodes."""
     key = figure.table, figure.quantity
-    same = [f.estimate for f in other.figures if (f.table, f.quantity) == key and f.estimate is not None]
-    if figure.estimate is None or not same:
+    same = next((f for f in other.figures if (f.table, f.quantity) == key and f.estimate is not None), None)
+    if figure.estimate is None or same is None or same.estimate is None:
         return figure
     alone = values.get(key, {}), theirs.get(key, {})
-    powers = _power(figure.estimate, alone[0]), _power(same[0], alone[1])
+    powers = _power(figure.estimate, alone[0]), _power(same.estimate, alone[1])
     both = [plan for plan in alone[0] if plan in alone[1]]
     if not all(powers) or not both:
         return figure
@@ -145,7 +145,8 @@ def _compared(figure: Figure, values: Values, other: Result, theirs: Values) -> 
         # A bootstrap would give few episodes that agree an interval without width.
         signs = [a > b for a, b in zip(mine, reference, strict=True) if a != b]
         estimate, p = dataclasses.replace(estimate, low=None, high=None), exact_test(sum(signs), signs.count(False))
-    return dataclasses.replace(figure, difference=Difference(other.controller, estimate, p))
+    judged = figure.judged and same.judged
+    return dataclasses.replace(figure, difference=Difference(other.controller, estimate, p, judged))
 
 
 def _power(estimate: Estimate, alone: Mapping[str, float]) -> int:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from hugwbc.evaluation.experiment import Result
-from hugwbc.evaluation.figures import Figure
-from hugwbc.evaluation.intervals import Estimate
+from hugwbc.evaluation.figures import MOST_FALLS, Figure
+from hugwbc.evaluation.intervals import FEW, Estimate
 from hugwbc.evaluation.tables import INTERVAL_NOTE, Cell, Table, cell_text, figures_csv
 from hugwbc.files import write_whole
 from hugwbc.viz.framing import LABEL_COLOURS
@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 PAIRED_NOTE = (
     f"{INTERVAL_NOTE}. Differences from {{}} are over the episodes that both have: of means with a paired bootstrap "
-    "interval, of percentages with the p of McNemar's exact test. * marks those that leave out 0, or p < 0.05. Figures "
-    "that are no means over episodes have none."
+    "interval, of percentages with the p of McNemar's exact test. * marks p < 0.05, and intervals that leave out "
+    f"0, of at least {FEW} episodes and where at most {MOST_FALLS:g} % fell. Figures that are no means over episodes "
+    "have none."
 )
 PAPER_FILES = "table.tex", "figures.csv", "figure.svg"
 _PAGE = 40  # rows

@@ -18,9 +18,9 @@ TITLE = "Whole-body control of humanoid robots"
 LEGEND = (
     "A cell has the mean over episodes and its 95 % bootstrap interval; falls have a score interval. 'worse' marks "
     "what is worse than the paper's figure by more than that interval, 'worse?' by less. Below a quantity stands its "
-    "difference from the first controller over the same episodes; * marks one that is hardly chance. The paper's "
-    "column was not measured under our conditions: its policies were trained and tested in another simulator (Isaac "
-    "Gym), with wider randomisation and another description of the robot (51.65 kg)."
+    "difference from the first controller over the same episodes; * marks one that is hardly chance, of means only "
+    "where few episodes fell. The paper's column was not measured under our conditions: its policies were trained and "
+    "tested in another simulator (Isaac Gym), with wider randomisation and another description of the robot (51.65 kg)."
 )
 
 

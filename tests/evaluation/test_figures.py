@@ -66,4 +66,7 @@ def test_other_robots_are_not_compared_with_the_papers():
     ],
 )
 def test_a_difference_is_clear_if_it_is_unlikely_to_be_chance(low, high, pairs, p, clear):
-    assert Difference("b", Estimate(0.2, low, high, pairs), p).is_clear is clear
+    difference = Difference("b", Estimate(0.2, low, high, pairs), p)
+    assert difference.is_clear is clear
+    unjudged = dataclasses.replace(difference, judged=False).is_clear
+    assert unjudged is (clear and p is not None), "a mean lacks what fell early; that it fell is counted"
