@@ -15,7 +15,7 @@ from hugwbc.commands import COMMAND_NAMES, Command, command_ranges
 from hugwbc.controller import Controller
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation import metrics
-from hugwbc.evaluation.episode import CountedSettings, Row, Settings, ending, simulate
+from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, Settings, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, known
@@ -143,9 +143,10 @@ def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]
         estimate = bootstrap_mean(rows[f"impact_{name}"])
         if estimate.value is not None:
             found.append(Figure(table, quantity, unit, estimate))
-    slow = rows.filter(~pl.col("command").is_in(["v_x", "v_y"]) | (pl.col("value").abs() <= SLOW_SPEED))
     found.append(falls_figure(table, rows["fell"]))
-    found.append(falls_figure(table, slow["fell"], quantity=f"falls at up to {SLOW_SPEED} m/s"))
+    if settings.gait in MOVING:
+        slow = rows.filter(~pl.col("command").is_in(["v_x", "v_y"]) | (pl.col("value").abs() <= SLOW_SPEED))
+        found.append(falls_figure(table, slow["fell"], quantity=f"falls at up to {SLOW_SPEED} m/s"))
     upright = rows.filter(~pl.col("fell"))
     for quantity, unit, values in (
         (f"path of both feet in {settings.duration - settings.settle:g} s", "m", upright["foot_travel"]),

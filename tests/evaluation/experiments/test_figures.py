@@ -62,6 +62,12 @@ def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
     assert mine["falls at up to 0.6 m/s"].value == 0.0 and mine["falls at up to 0.6 m/s"].estimate.samples == 2
     assert mine["peak foot force of 10 ms, mean of stances"].value == pytest.approx(1.3)
     assert not any("path of both feet" in quantity for quantity in mine), "a fall cut it short"
+    stand = by_quantity(
+        single_command.figures(single_command.SingleCommandSettings(gait="standing"), frame_of(rows[:2]))
+    )
+    assert stand["falls"].value == 0.0 and len([name for name in stand if name.startswith("falls")]) == 1, (
+        "counted once"
+    )
     settings = single_command.SingleCommandSettings(conditions=Conditions(intervention="noise"))
     slow = SINGLE | {"command": "v_x", "error_name": "E_vx_low", "error": 0.1}
     moved = by_quantity(single_command.figures(settings, frame_of([slow, rows[2] | {"error": 0.5}])))
