@@ -94,11 +94,12 @@ class Figure:
 
     @property
     def against_paper(self) -> Comparison:
-        """The comparison with the paper, whose own uncertainty is not known."""
-        if self.ratio is None or not self.judged:
+        """The comparison with the paper, whose own uncertainty is not known; unclear for fewer than `FEW` samples."""
+        if self.estimate is None or self.ratio is None or not self.judged:
             return Comparison.NONE
         sign = -1.0 if self.higher_is_better else 1.0
         excess, *bounds = (sign * (part - 1.0) for part in self.ratio if part is not None)
+        bounds = bounds if self.estimate.samples >= FEW else []
         if excess <= 0.0:
             return Comparison.BETTER if bounds and max(bounds) < 0.0 else Comparison.UNCLEAR_BETTER
         return Comparison.WORSE if bounds and min(bounds) > 0.0 else Comparison.UNCLEAR_WORSE

@@ -9,6 +9,7 @@ from typing import Any
 from hugwbc.evaluation.experiment import Experiment, Result, Section, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
 from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.intervals import FEW
 from hugwbc.evaluation.tables import Table, comparison_sentence, figure_tables, figures_csv
 from hugwbc.files import write_whole
 from hugwbc.report import page
@@ -17,10 +18,11 @@ from hugwbc.viz.framing import LABEL_COLOURS
 TITLE = "Whole-body control of humanoid robots"
 LEGEND = (
     "A cell has the mean over episodes and its 95 % bootstrap interval; falls have a score interval. 'worse' marks "
-    "what is worse than the paper's figure by more than that interval, 'worse?' by less. Below a quantity stands its "
-    "difference from the first controller over the same episodes; * marks one that is hardly chance, of means only "
-    "where few episodes fell. The paper's column was not measured under our conditions: its policies were trained and "
-    "tested in another simulator (Isaac Gym), with wider randomisation and another description of the robot (51.65 kg)."
+    "what is worse than the paper's figure by more than that interval, 'worse?' by less or with fewer than "
+    f"{FEW} episodes. Below a quantity stands its difference from the first controller over the same episodes; * marks "
+    "one that is hardly chance, of means only where few episodes fell. The paper's column was not measured under our "
+    "conditions: its policies were trained and tested in another simulator (Isaac Gym), with wider randomisation and "
+    "another description of the robot (51.65 kg)."
 )
 
 

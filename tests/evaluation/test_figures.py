@@ -18,7 +18,10 @@ from tests.conftest import figure
     ],
 )
 def test_verdict_against_the_paper(low, value, high, verdict):
-    assert figure(value, low, high, paper=1.0).against_paper is verdict
+    measured = figure(value, low, high, paper=1.0)
+    assert measured.against_paper is verdict
+    few = dataclasses.replace(measured, estimate=Estimate(value, low, high, 7)).against_paper
+    assert few is (Comparison.UNCLEAR_BETTER if value < 1.0 else Comparison.UNCLEAR_WORSE)
     mirrored = {
         Comparison.BETTER: Comparison.WORSE, Comparison.WORSE: Comparison.BETTER,
         Comparison.UNCLEAR_BETTER: Comparison.UNCLEAR_WORSE, Comparison.UNCLEAR_WORSE: Comparison.UNCLEAR_BETTER,
