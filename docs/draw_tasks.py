@@ -14,7 +14,7 @@ from PIL import Image
 
 from hugwbc.runtime import Trace, load_controller, read_trace, write_trace
 from hugwbc.sim import Simulation
-from hugwbc.source import source_commit
+from hugwbc.source import short_commit
 from hugwbc.tasks import load_task, run_task
 from hugwbc.viz.marks import LAYERS
 from hugwbc.viz.video import write_video
@@ -42,7 +42,7 @@ QUALITY = 90  # of the pictures, from 1 to 100
 def record(name: str) -> Trace:
     """Return the record of a task, from its file or by doing the task."""
     seed, _ = SHOTS[name]
-    path = RECORDS / f"{name}-{seed}-{source_commit()[:12]}.npz"
+    path = RECORDS / f"{name}-{seed}-{short_commit()}.npz"
     if not path.is_file():
         task = load_task(name)
         run = run_task(task, load_controller("qp"), Simulation(scene=task.scene, seed=seed))

@@ -38,6 +38,12 @@ def source_commit(*, policies: bool = True) -> str:
         return _version(policies=policies)
 
 
+def short_commit() -> str:
+    """Return `source_commit` for a reader: twelve digits of the commit; "+" and the digest of what differs stay."""
+    commit, plus, changes = source_commit().partition("+")
+    return f"{commit[:12]}{plus}{changes}"
+
+
 def _version(*, policies: bool) -> str:
     """Return the version and a digest of the code and the models, where no git knows them."""
     package = pathlib.Path(hugwbc.__file__).parent

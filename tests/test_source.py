@@ -3,7 +3,8 @@
 import subprocess
 
 import hugwbc
-from hugwbc.source import source_commit
+from hugwbc import source
+from hugwbc.source import short_commit, source_commit
 
 
 def commit_all(folder):
@@ -92,3 +93,10 @@ def test_a_comment_or_a_docstring_makes_no_result_old(tmp_path, monkeypatch):
     after = source_commit.__wrapped__()
     monkeypatch.setattr(hugwbc, "__file__", str(shallow / "hugwbc" / "__init__.py"))
     assert source_commit.__wrapped__() == after
+
+
+def test_a_modified_tree_stays_apart_from_its_commit_when_this_is_cut(monkeypatch):
+    for commit, short in (("0123456789ab" * 3 + "0123", "0123456789ab"), ("0.9.0", "0.9.0")):
+        for changes in ("", "+fedc"):
+            monkeypatch.setattr(source, "source_commit", lambda made=commit + changes: made)
+            assert short_commit() == short + changes

@@ -26,7 +26,7 @@ from hugwbc.evaluation.intervals import FEW
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, each_result
 from hugwbc.settings import REPORT_SEED
-from hugwbc.source import source_commit
+from hugwbc.source import short_commit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 ERRORS = ("E_vx", "E_vx_low", "E_vx_high", "E_vy", "E_omega", "E_f", "E_l", "E_h", "E_p", "E_w")
@@ -338,7 +338,7 @@ def replaced(text: str, name: str, body: str, commit: str) -> str:
 
 def check(tables: dict[str, Table]) -> int:
     """Print the tables that belong to another commit than the present one, and return 1 if there are any."""
-    now, old = source_commit()[:12], []
+    now, old = short_commit(), []
     for name, table in tables.items():
         for document in table.documents:
             commits = [part["commit"] for part in marked((ROOT / document).read_text()) if part["name"] == name]
@@ -363,6 +363,11 @@ def main() -> int:
     options = parser.parse_args()
     if options.check:
         return check({name: TABLES[name] for name in options.only})
+    if "+" in short_commit() and not (options.quick or options.policy):
+        raise SystemExit(
+            f"a table belongs to a commit, but the source is {short_commit()}, changed since; commit or undo the "
+            "changes, or only print the tables with --quick"
+        )
     tables = {name: TABLES[name] for name in options.only if name != "public" or options.public}
     for name, table in tables.items():  # now, and not after hours
         for document in table.documents:
@@ -386,8 +391,8 @@ def main() -> int:
                     print(f"\n{document}: {name}\n\n{body}", flush=True)
                 else:
                     path = ROOT / document
-                    path.write_text(replaced(path.read_text(), name, body, source_commit()[:12]))
-    print(f"{len(tables)} tables at commit {source_commit()[:12]} in {(time.monotonic() - begin) / 3600.0:.2f} hours")
+                    path.write_text(replaced(path.read_text(), name, body, short_commit()))
+    print(f"{len(tables)} tables at commit {short_commit()} in {(time.monotonic() - begin) / 3600.0:.2f} hours")
     return 0
 
 

@@ -16,7 +16,7 @@ from hugwbc.report.report_page import Report, sections
 from hugwbc.runtime.controllers import ControllerSpec, labels
 from hugwbc.settings import REPORT_SEED
 from hugwbc.sim.engine import check_seed
-from hugwbc.source import source_commit
+from hugwbc.source import short_commit
 from hugwbc.viz.framing import check_count
 
 
@@ -74,7 +74,7 @@ class ReportPlan:
         episodes = sum(len(result.rows) for result in results)
         notes = [
             f"Made by `hugwbc report {' '.join(words)}`: {episodes} episodes in simulation, at commit "
-            f"{source_commit()[:12]} with {made}."
+            f"{short_commit()} with {made}."
         ]
         if self.profile == "quick":
             notes.append(

@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import pathlib
+import sys
 
 import pytest
 
@@ -78,6 +79,13 @@ def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
     assert [part["commit"] for part in tool.marked(written)] == ["4567"]
     with pytest.raises(SystemExit, match="no place for the table feet"):
         tool.replaced(text, "feet", "", "")
+
+
+def test_no_table_is_written_of_a_modified_tree(tool, monkeypatch) -> None:
+    monkeypatch.setattr(tool, "short_commit", lambda: "0123456789ab+4567")
+    monkeypatch.setattr(sys, "argv", ["results.py", "--only", "hands"])
+    with pytest.raises(SystemExit, match=r"the source is 0123456789ab\+4567, changed since"):
+        tool.main()
 
 
 def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
