@@ -4,8 +4,8 @@
 
 A table stands between two comments, `<!-- results: NAME COMMIT -->` and `<!-- end -->`, and is never typed. Finished
 episodes are stored in out/evaluation: after a kill, the same command goes on. `--check` runs nothing, and fails if a
-table belongs to another commit than the last one that changed what runs (`hugwbc.source`). `--policy` prints the H1's
-tables of a policy that is not shipped.
+table belongs to other commands, or to another commit than the last one that changed what runs (`hugwbc.source`).
+`--policy` prints the H1's tables of a policy that is not shipped.
 """
 
 import argparse
@@ -308,18 +308,27 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
     return [list(column) for column in zip(*cells, strict=True)] if table.tall else cells
 
 
+def runs_of(table: Table, options: argparse.Namespace) -> list[Run]:
+    """Return the runs of a table, of each label in order."""
+    return [Run.of(label, part, options) for label, words in table.runs.items() for part in words.split("; ")]
+
+
 def markdown(cells: Sequence[Sequence[str]], runs: Sequence[Run]) -> str:
-    """Return cells as a table, above the commands that made it: one for all controllers, `qp|learned`."""
+    """Return cells as a table, above the commands that made it."""
     lines = [cells[0], ["---"] * len(cells[0]), *cells[1:]]
+    return "\n".join(["| " + " | ".join(line) + " |" for line in lines]) + f"\n\n{commands(runs)}"
+
+
+def commands(runs: Sequence[Run]) -> str:
+    """Return the commands of runs, one for all controllers: `qp|learned`."""
     controllers: dict[str, list[str]] = {}
     for run in runs:
         name = run.entry.spec.name
         others = run.words.replace(f"--controller {name}", "--controller CONTROLLER")
         controllers.setdefault(others, []).append(name)
-    commands = ", ".join(
+    return ", ".join(
         f"`hugwbc evaluate {words.replace('CONTROLLER', '|'.join(each))}`" for words, each in controllers.items()
     )
-    return "\n".join(["| " + " | ".join(line) + " |" for line in lines]) + f"\n\n{commands}"
 
 
 def marked(text: str) -> Iterator[re.Match[str]]:
@@ -336,14 +345,20 @@ def replaced(text: str, name: str, body: str, commit: str) -> str:
     raise SystemExit(f"no place for the table {name}: write '<!-- results: {name} -->' and '<!-- end -->'")
 
 
-def check(tables: dict[str, Table]) -> int:
-    """Print the tables that belong to another commit than the present one, and return 1 if there are any."""
+def check(tables: dict[str, Table], options: argparse.Namespace) -> int:
+    """Print the tables that belong to another commit or to other commands than now, and return 1 if there are any."""
     now, old = short_commit(), []
     for name, table in tables.items():
+        # Without the folder of their networks, the commands of other people's are not known.
+        made = commands(runs_of(table, options)) if name != "public" or options.public else ""
         for document in table.documents:
-            commits = [part["commit"] for part in marked((ROOT / document).read_text()) if part["name"] == name]
-            old += [f"{document}: {name} is of commit {each or 'unknown'}" for each in commits or [""] if each != now]
-    print("\n".join([*old, f"{len(old)} tables are not of commit {now}"]))
+            parts = {part["name"]: part for part in marked((ROOT / document).read_text())}
+            commit, body = parts[name].group("commit", "body") if name in parts else ("", "")
+            if commit != now:
+                old.append(f"{document}: {name} is of commit {commit or 'unknown'}")
+            elif made and not body.endswith(f"\n\n{made}\n"):
+                old.append(f"{document}: {name} is of other commands than {made}")
+    print("\n".join([*old, f"{len(old)} tables are not of commit {now} and its commands"]))
     return 1 if old else 0
 
 
@@ -357,12 +372,14 @@ def main() -> int:
     parser.add_argument("--cluster", help="address of a Dask scheduler whose workers run the episodes instead")
     parser.add_argument("--seed", type=int, default=REPORT_SEED)
     parser.add_argument("--quick", action="store_true", help="few, short episodes; print the tables instead of writing")
-    parser.add_argument("--check", action="store_true", help="run nothing; fail if a table is of another commit")
+    parser.add_argument(
+        "--check", action="store_true", help="run nothing; fail if a table is of another commit or command"
+    )
     parser.add_argument("--public", help="folder with other people's networks, named as their contracts: unitree-h1.pt")
     parser.add_argument("--policy", help="policy of an H1: print the tables with it as the only controller")
     options = parser.parse_args()
     if options.check:
-        return check({name: TABLES[name] for name in options.only})
+        return check({name: TABLES[name] for name in options.only}, options)
     if "+" in short_commit() and not (options.quick or options.policy):
         raise SystemExit(
             f"a table belongs to a commit, but the source is {short_commit()}, changed since; commit or undo the "
@@ -374,10 +391,7 @@ def main() -> int:
             replaced((ROOT / document).read_text(), name, "", "")
     if options.policy:
         tables = {name: table for name, each in tables.items() if (table := of_policy(each)).runs}
-    runs = {
-        name: [Run.of(label, part, options) for label, words in table.runs.items() for part in words.split("; ")]
-        for name, table in tables.items()
-    }
+    runs = {name: runs_of(table, options) for name, table in tables.items()}
     begin, entries = time.monotonic(), [run.entry for part in runs.values() for run in part]
     with Execution(options.workers, cluster=options.cluster) as execution, progress("results") as advance:
         results = each_result(entries, execution=execution, store=Store(), on_progress=advance, tell=print)

@@ -81,6 +81,20 @@ def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
         tool.replaced(text, "feet", "", "")
 
 
+def test_a_table_of_another_commit_or_of_other_commands_is_found(tool, monkeypatch, tmp_path, capsys) -> None:
+    options = argparse.Namespace(public=None, policy=None, quick=False, seed=7)
+    table = tool.Table(("page.md",), {"QP": "push --controller qp"})
+    monkeypatch.setattr(tool, "ROOT", tmp_path)
+    (tmp_path / "page.md").write_text("<!-- results: push 0123 -->\n<!-- end -->\n")
+    body = tool.markdown([["", "falls"], ["QP", "0 of 3"]], tool.runs_of(table, options))
+    (tmp_path / "page.md").write_text(tool.replaced((tmp_path / "page.md").read_text(), "push", body, "0123"))
+    more = dataclasses.replace(table, runs={"QP": "push --controller qp --episodes 8"})
+    for commit, each, said in (("0123", table, ""), ("4567", table, "of commit 0123"), ("0123", more, "--episodes 8")):
+        monkeypatch.setattr(tool, "short_commit", lambda commit=commit: commit)
+        assert tool.check({"push": each}, options) == bool(said)
+        assert said in capsys.readouterr().out
+
+
 def test_no_table_is_written_of_a_modified_tree(tool, monkeypatch) -> None:
     monkeypatch.setattr(tool, "short_commit", lambda: "0123456789ab+4567")
     monkeypatch.setattr(sys, "argv", ["results.py", "--only", "hands"])
