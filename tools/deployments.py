@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import yaml
 
 from hugwbc.evaluation.store import controller_digest
-from hugwbc.files import digest
+from hugwbc.files import digest, digest_of
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
@@ -66,7 +66,8 @@ def options(job: str, seconds: float, folder: pathlib.Path) -> tuple[Sequence[st
 
 def deploy(controller: str, job: str, radio: str, seconds: float, folder: pathlib.Path) -> tuple[str, str]:
     """Run both programs; return what the robot and the deployment printed."""
-    made = digest(f"{source_commit(policies=False)} {controller_digest(ControllerSpec(controller))} {seconds}")[:8]
+    code = source_commit(policies=False), digest_of(__file__)
+    made = digest(f"{code} {controller_digest(ControllerSpec(controller))} {seconds}")[:8]
     stem = f"{pathlib.Path(controller).name}-{job}-{radio}-{made}"
     files = [folder / f"{stem}-{side}.txt" for side in ("robot", "deploy")]
     if not all(path.exists() for path in files):

@@ -18,3 +18,6 @@ def test_a_run_of_another_length_or_of_other_code_is_not_taken_for_this_one(load
     monkeypatch.setattr(tool, "source_commit", lambda **which: "another")
     tool.deploy("hold", "stand", "clean", 60.0, tmp_path)
     assert len(started) == 6
+    monkeypatch.setattr(tool, "__file__", __file__)
+    tool.deploy("hold", "stand", "clean", 60.0, tmp_path)
+    assert len(started) == 8, "an edit of the tool"
