@@ -336,7 +336,8 @@ class PushSettings(WalkSettings):
 
 def next_pushes(settings: PushSettings, rows: Sequence[Row]) -> list[Plan]:
     """Return the next larger push of every ladder (a direction and a draw) that survived all pushes so far."""
-    plans, mass, stride = [], settings.robot.mass, 1.0 / default_command(Gait.WALKING, settings.robot).f
+    plans, mass = [], settings.robot.mass + settings.conditions.payload
+    stride = 1.0 / default_command(Gait.WALKING, settings.robot).f
     for direction in DIRECTIONS:
         for draw in range(settings.episodes):
             steps = [row["fell"] for row in rows if (row["direction"], row["number"]) == (direction, draw)]

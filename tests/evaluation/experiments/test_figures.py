@@ -211,6 +211,12 @@ def test_pushes_get_stronger_until_the_robot_falls():
     assert figures["ladders that ended in a fall"].estimate == wilson_percentage([True] * 8)
 
 
+def test_a_push_changes_the_velocity_of_the_payload_too():
+    conditions = Conditions(payload=10.0)
+    (push,) = forces.next_pushes(forces.PushSettings(episodes=1, conditions=conditions), [])[0].forces
+    assert push.vector[0] * forces.PUSH_TIME == pytest.approx((load_robot().mass + 10.0) * forces.PUSH_STEP)
+
+
 def test_ladders_of_pushes_that_end_without_a_fall_count_once_each():
     settings, rows = forces.PushSettings(), []
     while plans := forces.next_pushes(settings, rows):
