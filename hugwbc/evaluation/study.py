@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from hugwbc.errors import ConfigError
-from hugwbc.evaluation.episode import Row, Settings
+from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result, frame_of, run_experiment, stored_episodes
 from hugwbc.evaluation.figures import Difference, Figure
@@ -163,7 +163,7 @@ def remarks(results: Sequence[Result]) -> list[str]:
     """Say which results lack values of falls, and which figures rest on too few episodes for what is shown of them."""
     found: list[str] = []
     for result in results:
-        if lost := _lost(result.rows):
+        if lost := _lost(result):
             found.append(
                 f"{result.experiment}, {result.controller}: {lost} of {len(result.rows)} episodes fell and lack values "
                 "that others have; means are without these."
@@ -190,7 +190,14 @@ def remarks(results: Sequence[Result]) -> list[str]:
     return found
 
 
-def _lost(rows: Sequence[Row]) -> int:
-    """Return how many episodes fell and lack a value that another one has."""
-    measured = {name for row in rows for name, value in row.items() if value is not None}
-    return sum(any(row.get(name) is None for name in measured) for row in rows if row.get("fell"))
+def _lost(result: Result) -> int:
+    """Return how many episodes fell and lack a value that an upright one of the same case has.
+
+    A case are the episodes whose tags have the same texts; another one may measure something else.
+    """
+    cases = [tuple(tag for tag in plan.tags.values() if isinstance(tag, str)) for plan in result.plans]
+    rows = list(zip(cases, result.rows, strict=True))
+    measured = {(case, name) for case, row in rows if not row.get("fell") for name in row if row[name] is not None}
+    return sum(
+        any(row.get(name) is None for of, name in measured if of == case) for case, row in rows if row.get("fell")
+    )

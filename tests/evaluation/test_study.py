@@ -9,7 +9,7 @@ from hugwbc import Command
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings
-from hugwbc.evaluation.experiment import Experiment
+from hugwbc.evaluation.experiment import Experiment, Result
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, single
 from hugwbc.evaluation.plans import Plan
@@ -85,6 +85,18 @@ def test_too_few_episodes_are_said(longer):
     assert lost == "mine, longer: 2 of 4 episodes fell and lack values that others have; means are without these."
     assert "time, error, RMS, time of the upright rest on 2 or more each; below 8" in few
     assert "4 pairs cannot be told apart" in tested and not found["error, RMS"].is_clear
+
+
+def test_what_a_fall_never_has_is_not_lost():
+    def said(**values):
+        """Return the remarks on a fall with noise that has no value of the arms, beside other episodes."""
+        found = [("noise", {"arms": 0.1}), ("noise", {"fell": True}), ("none", {"fell": True}), ("none", values)]
+        plans = [Plan(draw, tags={"case": case}) for draw, (case, _) in enumerate(found)]
+        rows = [{"arms": None, "touch": None, "fell": False} | row for _, row in found]
+        return remarks([Result("mine", "hold", CountedSettings(), plans, rows, [])])
+
+    assert said() == said(fell=True, touch=0.4)
+    assert said()[0].startswith("mine, hold: 1 of 4 episodes fell") and "2 of 4" in said(arms=0.1)[0]
 
 
 def test_another_setting_is_not_compared():
