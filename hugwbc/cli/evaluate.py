@@ -99,7 +99,7 @@ def measured(entries: Sequence[Entry], place: ExecutionOptions) -> list[Result]:
 
 def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:
     """Return what belongs below the figures: the experiment's note, settings, exceptions, too few episodes, seed."""
-    experiment, settings, lines = entries[0].experiment, results[0].settings, []
+    experiment, settings, lines = entries[0].experiment, entries[0].settings, []  # as given, before they are adapted
     lines += [experiment.note] if experiment.note else []
     lines += [f"Not the default: {settings.remark}."] if settings.remark else []
     for result in results:

@@ -138,6 +138,13 @@ def test_evaluate_prints_the_papers_figures_and_writes_json(tmp_path, capsys):
     assert [row["command"] for row in result["rows"]] == ["h", "p", "w"]
 
 
+def test_evaluate_names_no_setting_that_follows_from_the_controller(capsys):
+    words = ["evaluate", "intervention", "--controller", "hold", "--gait", "standing", "--episodes", "9"]
+    assert main([*words, "--duration", "0.4", "--settle", "0.1", "--results", "None"]) == 0
+    text = capsys.readouterr().out
+    assert "trained with noise" in text and "Not the default: duration 0.4, settle 0.1, gait standing." in text
+
+
 def test_evaluate_keeps_results_and_reads_them_again(tmp_path, capsys):
     words = ["evaluate", "--controller", "hold", "--gait", "standing", "--episodes", "3", "--timestep", "0.005"]
     words += ["--duration", "0.4", "--settle", "0.1", "--results", "kept"]
