@@ -21,7 +21,8 @@ ERROR_UNITS = {
     "E_p": "rad",
     "E_w": "rad",
 }
-TRAININGS = ("noise", "motion", "none")  # what moved the arms in training, in the paper's ablation
+# What moved the arms in training, in the paper's ablation, with the words for it.
+TRAININGS = {"noise": "trained with noise", "motion": "trained with motions", "none": "trained without intervention"}
 ROBOT = "h1"  # of the paper
 HIGH_SPEED = 1.0  # [m/s]; a faster v_x counts towards E_vx_high
 

@@ -6,7 +6,8 @@ import pytest
 
 from hugwbc.evaluation.experiment import Result, frame_of
 from hugwbc.evaluation.experiments import EXPERIMENTS
-from hugwbc.evaluation.experiments.intervention import TRAINED, InterventionSettings, figures
+from hugwbc.evaluation.experiments.intervention import InterventionSettings, figures
+from hugwbc.evaluation.paper import TRAININGS
 from hugwbc.evaluation.plans import Plan
 from hugwbc.report.report_page import Report, sections
 from hugwbc.report.report_plan import ReportPlan
@@ -29,7 +30,7 @@ def test_every_training_has_its_paper_column_before_its_policies():
     report = Report([result("a", "noise"), result("b", "motion")], ["a", "b"], [])
     tables = {table.title: table for table in report.tables(EXPERIMENTS["intervention"])}
     table = tables["Intervention, walking, arms moved by noise"]
-    papers = {key: f"HugWBC, paper, {words}" for key, words in TRAINED.items()}
+    papers = {key: f"HugWBC, paper, {words}" for key, words in TRAININGS.items()}
     assert list(table.columns) == ["", papers["noise"], "a", papers["motion"], "b", papers["none"]]
     row = dict(zip(table.columns, next(row for row in table.rows if row[0] == "E_vx [m/s]"), strict=True))
     assert row[papers["none"]] == 0.8658, "the paper's, for which there is no policy"

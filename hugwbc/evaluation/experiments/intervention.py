@@ -29,7 +29,6 @@ from hugwbc.settings import Count, Positive, settings
 
 ERROR_OF = {name: f"E_{name.replace('_', '')}" for name in COMMAND_NAMES}  # the paper's names; v_x at all speeds
 ARMS = {"noise": "arms moved by noise", "motion": "arms moved by motions", "none": "arms free"}
-TRAINED = {"noise": "trained with noise", "motion": "trained with motions", "none": "trained without intervention"}
 STOOD = 20.0  # [s], in which the paper's feet go so far
 UNTRAINED_AGAINST = "noise"  # the training of the paper's policy that is compared with untrained controllers
 
@@ -82,7 +81,7 @@ def figures(settings: InterventionSettings, rows: pl.DataFrame) -> list[Figure]:
     found, gait = [], settings.gaits[0]
     for arms in INTERVENTIONS:
         table, part = f"Intervention, {settings.gait}, {ARMS[arms]}", rows.filter(pl.col("intervention") == arms)
-        paper, trained = intervention_errors(gait, arms, str(settings.training)), TRAINED[str(settings.training)]
+        paper, trained = intervention_errors(gait, arms, str(settings.training)), TRAININGS[str(settings.training)]
         for name in sampled_commands(gait, settings.robot):
             estimate = bootstrap_mean(part.filter(pl.col("command") == name)["error"])
             error = ERROR_OF[name]
@@ -101,7 +100,7 @@ def figures(settings: InterventionSettings, rows: pl.DataFrame) -> list[Figure]:
 def paper_alone(table: str, values: Mapping[str, float], units: Mapping[str, str], training: str) -> list[Figure]:
     """Return figures of the paper's policy of a training that is not the controller's."""
     return [
-        Figure(table, quantity, units[quantity], None, value, reference=TRAINED[training])
+        Figure(table, quantity, units[quantity], None, value, reference=TRAININGS[training])
         for quantity, value in values.items()
     ]
 
@@ -156,7 +155,7 @@ def displacement_figures(settings: FootDisplacementSettings, rows: pl.DataFrame)
 
     Only a stand as long as the paper's has its figures beside it, and those of its other trainings.
     """
-    found, trained, seconds = [], TRAINED[str(settings.training)], settings.duration - settings.settle
+    found, trained, seconds = [], TRAININGS[str(settings.training)], settings.duration - settings.settle
     printed = foot_displacement if math.isclose(seconds, STOOD) else lambda arms, training: {}
     names = sampled_commands(Gait.STANDING, settings.robot)
     for arms in INTERVENTIONS:

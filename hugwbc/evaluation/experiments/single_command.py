@@ -19,7 +19,7 @@ from hugwbc.evaluation.episode import MOVING, CountedSettings, Row, Settings, en
 from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, known
-from hugwbc.evaluation.paper import ERROR_UNITS, error_name, other_controllers, single_command_errors
+from hugwbc.evaluation.paper import ERROR_UNITS, TRAININGS, error_name, other_controllers, single_command_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.robot import Robot
@@ -129,7 +129,10 @@ def episode_error(trace: Trace, command: str, settle: float) -> float:
 
 
 def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return the errors by the paper's names, impacts, paths of the feet and falls, and what others published."""
+    """Return the errors by the paper's names, impacts, paths of the feet and falls, and what others published.
+
+    Moved arms are compared with the paper's best policy, the one trained with noise.
+    """
     table, found = f"Single command, {settings.gait}", []
     paper = single_command_errors(settings.gaits[0], settings.conditions.intervention)
     if "E_vx" in paper:  # at all speeds
@@ -162,7 +165,8 @@ def figures(settings: SingleCommandSettings, rows: pl.DataFrame) -> list[Figure]
             for name, errors in other_controllers().items()
             for error, value in errors.items()
         ]
-    return found
+    trained = "" if settings.conditions.intervention == "none" else TRAININGS["noise"]
+    return [dataclasses.replace(figure, reference=trained) for figure in found]
 
 
 EXPERIMENT = Experiment(

@@ -72,6 +72,7 @@ def test_single_commands_beside_the_paper_and_what_it_prints_for_others():
     slow = SINGLE | {"command": "v_x", "error_name": "E_vx_low", "error": 0.1}
     moved = by_quantity(single_command.figures(settings, frame_of([slow, rows[2] | {"error": 0.5}])))
     assert moved["E_vx"].value == pytest.approx(0.3) and moved["E_vx"].paper == 0.0483, "at all speeds"
+    assert moved["E_vx"].reference == moved["falls"].reference == "trained with noise" and not mine["E_h"].reference
     assert moved["E_vx_low"].value == 0.1 and moved["E_vx_low"].paper is None and "E_vx" not in mine
     hover = {f.quantity: f for f in figures if f.controller == "HOVER"}
     assert hover["E_h"].published == 0.27 and "E_f" not in hover
