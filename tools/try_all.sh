@@ -77,7 +77,6 @@ try single-command $EVALUATE single-command --controller learned --episodes 8 --
 try single-command-resumed $EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS
 try two-workers $EVALUATE single-command --controller qp --episodes 8 --duration 3 --workers 2 $RESULTS
 try intervention $EVALUATE intervention --controller learned --episodes 24 --duration 2.5 $RESULTS
-try foot-displacement $EVALUATE foot-displacement --controller learned --episodes 9 --duration 3 $RESULTS
 try disturbance $EVALUATE disturbance --controller learned --rollouts 1 --first 200 --limit 200 --duration 3 $RESULTS
 try ramp $EVALUATE ramp --controller learned --episodes 1 $RESULTS
 try contacts $EVALUATE contacts --controller learned --episodes 1 $RESULTS

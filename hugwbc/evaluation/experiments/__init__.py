@@ -23,7 +23,7 @@ from hugwbc.evaluation.experiments import (
 )
 from hugwbc.evaluation.experiments.behaviours import ARRIVE, BEHAVIOURS, BOXES
 from hugwbc.evaluation.experiments.forces import CARRY, PRESS, PULL, PUSH, SWAY
-from hugwbc.evaluation.experiments.intervention import FOOT_DISPLACEMENT, INTERVENTION
+from hugwbc.evaluation.experiments.intervention import INTERVENTION
 
 # In the order in which the command line lists them and the report shows them.
 EXPERIMENTS: Mapping[str, Experiment[Any]] = {
@@ -31,7 +31,6 @@ EXPERIMENTS: Mapping[str, Experiment[Any]] = {
     for experiment in (
         single_command.EXPERIMENT,
         INTERVENTION,
-        FOOT_DISPLACEMENT,
         disturbance.EXPERIMENT,
         ramp.EXPERIMENT,
         contacts.EXPERIMENT,

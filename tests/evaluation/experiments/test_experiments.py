@@ -25,7 +25,6 @@ QUICK = {"duration": 0.3, "settle": 0.1, "conditions": Conditions(timestep=0.005
 SHORT = {
     "single-command": {"gait": "standing", "episodes": 3},
     "intervention": {"gait": "standing", "episodes": 9},
-    "foot-displacement": {"episodes": 9},
     "disturbance": {"rollouts": 1, "first": 5e3, "limit": 5e3, "resolution": 0.9, "settle": 0.1, "duration": 2.0},
     "ramp": {"gait": "standing", "episodes": 1, "settle": 3.0, "duration": 3.3},
     "contacts": {"gait": "standing"},
@@ -155,7 +154,6 @@ def test_a_fault_after_the_end_is_refused_where_the_experiment_has_its_own_times
         ),
         ("intervention", {"episodes": 23}, "give 24 or more: 3 interventions and 8 commands"),
         ("intervention", {"training": "nois"}, "noise"),
-        ("foot-displacement", {"gait": "walking"}, "takes standing"),
         ("disturbance", {"duration": 2.0}, "leave 1.5 s for the force"),
         ("disturbance", {"first": 900.0}, "give first <= limit"),
         ("ramp", {"settle": 2.0}, "give 3.0 s or more"),

@@ -188,12 +188,13 @@ def test_a_controller_is_compared_with_the_policy_of_its_training():
 
 @pytest.mark.parametrize(("duration", "paper"), [(21.0, 0.0339), (11.0, None)])
 def test_a_stand_of_another_length_is_not_compared_with_the_papers(duration, paper):
-    settings = intervention.FootDisplacementSettings(duration=duration, training="noise")
-    row = END | {"intervention": "noise", "command": "h", "foot_travel": 0.02, "foot_creep": 0.01}
-    found = intervention.displacement_figures(settings, frame_of([row]))
-    (mine,) = [f for f in found if f.quantity == "h commanded" and f.value is not None]
-    assert mine.paper == paper and f"in {duration - 1.0:g} s" in mine.table
-    assert any(f.estimate is None for f in found) is (paper is not None)
+    settings = intervention.InterventionSettings(gait="standing", duration=duration, training="noise")
+    row = SINGLE | {"intervention": "noise", "command": "h", "foot_travel": 0.02, "foot_creep": 0.01}
+    found = intervention.figures(settings, frame_of([row, row | {"foot_travel": 9.0, "fell": True}]))
+    feet = [f for f in found if f.quantity == "foot displacement, h commanded" and "by noise" in f.table]
+    (mine,) = [f for f in feet if f.estimate is not None]
+    assert (mine.value, mine.paper, mine.unit) == (0.02, paper, f"m in {duration - 1.0:g} s")
+    assert [f.paper for f in feet if f.estimate is None] == ([2.0815, 17.5358] if paper else [])
 
 
 def test_the_clock_is_shifted_to_where_it_agrees():
