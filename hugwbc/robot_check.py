@@ -90,15 +90,6 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
     if sorted(below) == sorted(names) and below != names:
         yield f"`joints` do not follow one another down each limb, as in MuJoCo; give them as {', '.join(below)}"
 
-    def chain(link: str, top: str) -> list[str] | None:
-        names: list[str] = []
-        while link != top:
-            if link not in above:
-                return None
-            names.append(above[link]["name"])
-            link = above[link]["parent"]
-        return names[::-1]
-
     for part, name, axis, wanted in _axes(table):
         if (along := axis["xyz".index(wanted)]) > _ALONG:
             continue
@@ -114,7 +105,7 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
         )
     yield from _leg_frames(table)
     for limb, end, top in (("leg", "foot", "base"), ("arm", "hand", "trunk"), ("waist", "trunk", "base")):
-        joints, parts = chain(roles[end], roles[top]), list(roles[limb].values())
+        joints, parts = _chain(table, roles[end], roles[top]), list(roles[limb].values())
         if joints is not None and limb == "waist" and not joints:
             yield (
                 f"no waist is between {roles[top]} (base) and {roles[end]} (trunk), where {', '.join(parts)} is to be; "
@@ -127,7 +118,7 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
             between = f"{', '.join(joints) or 'no joints'} between {roles[top]} and {roles[end]}"
             yield f"roles `{limb}` are {', '.join(parts)}, and there are {between}; give some of these, in their order"
     imu, yaw = table["imu"]["parent"], roles["waist"]["yaw"]
-    held = [name for name in chain(imu, roles["base"]) or () if name != yaw]
+    held = [name for name in _chain(table, imu, roles["base"]) or () if name != yaw]
     if imu not in (roles["base"], roles["trunk"]):
         yield f"imu is on {imu}; give a frame of {roles['base']} or {roles['trunk']}"
     elif held:
@@ -144,6 +135,17 @@ def _tree(table: Mapping[str, Any]) -> Iterator[str]:
                 f"{yaw} turns about an axis {tilt:.0f} degrees from +z, and the IMU on {imu} with it, which is taken "
                 f"for a turn about z; give a frame of {roles['base']}"
             )
+
+
+def _chain(table: Mapping[str, Any], link: str, top: str) -> list[str] | None:
+    """Return the names of the joints from the link `top` down to another one; None if that is not below it."""
+    above, names = {joint["child"]: joint for joint in table["joints"]}, list[str]()
+    while link != top:
+        if link not in above:
+            return None
+        names.append(above[link]["name"])
+        link = above[link]["parent"]
+    return names[::-1]
 
 
 def _leg_frames(table: Mapping[str, Any]) -> Iterator[str]:
@@ -202,11 +204,8 @@ def _drives(table: Mapping[str, Any]) -> Iterator[str]:
 def _sides(table: Mapping[str, Any]) -> Iterator[str]:
     """Check that left and right legs and arms are mirror images; grippers need not be."""
     joints, links = ({row["name"]: row for row in table[kind]} for kind in ("joints", "links"))
-    above, limbs = {joint["child"]: joint for joint in table["joints"]}, []  # all from base to left foot and left hand
-    for link in (table["roles"]["foot"], table["roles"]["hand"]):
-        while link in above:
-            limbs.append(above[link]["name"])
-            link = above[link]["parent"]
+    roles = table["roles"]
+    limbs = {name for end in ("foot", "hand") for name in _chain(table, roles[end], roles["base"]) or ()}  # of the left
     for name, joint in joints.items():
         if (other := joints.get(other_side(name))) is None:
             yield (

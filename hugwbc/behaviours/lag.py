@@ -11,9 +11,9 @@ from hugwbc.scripts.view import View
 from hugwbc.stride import OverStride
 
 STUCK = 3.0  # [s], after which a robot that is held is stuck
-_START = 2.0  # [s], how much longer at the start of a walk
+START = 2.0  # [s], how much longer at the start of a walk or a push
 _TIME = 3.5  # [s], over which the lag is learnt
-_MOST = np.array([0.2, 0.2, 0.2])  # [m/s], [m/s], [rad/s]
+_MOST = 0.2  # [m/s], [rad/s]
 _SLOWEST_HELD = 0.08, 0.15  # [m/s], [rad/s]; a robot that is told to walk slower may stay behind without being held
 _PUSHES = 5.0  # [N] against the way on both hands, from which on they push something
 _HELD = 0.2  # share of the wanted velocity below which the mean of a stride is that of a robot which is held
@@ -42,7 +42,7 @@ class Lag:
             return
         if begins:
             self._pace, self._time = OverStride(), view.time
-            self._free = np.full(2, view.time + _START)  # when it last walked, and turned, as it was told
+            self._free = np.full(2, view.time + START)  # when it last walked, and turned, as it was told
         share, self._time = min((view.time - self._time) / _TIME, 1.0), view.time
         asked, walked = told.array()[:3], view.state.heading_velocity
         felt = np.zeros(3) if view.hand_force is None else view.hand_force.sum(axis=0)

@@ -27,7 +27,7 @@ from hugwbc.behaviours.course import (
     standing,
     step,
 )
-from hugwbc.behaviours.lag import STUCK
+from hugwbc.behaviours.lag import START, STUCK
 from hugwbc.behaviours.stops import SETTLED
 from hugwbc.commands import VELOCITY_NAMES, Command, default_command
 from hugwbc.errors import ConfigError
@@ -46,7 +46,6 @@ _SLOWEST_TURN = 0.6  # [rad/s], of a turn
 _SLOW_TIME = 0.6  # [s] near the goal before the robot stands
 _HAUL_GAIN = 0.8  # [1/s], speed of a push per distance that is left, and per distance from the line
 _SLOWEST = 0.08  # [m/s], of a push
-_START = 2.0  # [s], how much longer than `STUCK` what is pushed may take to move at the start
 
 
 class Goal(NamedTuple):
@@ -177,7 +176,7 @@ def _haul(view: View, name: str, distance: float, speed: float, sign: float) -> 
             break
         if moved > far + 0.01:
             far, time = moved, view.time
-        if view.time - time > STUCK + _START * (far == 0.0):
+        if view.time - time > STUCK + START * (far == 0.0):
             raise Failure(f"{progress} and is stuck")
         turn = float(rotations.wrap_angle(yaw - view.state.yaw))
         aside = float((start - view.position) @ axes[:, 1])

@@ -18,7 +18,7 @@ from hugwbc.learned.env.randomization import rand, uniform
 from hugwbc.robot import Robot
 
 _RULE = "rule."  # before the names of settings, in the state
-_V_X, _OMEGA = COMMAND_NAMES.index("v_x"), COMMAND_NAMES.index("omega")
+_OMEGA = COMMAND_NAMES.index("omega")
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
 
