@@ -111,7 +111,8 @@ class DatasetWriter:
             tasks: tasks of which there will be episodes, at least one.
             robot: the robot.
             images: height and width of the films of each episode by camera [pixels]; None for no films.
-            settings: what else the episodes depend on, as JSON; a killed recording with others is not continued.
+            settings: what else the episodes depend on, as JSON; a killed recording with others, or with another scene,
+                is not continued.
         """
         self.folder = pathlib.Path(folder).absolute()
         if os.path.lexists(self.folder):
@@ -125,7 +126,8 @@ class DatasetWriter:
         self._schema = pa.schema([(key, _arrow_type(feature)) for key, feature in columns.items()])
         self._staging = self.folder.with_name(f".{self.folder.name}.partial")
         self._settings = json.dumps(dict(settings or {}))
-        self._key = json.dumps([self._features, self._tasks, self._settings])
+        scenes = [repr(task.scene) for task in tasks]  # an edited one has the name of the last
+        self._key = json.dumps([self._features, self._tasks, self._settings, scenes])
         self._only = contextlib.ExitStack()
         self._steps: dict[str, int] = {}
         self._seen: dict[str, list[Mapping[str, Any]]] = {}
@@ -142,8 +144,8 @@ class DatasetWriter:
             if key != self._key:
                 self._only.close()
                 raise ConfigError(
-                    f"{self._staging} holds an unfinished recording with other settings; repeat it with those, or "
-                    "remove the folder"
+                    f"{self._staging} holds an unfinished recording with other settings or another scene; "
+                    "repeat it with those, or remove the folder"
                 )
             for line in lines:
                 with contextlib.suppress(ValueError):  # half a line: the process was killed in the middle of it

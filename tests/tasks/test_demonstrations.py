@@ -351,6 +351,14 @@ def test_two_recordings_and_other_settings_are_kept_apart(tmp_path):
         DatasetWriter(tmp_path / "more", tasks, ROBOT, settings={"controller": "learned"}),
     ):
         pass
+    first, *others = tasks[0].scene.objects
+    scene = dataclasses.replace(tasks[0].scene, objects=(dataclasses.replace(first, yaw=0.1), *others))
+    edited = dataclasses.replace(tasks[0], scene=scene)
+    with (
+        pytest.raises(ConfigError, match="other settings or another scene"),
+        DatasetWriter(tmp_path / "more", [edited], ROBOT, settings={"controller": "qp"}),
+    ):
+        pass
     assert (tmp_path / ".more.partial" / "episodes.jsonl").read_bytes() == journal
 
 
