@@ -71,6 +71,16 @@ QUICK = {  # by experiment, what it takes instead with --quick; one episode of e
     "boxes": "--episodes 1 --masses 2 6",
 }
 BOTH = {"QP": "qp", "learned": "learned"}
+PUBLIC = {  # other projects' policies, each with its contract and its file in the folder of --public
+    "unitree_rl_gym's H1": ("unitree-h1", "unitree-h1.pt"),
+    "LeggedLabDeploy's H1": ("leggedlab-h1", "leggedlab-h1.pt"),
+    "unitree_rl_gym's G1": ("unitree-g1", "unitree-g1.pt"),
+    "LeggedLabDeploy's G1": ("leggedlab-g1", "leggedlab-g1.pt"),
+    "unitree_rl_lab's G1": ("unitree-lab-g1", "unitree-lab-g1.onnx"),
+    "holosoma's G1 (FastSAC)": ("holosoma-g1", "holosoma-g1.onnx"),
+    "holosoma's G1 (PPO)": ("holosoma-g1", "holosoma-ppo-g1.onnx"),
+    "MuJoCo Playground's G1": ("playground-g1", "playground-g1.onnx"),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,10 +163,9 @@ TABLES = {
     "public": Table(
         RESULTS,
         {
-            f"{project}'s {robot.upper()}": f"single-command --robot {robot} --controller {name}-{robot}"
-            f" --policy {{public}}/{name}-{robot}.pt --episodes 128"
-            for robot in ("h1", "g1")
-            for project, name in (("unitree_rl_gym", "unitree"), ("LeggedLabDeploy", "leggedlab"))
+            label: f"single-command --robot {contract[-2:]} --controller {contract} --policy {{public}}/{file}"
+            " --episodes 128"
+            for label, (contract, file) in PUBLIC.items()
         },
         (*ERRORS[:5], FALLS),  # they have no other commands
     ),

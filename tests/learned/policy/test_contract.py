@@ -83,9 +83,11 @@ def test_a_contract_is_what_the_file_says(tmp_path):
 
 
 def test_the_shipped_contracts_are_those_of_public_policies():
-    assert shipped_contracts() == ["leggedlab-g1", "leggedlab-h1", "unitree-g1", "unitree-h1"]
-    g1 = load_contract("unitree-g1")
-    assert g1.robot == "g1" and g1.input_sizes == (47,) and load_contract("leggedlab-g1").input_sizes == (96,)
+    g1 = {"holosoma": 100, "leggedlab": 96, "playground": 103, "unitree": 47, "unitree-lab": 5 * 96}  # their inputs
+    assert shipped_contracts() == sorted([*(f"{name}-g1" for name in g1), "leggedlab-h1", "unitree-h1"])
+    for name, size in g1.items():
+        contract = load_contract(f"{name}-g1")
+        assert contract.robot == "g1" and contract.input_sizes == (size,)
     contract = load_contract("unitree-h1")
     assert contract.input_sizes == (41,) and len(contract.joints) == 10 and contract.policy is None
     assert contract.name == "unitree-h1" and contract.period == 0.02 and contract.clock_period == 0.8
