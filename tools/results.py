@@ -69,6 +69,7 @@ QUICK = {  # by experiment, what it takes instead with --quick; one episode of e
     "arrive": "--episodes 4",
     "engines": "--episodes 1 --duration 8",
     "boxes": "--episodes 1 --masses 2 6",
+    "intervention": "--episodes 24 --duration 4",
 }
 BOTH = {"QP": "qp", "learned": "learned"}
 PUBLIC = {  # other projects' policies, each with its contract and its file in the folder of --public
@@ -81,6 +82,11 @@ PUBLIC = {  # other projects' policies, each with its contract and its file in t
     "holosoma's G1 (PPO)": ("holosoma-g1", "holosoma-ppo-g1.onnx"),
     "MuJoCo Playground's G1": ("playground-g1", "playground-g1.onnx"),
 }
+WHOLE_BODY = BOTH | {  # what moves a G1 while its arms are moved from outside
+    name.upper(): f"tools/public_controllers.py:{name} --policy {{public}}/{name.lower()}-g1.onnx"
+    for name in ("Homie", "Falcon")
+}
+NEED_PUBLIC = ("public", "whole-body")  # tables with networks of other projects
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,6 +174,17 @@ TABLES = {
             for label, (contract, file) in PUBLIC.items()
         },
         (*ERRORS[:5], FALLS),  # they have no other commands
+    ),
+    "whole-body": Table(
+        ("docs/comparison.md",),
+        {
+            label: "; ".join(
+                f"intervention --robot g1 --gait {gait} --episodes {episodes} --controller {controller}"
+                for gait, episodes in (("standing", 72), ("walking", 192))  # eight of each cell
+            )
+            for label, controller in WHOLE_BODY.items()
+        },
+        ("E_vx", "E_vy", "E_omega", "E_h", "E_w", FALLS),  # neither HOMIE nor FALCON has other commands
     ),
     "response": Table(RESULTS, _both("response --controller {}"), tall=True),
     "hands": Table(
@@ -359,7 +376,7 @@ def check(tables: dict[str, Table], options: argparse.Namespace) -> int:
     now, old = short_commit(), []
     for name, table in tables.items():
         # Without the folder of their networks, the commands of other people's are not known.
-        made = commands(runs_of(table, options)) if name != "public" or options.public else ""
+        made = commands(runs_of(table, options)) if name not in NEED_PUBLIC or options.public else ""
         for document in table.documents:
             parts = {part["name"]: part for part in marked((ROOT / document).read_text())}
             commit, body = parts[name].group("commit", "body") if name in parts else ("", "")
@@ -384,7 +401,7 @@ def main() -> int:
     parser.add_argument(
         "--check", action="store_true", help="run nothing; fail if a table is of another commit or command"
     )
-    parser.add_argument("--public", help="folder with other people's networks, named as their contracts: unitree-h1.pt")
+    parser.add_argument("--public", help="folder with other people's networks, named as PUBLIC and WHOLE_BODY say")
     parser.add_argument("--policy", help="policy of an H1: print the tables with it as the only controller")
     options = parser.parse_args()
     if options.check:
@@ -394,7 +411,7 @@ def main() -> int:
             f"a table belongs to a commit, but the source is {short_commit()}, changed since; commit or undo the "
             "changes, or only print the tables with --quick"
         )
-    tables = {name: TABLES[name] for name in options.only if name != "public" or options.public}
+    tables = {name: TABLES[name] for name in options.only if name not in NEED_PUBLIC or options.public}
     for name, table in tables.items():  # now, and not after hours
         for document in table.documents:
             replaced((ROOT / document).read_text(), name, "", "")

@@ -1,0 +1,78 @@
+"""Adapters of public policies, with a network that tells what it reads."""
+
+import importlib.util
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+
+from hugwbc import Command, Gait, RobotState, UpperBody, load_robot
+from hugwbc.errors import ConfigError
+from hugwbc.runtime import Simulation
+
+TOOL = pathlib.Path(__file__).parents[2] / "tools" / "public_controllers.py"
+ROBOT = load_robot("g1")
+
+
+@pytest.fixture(scope="module")
+def tool():
+    spec = importlib.util.spec_from_file_location("public_controllers", TOOL)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["public_controllers"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def state() -> RobotState:
+    return Simulation(robot="g1", sensing="exact").state()
+
+
+def built(tool, monkeypatch, name: str, action: float) -> tuple:
+    """Return a controller whose network always gives the same action, and the list of what it reads."""
+    seen = []
+    made = getattr(tool, name)
+    monkeypatch.setattr(
+        tool, "load_network", lambda path, state: lambda inputs: seen.append(inputs[0]) or np.full(sizes[1], action)
+    )
+    controller = made("network.onnx")
+    sizes = (controller.frames, controller.actions)
+    return controller, seen
+
+
+# Sizes of the published networks' inputs and outputs.
+@pytest.mark.parametrize(("name", "inputs", "actions"), [("Homie", 456, 12), ("Falcon", 575, 29)])
+def test_it_reads_what_the_published_network_takes(tool, monkeypatch, state, name, inputs, actions) -> None:
+    controller, seen = built(tool, monkeypatch, name, 0.5)
+    controller.reset(state)
+    none = UpperBody.none(len(ROBOT.arms))
+    for _ in range(2):
+        command = controller.act(state, Command(h=-0.1, gait=Gait.WALKING, v_x=0.3), none)
+    assert controller.actions == actions and [len(one) for one in seen] == [inputs, inputs]
+    frame = inputs // controller.frames
+    assert not seen[0][:-frame].any(), "frames before the start are zeros"
+    np.testing.assert_array_equal(seen[1][-2 * frame : -frame], seen[0][-frame:])
+    knee = ROBOT.index("left_knee_joint")
+    assert command.q[knee] == pytest.approx(0.3 + 0.25 * 0.5) and command.is_finite
+    assert any(np.isclose(seen[0][-frame:], {"Homie": 0.64, "Falcon": 2 * 0.65}[name])), "the height over the ground"
+
+
+def test_arms_and_waist_go_where_they_are_told(tool, monkeypatch, state) -> None:
+    q = np.linspace(-0.2, 0.2, len(ROBOT.arms))
+    for name, action, moved in (("Homie", 0.0, 0.0), ("Falcon", 0.4, 0.1)):
+        controller, seen = built(tool, monkeypatch, name, action)
+        controller.reset(state)
+        command = controller.act(state, Command(w=0.3), UpperBody.targets(q))
+        np.testing.assert_allclose(command.q[ROBOT.arms], q + moved, err_msg=name)
+        if name == "Homie":
+            assert command.q[ROBOT.waist] == 0.3
+        else:
+            np.testing.assert_allclose(seen[0][-len(q) :], q)
+            assert 0.3 in np.float64(seen[0][-115:]).round(6) and command.q[ROBOT.waist] == pytest.approx(0.1)
+
+
+def test_without_a_network_it_says_where_one_is(tool) -> None:
+    with pytest.raises(ConfigError, match="homie has no network; give the ONNX file with --policy"):
+        tool.Homie()
