@@ -86,7 +86,7 @@ WHOLE_BODY = BOTH | {  # what moves a G1 while its arms are moved from outside
     name.upper(): f"tools/public_controllers.py:{name} --policy {{public}}/{name.lower()}-g1.onnx"
     for name in ("Homie", "Falcon")
 }
-NEED_PUBLIC = ("public", "whole-body")  # tables with networks of other projects
+NEED_PUBLIC = ("public", "whole-body", "whole-body-tasks")  # tables with networks of other projects
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,6 +185,15 @@ TABLES = {
             for label, controller in WHOLE_BODY.items()
         },
         ("E_vx", "E_vy", "E_omega", "E_h", "E_w", FALLS),  # neither HOMIE nor FALCON has other commands
+    ),
+    "whole-body-tasks": Table(
+        ("docs/comparison.md",),
+        {
+            label: f"tasks --robot g1 --episodes 10 --controller {controller}"
+            for label, controller in WHOLE_BODY.items()
+        },
+        ("success",),
+        tall=True,
     ),
     "response": Table(RESULTS, _both("response --controller {}"), tall=True),
     "hands": Table(
