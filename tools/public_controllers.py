@@ -5,9 +5,9 @@
 
 Their networks are not part of hugwbc: HomieDeploy/deploy.onnx of InternRobotics/OpenHomie (CC BY-NC, commit cefcd85),
 sim2real/models/falcon/g1_29dof.onnx of LeCAR-Lab/FALCON (MIT, commit 25ad085). Numbers and the order of the observation
-come from HomieDeploy/g1_gym_deploy/envs/lcm_agent.py, and from sim2real/config/g1/g1_29dof_falcon.yaml and
-sim2real/rl_policy. Both are told a height over the ground, which a contract does not know; FALCON also whether it
-walks, and where the arms should be.
+come from HomieDeploy (g1_gym_deploy/envs/lcm_agent.py; gains: unitree_sdk2/g1_control.cpp), and from sim2real
+(config/g1/g1_29dof_falcon.yaml, rl_policy). Both are told a height over the ground, which a contract does not know;
+FALCON also whether it walks, and where the arms should be.
 """
 
 import pathlib
@@ -94,8 +94,8 @@ class Homie(PublicPolicy):
     name = "homie"
     frames = 6
     joints = (*LEGS, WAIST[0], *ARMS)
-    kp = (*(150.0, 150.0, 150.0, 300.0, 40.0, 40.0) * 2, 300.0, *(200.0, 200.0, 200.0, 100.0, 20.0, 20.0, 20.0) * 2)
-    kd = (*(2.0, 2.0, 2.0, 4.0, 4.0, 4.0) * 2, 5.0, *(4.0, 4.0, 4.0, 1.0, 0.5, 0.5, 0.5) * 2)
+    kp = (*(150.0, 150.0, 150.0, 300.0, 40.0, 40.0) * 2, 300.0, *(150.0, 150.0, 150.0, 100.0, 10.0, 10.0, 5.0) * 2)
+    kd = (*(2.0, 2.0, 2.0, 4.0, 2.0, 2.0) * 2, 5.0, *(4.0, 4.0, 4.0, 1.0, 0.5, 0.5, 0.5) * 2)
     height = 0.74
 
     @property
@@ -114,7 +114,10 @@ class Homie(PublicPolicy):
 
 
 class Falcon(PublicPolicy):
-    """The policy of FALCON (Zhang et al., 2025): it moves all joints, the arms about where they should be."""
+    """The policy of FALCON (Zhang et al., 2025): it moves all joints, the arms about where they should be.
+
+    It was trained to change height and waist in stands only, and is told neither in a walk.
+    """
 
     name = "falcon"
     frames = 5
@@ -126,11 +129,13 @@ class Falcon(PublicPolicy):
     def frame(self, state: RobotState, command: Command, arms: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the parts in the alphabetical order of their names in FALCON."""
         position, velocity = self._joint_readings(state)
+        walks = command.gait is not Gait.STANDING
+        h, w = (0.0, 0.0) if walks else (command.h, command.w)
         return (
             self._action,
             0.25 * state.angular_velocity,
-            np.array([command.omega, 2.0 * (self.height + command.h), command.v_x, command.v_y]),
-            np.array([float(command.gait is not Gait.STANDING), command.w, 0.0, 0.0]),
+            np.array([command.omega, 2.0 * (self.height + h), command.v_x, command.v_y]),
+            np.array([float(walks), w, 0.0, 0.0]),
             position,
             velocity,
             state.projected_gravity,

@@ -49,7 +49,7 @@ def test_it_reads_what_the_published_network_takes(tool, monkeypatch, state, nam
     controller.reset(state)
     none = UpperBody.none(len(ROBOT.arms))
     for _ in range(2):
-        command = controller.act(state, Command(h=-0.1, gait=Gait.WALKING, v_x=0.3), none)
+        command = controller.act(state, Command(h=-0.1), none)
     assert controller.actions == actions and [len(one) for one in seen] == [inputs, inputs]
     frame = inputs // controller.frames
     assert not seen[0][:-frame].any(), "frames before the start are zeros"
@@ -57,6 +57,13 @@ def test_it_reads_what_the_published_network_takes(tool, monkeypatch, state, nam
     knee = ROBOT.index("left_knee_joint")
     assert command.q[knee] == pytest.approx(0.3 + 0.25 * 0.5) and command.is_finite
     assert any(np.isclose(seen[0][-frame:], {"Homie": 0.64, "Falcon": 2 * 0.65}[name])), "the height over the ground"
+
+
+def test_falcon_walks_at_one_height(tool, monkeypatch, state) -> None:
+    controller, seen = built(tool, monkeypatch, "Falcon", 0.0)
+    controller.reset(state)
+    controller.act(state, Command(h=-0.1, w=0.3, v_x=0.2, gait=Gait.WALKING), UpperBody.none(len(ROBOT.arms)))
+    np.testing.assert_allclose(seen[0][-115:][32:40], [0.0, 2 * 0.75, 0.2, 0.0, 1.0, 0.0, 0.0, 0.0], atol=1e-6)
 
 
 def test_arms_and_waist_go_where_they_are_told(tool, monkeypatch, state) -> None:
