@@ -1,4 +1,4 @@
-"""Public policies for a G1 that also take the body's height, and that a contract cannot describe; beside ours.
+"""Public policies for a G1 that also take the body's height, and that a contract alone cannot describe; beside ours.
 
     hugwbc evaluate single-command --robot g1 --controller tools/public_controllers.py:Homie --policy deploy.onnx
     hugwbc compare --robot g1 --controllers qp learned tools/public_controllers.py:Falcon=g1_29dof.onnx
@@ -6,138 +6,122 @@
 Their networks are not part of hugwbc: HomieDeploy/deploy.onnx of InternRobotics/OpenHomie (CC BY-NC, commit cefcd85),
 sim2real/models/falcon/g1_29dof.onnx of LeCAR-Lab/FALCON (MIT, commit 25ad085). Numbers and the order of the observation
 come from HomieDeploy (g1_gym_deploy/envs/lcm_agent.py; gains: unitree_sdk2/g1_control.cpp), and from sim2real
-(config/g1/g1_29dof_falcon.yaml, rl_policy). Both are told a height over the ground, which a contract does not know;
-FALCON also whether it walks, and where the arms should be.
+(config/g1/g1_29dof_falcon.yaml, rl_policy). Both are told a height over the ground, not above a stand; FALCON also
+whether it walks, and where the arms should be.
 """
 
+import dataclasses
 import pathlib
 
 import numpy as np
 
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, load_robot
-from hugwbc.controller import override_arms
 from hugwbc.errors import ConfigError
-from hugwbc.learned.policy.network_files import load_network
+from hugwbc.learned.policy.contract import Contract, History, Term
+from hugwbc.learned.policy.network_files import Network, load_network
+from hugwbc.learned.policy.network_policy import NetworkPolicy, tried
+from hugwbc.learned.policy.terms import TERMS, ObservationTerm
 
+ROBOT = load_robot("g1")
 LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
-WAIST = ("waist_yaw_joint", "waist_roll_joint", "waist_pitch_joint")
-ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch", "wrist_yaw")
 LEGS = tuple(f"{side}_{joint}_joint" for side in ("left", "right") for joint in LEG)
-ARMS = tuple(f"{side}_{joint}_joint" for side in ("left", "right") for joint in ARM)
+WAIST = ("waist_yaw_joint", "waist_roll_joint", "waist_pitch_joint")
+ARMS = ROBOT.arm_names
 BENT = (-0.1, 0.0, 0.0, 0.3, -0.2, 0.0) * 2  # of the legs at action 0 [rad]; all other joints are at 0
-SCALE = 0.25  # [rad] of a joint target for an action of 1
-CLIP = 100.0  # of the actions
+SHARED = {"robot": "g1", "period": 0.02, "action_scale": 0.25, "action_clip": 100.0}
+
+TERMS["walks"] = ObservationTerm(
+    about="1 in a gait with steps, else 0", size=1, signs=(1.0,), read=lambda s: (s.gait != int(Gait.STANDING))[:, None]
+)
+TERMS["arm_pose"] = ObservationTerm(
+    about="positions of the arms at action 0",
+    size=len(ARMS),
+    signs=(1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0),
+    sides=True,
+    read=lambda s: np.broadcast_to(s.pose[ROBOT.arms], (len(s.gait), len(ARMS))),
+)
+
+HOMIE = Contract(
+    **SHARED,
+    name="homie",
+    joints=LEGS,
+    default_pose=BENT,
+    kp=(150.0, 150.0, 150.0, 300.0, 40.0, 40.0) * 2,
+    kd=(2.0, 2.0, 2.0, 4.0, 2.0, 2.0) * 2,
+    held_pose=dict.fromkeys(ARMS, 0.0),
+    waist_rate=100.0,  # at once
+    history=History(6, start="zeros"),
+    observation=(
+        Term("command", names=("v_x", "v_y", "omega", "h"), scale=(2.0, 2.0, 0.25, 1.0)),
+        Term("angular_velocity", scale=0.5),
+        Term("gravity"),
+        Term("joint_position", joints=(*LEGS, WAIST[0], *ARMS)),
+        Term("joint_velocity", joints=(*LEGS, WAIST[0], *ARMS), scale=0.05),
+        Term("last_action"),
+    ),
+)
+FALCON = Contract(
+    **SHARED,
+    name="falcon",
+    joints=(*LEGS, *WAIST, *ARMS),
+    default_pose=(*BENT, *(0.0,) * 17),
+    kp=(*(100.0, 100.0, 100.0, 200.0, 20.0, 20.0) * 2, *(300.0,) * 3, *(90.0, 60.0, 20.0, 60.0, 4.0, 4.0, 4.0) * 2),
+    kd=(*(2.5, 2.5, 2.5, 5.0, 0.2, 0.1) * 2, *(5.0,) * 3, *(2.0, 1.0, 0.4, 1.0, 0.2, 0.2, 0.2) * 2),
+    history=History(5, start="zeros"),
+    observation=(  # in the alphabetical order of FALCON's names
+        Term("last_action"),
+        Term("angular_velocity", scale=0.25),
+        Term("command", names=("omega",)),
+        Term("command", names=("h",), scale=2.0),
+        Term("command", names=("v_x", "v_y")),
+        Term("walks"),
+        Term("command", names=("w",)),
+        Term("constant", value=(0.0, 0.0)),
+        Term("joint_position", joints=(*LEGS, *WAIST)),
+        Term("absolute_joint_position", joints=ARMS),
+        Term("joint_velocity", scale=0.05),
+        Term("gravity"),
+        Term("arm_pose"),
+    ),
+)
 
 
-class PublicPolicy:
-    """A network that reads the last frames, oldest first, and moves the first of its joints."""
+def network_of(contract: Contract, policy: str | None) -> Network:
+    """Load the network of an ONNX file, and check that it fits."""
+    if policy is None:
+        raise ConfigError(f"{contract.name} has no network; give the ONNX file with --policy, see {__file__}")
+    path = pathlib.Path(policy)
+    return tried(load_network(path, {}), contract, path)
 
-    name: str
-    period = 0.02
-    frames: int  # that the network reads
-    joints: tuple[str, ...]  # in the order of the network
-    kp: tuple[float, ...]
-    kd: tuple[float, ...]
-    height: float  # [m], of the pelvis over the ground, that it is told for h = 0
+
+class Homie(NetworkPolicy):
+    """The policy of HOMIE (Ben et al., RSS 2025): it moves the legs, whatever moves waist and arms."""
 
     def __init__(self, policy: str | None = None) -> None:
         """Load the network of an ONNX file."""
-        if policy is None:
-            raise ConfigError(f"{self.name} has no network; give the ONNX file with --policy, see {__file__}")
-        self.robot = load_robot("g1")
-        self._network = load_network(pathlib.Path(policy), {})
-        self._places = self.robot.indices(self.joints)
-        self._pose = np.concatenate((BENT, np.zeros(len(self.joints) - len(BENT))))
-        self._gains = self.robot.kp.copy(), self.robot.kd.copy()
-        for mine, of_network in zip(self._gains, (self.kp, self.kd), strict=True):
-            mine[self._places] = of_network
-        self._past: list[np.ndarray] = []
-        self._action = np.zeros(0)
-
-    def reset(self, state: RobotState) -> None:
-        """Forget the past."""
-        self._past, self._action = [], np.zeros(self.actions)
-
-    @property
-    def actions(self) -> int:
-        """How many of its joints the network moves."""
-        return len(self.joints)
-
-    def frame(self, state: RobotState, command: Command, arms: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return the parts of an observation; `arms` is where the arms should be [rad], shape (14,)."""
-        raise NotImplementedError
+        super().__init__(HOMIE, network_of(HOMIE, policy))
+        held = self.robot.indices((WAIST[0], *ARMS))
+        self._kp[held] = (300.0, *(150.0, 150.0, 150.0, 100.0, 10.0, 10.0, 5.0) * 2)
+        self._kd[held] = (5.0, *(4.0, 4.0, 4.0, 1.0, 0.5, 0.5, 0.5) * 2)
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Return the joint targets of the network."""
-        arms = np.where(upper_body.mask, upper_body.q, 0.0)
-        frame = np.concatenate([np.atleast_1d(part) for part in self.frame(state, command, arms)])
-        past = [*self._past, frame]
-        self._past = [*[np.zeros_like(frame)] * (self.frames - len(past)), *past][-self.frames :]
-        action = self._network([np.concatenate(self._past).astype(np.float32)])
-        self._action = np.clip(np.nan_to_num(action), -CLIP, CLIP).astype(float)
-        q = self.robot.nominal.copy()
-        q[self._places], q[self.robot.arms] = self._pose, arms
-        q[self._places[: self.actions]] += SCALE * self._action
-        if self.robot.waist not in self._places[: self.actions]:
-            q[self.robot.waist] = command.w
-        zero = np.zeros_like(q)
-        return JointCommand(q, zero, *self._gains, zero)
-
-    def _joint_readings(self, state: RobotState) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions relative to those at action 0 and scaled velocities of its joints."""
-        return state.q[self._places] - self._pose, 0.05 * state.dq[self._places]
+        """Return joint targets; arms under external control follow their servo."""
+        return super().act(state, dataclasses.replace(command, h=0.74 + command.h), upper_body)
 
 
-class Homie(PublicPolicy):
-    """The policy of HOMIE (Ben et al., RSS 2025): it moves the legs, whatever moves waist and arms."""
-
-    name = "homie"
-    frames = 6
-    joints = (*LEGS, WAIST[0], *ARMS)
-    kp = (*(150.0, 150.0, 150.0, 300.0, 40.0, 40.0) * 2, 300.0, *(150.0, 150.0, 150.0, 100.0, 10.0, 10.0, 5.0) * 2)
-    kd = (*(2.0, 2.0, 2.0, 4.0, 2.0, 2.0) * 2, 5.0, *(4.0, 4.0, 4.0, 1.0, 0.5, 0.5, 0.5) * 2)
-    height = 0.74
-
-    @property
-    def actions(self) -> int:
-        """How many of its joints the network moves."""
-        return len(LEGS)
-
-    def frame(self, state: RobotState, command: Command, arms: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return command, angular velocity, gravity, joints, and the last actions."""
-        told = np.array([2.0 * command.v_x, 2.0 * command.v_y, 0.25 * command.omega, self.height + command.h])
-        return told, 0.5 * state.angular_velocity, state.projected_gravity, *self._joint_readings(state), self._action
-
-    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
-        """Return its joint targets; arms under external control follow their servo."""
-        return override_arms(super().act(state, command, upper_body), upper_body, self.robot)
-
-
-class Falcon(PublicPolicy):
+class Falcon(NetworkPolicy):
     """The policy of FALCON (Zhang et al., 2025): it moves all joints, the arms about where they should be.
 
     It was trained to change height and waist in stands only, and is told neither in a walk.
     """
 
-    name = "falcon"
-    frames = 5
-    joints = (*LEGS, *WAIST, *ARMS)
-    kp = (*(100.0, 100.0, 100.0, 200.0, 20.0, 20.0) * 2, *(300.0,) * 3, *(90.0, 60.0, 20.0, 60.0, 4.0, 4.0, 4.0) * 2)
-    kd = (*(2.5, 2.5, 2.5, 5.0, 0.2, 0.1) * 2, *(5.0,) * 3, *(2.0, 1.0, 0.4, 1.0, 0.2, 0.2, 0.2) * 2)
-    height = 0.75
+    def __init__(self, policy: str | None = None) -> None:
+        """Load the network of an ONNX file."""
+        super().__init__(FALCON, network_of(FALCON, policy))
 
-    def frame(self, state: RobotState, command: Command, arms: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return the parts in the alphabetical order of their names in FALCON."""
-        position, velocity = self._joint_readings(state)
-        walks = command.gait is not Gait.STANDING
-        h, w = (0.0, 0.0) if walks else (command.h, command.w)
-        return (
-            self._action,
-            0.25 * state.angular_velocity,
-            np.array([command.omega, 2.0 * (self.height + h), command.v_x, command.v_y]),
-            np.array([float(walks), w, 0.0, 0.0]),
-            position,
-            velocity,
-            state.projected_gravity,
-            arms,
-        )
+    def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
+        """Return joint targets; those of the arms are the network's about the external ones."""
+        self._pose[self.robot.arms] = np.where(upper_body.mask, upper_body.q, 0.0)
+        h, w = (command.h, command.w) if command.gait is Gait.STANDING else (0.0, 0.0)
+        told = dataclasses.replace(command, h=0.75 + h, w=w)
+        return super().act(state, told, UpperBody.none(len(self.robot.arms)))

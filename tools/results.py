@@ -86,7 +86,6 @@ WHOLE_BODY = BOTH | {  # what moves a G1 while its arms are moved from outside
     name.upper(): f"tools/public_controllers.py:{name} --policy {{public}}/{name.lower()}-g1.onnx"
     for name in ("Homie", "Falcon")
 }
-NEED_PUBLIC = ("public", "whole-body", "whole-body-tasks")  # tables with networks of other projects
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,8 +168,8 @@ TABLES = {
     "public": Table(
         RESULTS,
         {
-            label: f"single-command --robot {contract[-2:]} --controller {contract} --policy {{public}}/{file}"
-            " --episodes 128"
+            label: f"single-command --robot {contract.rpartition('-')[2]} --controller {contract}"
+            f" --policy {{public}}/{file} --episodes 128"
             for label, (contract, file) in PUBLIC.items()
         },
         (*ERRORS[:5], FALLS),  # they have no other commands
@@ -259,6 +258,11 @@ class Run:
             words += f" {QUICK.get(words.split()[0], '--episodes 1')}"
         words += f" --seed {options.seed}"
         return cls(label, words, parse_entry(shlex.split(words))[0])
+
+
+def can_run(table: Table, options: argparse.Namespace) -> bool:
+    """Return whether the networks of other projects that a table needs are given."""
+    return bool(options.public) or not any("{public}" in words for words in table.runs.values())
 
 
 def of_policy(table: Table) -> Table:
@@ -385,7 +389,7 @@ def check(tables: dict[str, Table], options: argparse.Namespace) -> int:
     now, old = short_commit(), []
     for name, table in tables.items():
         # Without the folder of their networks, the commands of other people's are not known.
-        made = commands(runs_of(table, options)) if name not in NEED_PUBLIC or options.public else ""
+        made = commands(runs_of(table, options)) if can_run(table, options) else ""
         for document in table.documents:
             parts = {part["name"]: part for part in marked((ROOT / document).read_text())}
             commit, body = parts[name].group("commit", "body") if name in parts else ("", "")
@@ -420,7 +424,7 @@ def main() -> int:
             f"a table belongs to a commit, but the source is {short_commit()}, changed since; commit or undo the "
             "changes, or only print the tables with --quick"
         )
-    tables = {name: TABLES[name] for name in options.only if name not in NEED_PUBLIC or options.public}
+    tables = {name: TABLES[name] for name in options.only if can_run(TABLES[name], options)}
     for name, table in tables.items():  # now, and not after hours
         for document in table.documents:
             replaced((ROOT / document).read_text(), name, "", "")

@@ -30,16 +30,27 @@ def state() -> RobotState:
     return Simulation(robot="g1", sensing="exact").state()
 
 
+class Fixed:
+    """A network that always gives the same action, and keeps what it reads."""
+
+    def __init__(self, action: np.ndarray) -> None:
+        self.action, self.seen = action, []
+
+    def reset(self) -> None:
+        pass
+
+    def __call__(self, inputs: list[np.ndarray]) -> np.ndarray:
+        self.seen.append(inputs[0].copy())
+        return self.action
+
+
 def built(tool, monkeypatch, name: str, action: float) -> tuple:
-    """Return a controller whose network always gives the same action, and the list of what it reads."""
-    seen = []
-    made = getattr(tool, name)
-    monkeypatch.setattr(
-        tool, "load_network", lambda path, state: lambda inputs: seen.append(inputs[0]) or np.full(sizes[1], action)
-    )
-    controller = made("network.onnx")
-    sizes = (controller.frames, controller.actions)
-    return controller, seen
+    """Return a controller with a fixed network, and the list of what it reads from now on."""
+    network = Fixed(np.full({"Homie": 12, "Falcon": 29}[name], action))
+    monkeypatch.setattr(tool, "load_network", lambda path, state: network)
+    controller = getattr(tool, name)("network.onnx")
+    network.seen.clear()  # of the trial that the network fits
+    return controller, network.seen
 
 
 # Sizes of the published networks' inputs and outputs.
@@ -50,8 +61,8 @@ def test_it_reads_what_the_published_network_takes(tool, monkeypatch, state, nam
     none = UpperBody.none(len(ROBOT.arms))
     for _ in range(2):
         command = controller.act(state, Command(h=-0.1), none)
-    assert controller.actions == actions and [len(one) for one in seen] == [inputs, inputs]
-    frame = inputs // controller.frames
+    assert len(controller.contract.joints) == actions and [len(one) for one in seen] == [inputs, inputs]
+    frame = inputs // controller.contract.history.frames
     assert not seen[0][:-frame].any(), "frames before the start are zeros"
     np.testing.assert_array_equal(seen[1][-2 * frame : -frame], seen[0][-frame:])
     knee = ROBOT.index("left_knee_joint")
