@@ -38,8 +38,8 @@ _LET_GO = 0.10  # [m], how far the hands open
 class BoxGrip:
     """How two hands hold a box.
 
-    The tips of the hands, 3 cm ahead of their frames, carry most of a box: it hangs from them, and tilts if they are
-    not above its middle.
+    The tips of the hands, ahead of their frames (`Robot.hand_tip`), carry most of a box: it hangs from them, and tilts
+    if they are not above its middle.
 
     Defaults and tolerances are lengths and forces of an H1. Tasks that are made for an H1 fit them to other robots;
     elsewhere, also in a task whose scene names another robot, `hugwbc.behaviours.similar.similar` does.

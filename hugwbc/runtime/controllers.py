@@ -3,7 +3,7 @@
 A controller of the user's own is an entry point in the group `hugwbc.controllers`, or `FILE.py:NAME`: a callable that
 returns an object with the members of `hugwbc.controller.Controller`. If the callable has a parameter `policy`, it
 receives the value of --policy, or None; if it has a parameter `robot`, it receives the `Robot` that the controller is
-told, with its drives, or None for the default one.
+told, with its drives: the default one if none is given.
 The built-in controllers are registered in the same way.
 """
 
