@@ -25,7 +25,7 @@ help:
 	@echo "make evaluate       the paper's single-command experiment"
 	@echo "make bench          speed of the parts"
 	@echo "make soak           reliability: faults, random commands, absurd states, memory (docs/reliability.md)"
-	@echo "make try            try every capability by a command, each as small as it goes; an hour"
+	@echo "make try            try what hugwbc can do by commands, each as small as it goes; an hour"
 	@echo "make check          verify the installation"
 	@echo "make train          train a policy"
 	@echo "make docs           build the documentation into site/, failing on a broken link"
@@ -71,7 +71,7 @@ soak: $(STAMP)
 	$(BIN)/python tools/soak.py --minutes $(MINUTES)
 
 try: $(STAMP)
-	tools/try_all.sh
+	tools/try_all.sh $(ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -91,14 +91,17 @@ docs: $(STAMP)
 models: $(STAMP)
 	$(BIN)/python models/build.py
 
-picture: override ARGS += --hide balance
-picture: compare
+# Without its video, an old one is not taken for this one's.
+picture: $(STAMP)
+	rm -f out/compare/compare.mp4
+	$(BIN)/hugwbc compare --script loco_manipulation --seed 0 --hide balance
 	$(BIN)/python docs/picture.py
 
 task-pictures: $(STAMP)
-	$(BIN)/python docs/draw_tasks.py
+	$(BIN)/python docs/draw_tasks.py $(ARGS)
 
 animation: $(STAMP)
+	rm -rf out/animation
 	$(BIN)/hugwbc compare --task fetch_box --controllers qp --seed 0 --out out/animation/qp --hide steps forces balance phases
 	$(BIN)/hugwbc compare --task fetch_box --controllers learned --seed 0 --out out/animation/learned --hide steps forces balance phases
 	$(BIN)/hugwbc compare --task fetch_box --robot g1 --controllers qp --seed 0 --out out/animation/g1 --hide steps forces balance phases

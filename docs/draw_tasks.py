@@ -46,7 +46,10 @@ def record(name: str) -> Trace:
     if not path.is_file():
         task = load_task(name)
         run = run_task(task, load_controller("qp"), Simulation(scene=task.scene, seed=seed))
-        print(f"{name}, seed {seed}: {'done' if run.verdict.success else run.verdict.reason}")
+        if not run.verdict.success:
+            sys.exit(
+                f"{name}, seed {seed}, is no picture of a success: {run.verdict.reason}; choose another seed in SHOTS"
+            )
         RECORDS.mkdir(parents=True, exist_ok=True)
         write_trace(path, run.trace)
     return read_trace(path)

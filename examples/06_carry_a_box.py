@@ -25,12 +25,12 @@ def main(controller: str = "qp", seed: int = 0, duration: float | None = None, s
         duration: longest duration [s]; the task's time limit by default.
         show: show the robot live in the browser.
     """
-    task, robot = load_task("fetch_box"), load_controller(controller)
+    task, chosen = load_task("fetch_box"), load_controller(controller)
     if duration is not None:
         task = dataclasses.replace(task, limit=duration)
     simulation = Simulation(scene=task.scene, seed=seed)
-    draw = at_real_time(open_view(robot.name, simulation.robot, scene=simulation.scene), simulation) if show else None
-    run = run_task(task, robot, simulation, on_snapshot=draw)
+    draw = at_real_time(open_view(chosen.name, simulation.robot, scene=simulation.scene), simulation) if show else None
+    run = run_task(task, chosen, simulation, on_snapshot=draw)
     keep_replay("out/06.html", [run.trace])
 
     record, box = run.record, run.record.thing("box")

@@ -29,8 +29,9 @@ def main(script: str = "wave", show: bool = False) -> None:
         reach = "no hand targets" if hand is None else f"hands {100 * hand:.1f} cm from their targets"
         errors, tick = outcomes[trace.name]["errors"], outcomes[trace.name]["tick_ms"]["p50"]
         print(f"{trace.name}: {trace.fate}, {reach}, waist {errors['w']:.3f} rad off, {tick:.2f} ms a tick")
-    closer = min(outcomes, key=lambda name: outcomes[name]["errors"]["h"])
-    print(f"The {closer} controller kept closer to the commanded height.")
+    if not any(trace.fell for trace in traces):  # errors end with a fall
+        closer = min(outcomes, key=lambda name: outcomes[name]["errors"]["h"])
+        print(f"The {closer} controller kept closer to the commanded height.")
 
 
 if __name__ == "__main__":

@@ -6,9 +6,8 @@ minutes of computing.
     python examples/12_a_task_of_your_own.py --show
 """
 
-from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, View, carry, lift, place, reach, squeeze, stand, walk_to
-from hugwbc.runtime import Simulation, UpperBodySource, load_controller, rollout
+from hugwbc.runtime import Simulation, UpperBodySource, rollout
 from hugwbc.sim.scenes import Box, Scene, Shelf, Table
 from hugwbc.viz.show import at_real_time, keep_replay, open_view, run_script
 
@@ -40,14 +39,13 @@ def main(controller: str = "qp", seed: int = 0, duration: float = 60.0, show: bo
         duration: longest duration [s]; the run ends when the robot has waved.
         show: show the robot live in the browser.
     """
-    source, robot = BehaviourSource(shelve), load_controller(controller)
-    simulation = Simulation(scene=SCENE, seed=seed)
-    draw = at_real_time(open_view(robot.name, simulation.robot, scene=simulation.scene), simulation) if show else None
+    source, simulation = BehaviourSource(shelve), Simulation(scene=SCENE, seed=seed)
+    draw = at_real_time(open_view(controller, simulation.robot, scene=simulation.scene), simulation) if show else None
     trace = rollout(
-        robot,
+        controller,
         source,
         simulation,
-        UpperBodySource(load_robot()),
+        UpperBodySource(simulation.robot),
         duration=duration,
         on_snapshot=draw,
         until=lambda: source.done,

@@ -12,8 +12,8 @@ import numpy as np
 
 from hugwbc import load_robot
 from hugwbc.behaviours import BehaviourSource, Course, View, reach, walk_to
-from hugwbc.mbc import WholeBodyController
-from hugwbc.runtime import MujocoRobot, UpperBodySource, load_controller
+from hugwbc.runtime import MujocoRobot, UpperBodySource
+from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.viz.show import run_script
 
 SCENE = """
@@ -62,7 +62,7 @@ def main(controller: str = "learned", duration: float = 20.0) -> None:
     told = robot.robot
     print(f"found {told.name} under '{robot.prefix}': {told.mass:.1f} kg, beside {', '.join(robot.names)}")
 
-    chosen = WholeBodyController(robot=told) if controller == "qp" else load_controller(controller)
+    chosen = ControllerSpec(controller).build(told)
     behaviour = BehaviourSource(light)
     control = robot.control_period(chosen, behaviour, UpperBodySource(robot=told))
     robot.stand()

@@ -122,7 +122,7 @@ def test_replay_a_motion(run):
     assert "stayed up for 2.0 s" in out
 
 
-def test_drive_live(run, monkeypatch):
+def test_drive_live(start, monkeypatch):
     speeds, show = [], LivePage.show
 
     def slow(page, simulation, **told):
@@ -131,10 +131,10 @@ def test_drive_live(run, monkeypatch):
         show(page, simulation, **told)
 
     monkeypatch.setattr(LivePage, "show", slow)
-    out = run("09_drive_live.py", "--duration", "0.5")
+    out = start("09_drive_live.py", "--duration", "0.5")
     assert 0.4 < speeds[-1] < 0.9, "the page tells how slow it is"
     assert re.search(r"drive at http://127\.0\.0\.1:\d+", out)
-    assert "stayed up for 0.5 s" in out
+    assert "qp: 0.5 s simulated, 0 falls" in out
 
 
 @pytest.mark.parametrize(("h", "w", "push"), [(-0.15, 0.8, 60.0), (0.0, -0.5, -60.0)])

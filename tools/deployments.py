@@ -19,7 +19,8 @@ from collections.abc import Sequence
 import yaml
 
 from hugwbc.evaluation.store import controller_digest
-from hugwbc.files import digest, digest_of
+from hugwbc.files import digest, digest_of, write_whole
+from hugwbc.learned.policy.records import versions
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.settings import REPORT_SEED
 from hugwbc.source import source_commit
@@ -35,6 +36,7 @@ SQUATS = ({"h": -0.2}, {}, {"h": -0.1, "p": 0.3}, {}, {"h": -0.25, "w": 0.5}, {}
 SQUAT = 4.0  # [s] of each posture
 ENDED, DONE = "run -> damping: asked to stop", f"{TASK}: done"  # of a run without a fault; of the task's judge
 FAULT = "ended by a watchdog or another fault\n"
+ENDED_BY_A_FAULT = 1  # what `hugwbc deploy` then exits with
 LATENCY = re.compile(r"latency from state to command: median ([\d.]+) ms, 99.9 % ([\d.]+) ms, largest ([\d.]+) ms")
 LATE = re.compile(r"left out: (\d+) of (\d+), at most (\d+) in a row")
 
@@ -66,7 +68,7 @@ def options(job: str, seconds: float, folder: pathlib.Path) -> tuple[Sequence[st
 
 def deploy(controller: str, job: str, radio: str, seconds: float, folder: pathlib.Path) -> tuple[str, str]:
     """Run both programs; return what the robot and the deployment printed."""
-    code = source_commit(policies=False), digest_of(__file__)
+    code = source_commit(policies=False), digest_of(__file__), versions()
     made = digest(f"{code} {controller_digest(ControllerSpec(controller))} {seconds}")[:8]
     stem = f"{pathlib.Path(controller).name}-{job}-{radio}-{made}"
     files = [folder / f"{stem}-{side}.txt" for side in ("robot", "deploy")]
@@ -89,12 +91,14 @@ def deploy(controller: str, job: str, radio: str, seconds: float, folder: pathli
         ]
         try:
             texts = [process.communicate(timeout=3.0 * seconds + 60.0)[0] for process in running]
+            if running[0].returncode or running[1].returncode not in (0, ENDED_BY_A_FAULT):
+                raise SystemExit(f"{stem} did not run:\n" + "\n".join(texts))
             texts[1] += FAULT if running[1].returncode else ""
         finally:
             for process in running:
                 process.kill()
         for path, text in zip(files, texts, strict=True):
-            path.write_text(text)
+            write_whole(path, text)
     robot_text, deploy_text = (path.read_text() for path in files)
     return robot_text, deploy_text
 

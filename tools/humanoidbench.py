@@ -14,6 +14,7 @@ code, the policy or this file has changed; the table leaves out the rows from be
 import argparse
 import collections
 import functools
+import importlib.util
 import json
 import math
 import pathlib
@@ -21,7 +22,6 @@ import sys
 import types
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from hugwbc import Command, Gait, rotations
@@ -38,7 +38,8 @@ from hugwbc.behaviours import (
     walk_to,
 )
 from hugwbc.evaluation.store import controller_digest
-from hugwbc.files import digest_of
+from hugwbc.files import digest, digest_of
+from hugwbc.learned.policy.records import versions
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import SIDES
 from hugwbc.runtime import MujocoRobot, UpperBodySource, load_controller
@@ -162,7 +163,7 @@ SCRIPTS: dict[str, Any] = {
 
 # --- the benchmark
 
-VERSION = ("commit", "policy", "script", "mujoco")  # of a row: what else its numbers depend on
+VERSION = ("commit", "policy", "script", "packages", "benchmark")  # of a row: what else its numbers depend on
 
 
 class _Absent(types.ModuleType):
@@ -204,9 +205,13 @@ def _prepare() -> None:
 
 
 def version(controller: str) -> dict[str, str | None]:
-    """Return the commit, the digests of the controller with its policy and of this file, and MuJoCo's version."""
+    """Return the commit, and digests of controller and policy, this file, the packages' versions, and the benchmark."""
     policy = controller_digest(ControllerSpec(controller))
-    given = source_commit(policies=False), policy, digest_of(__file__), mujoco.__version__
+    benchmark = importlib.util.find_spec("humanoid_bench")
+    folders = (benchmark and benchmark.submodule_search_locations) or ()
+    sources = sorted(path for folder in folders for path in pathlib.Path(folder).rglob("*.py"))
+    returns = digest(str([digest_of(path) for path in sources]))
+    given = source_commit(policies=False), policy, digest_of(__file__), digest(str(versions())), returns
     return dict(zip(VERSION, given, strict=True))
 
 

@@ -250,14 +250,15 @@ class Run:
     @classmethod
     def of(cls, label: str, words: str, options: argparse.Namespace) -> "Run":
         """Parse the words of `hugwbc evaluate`, at the seed of the options, few and short episodes if quick."""
-        words = words.format(public=shlex.quote(str(options.public)))
         if options.policy:
             words += f" --policy {shlex.quote(options.policy)}"
         if options.quick:
             words = re.sub(r" --(episodes|duration) \S+", "", words)
             words += f" {QUICK.get(words.split()[0], '--episodes 1')}"
         words += f" --seed {options.seed}"
-        return cls(label, words, parse_entry(shlex.split(words))[0])
+        given = words.format(public=shlex.quote(str(options.public)))
+        # What stands in a document names no folder of this machine.
+        return cls(label, words.format(public="FOLDER"), parse_entry(shlex.split(given))[0])
 
 
 def can_run(table: Table, options: argparse.Namespace) -> bool:
@@ -425,6 +426,11 @@ def main() -> int:
             "changes, or only print the tables with --quick"
         )
     tables = {name: TABLES[name] for name in options.only if can_run(TABLES[name], options)}
+    if left_out := [name for name in options.only if name not in tables]:
+        words = f"without --public FOLDER, which holds other projects' networks, {', '.join(left_out)} cannot run"
+        if not tables:
+            raise SystemExit(words)
+        print(words)
     for name, table in tables.items():  # now, and not after hours
         for document in table.documents:
             replaced((ROOT / document).read_text(), name, "", "")

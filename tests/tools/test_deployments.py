@@ -2,6 +2,8 @@
 
 import types
 
+import pytest
+
 
 def test_a_run_of_another_length_or_of_other_code_is_not_taken_for_this_one(load_tool, tmp_path, monkeypatch) -> None:
     tool, started = load_tool("deployments"), []
@@ -11,6 +13,7 @@ def test_a_run_of_another_length_or_of_other_code_is_not_taken_for_this_one(load
         return types.SimpleNamespace(communicate=lambda timeout: ("said", None), returncode=0, kill=lambda: None)
 
     monkeypatch.setattr(tool.subprocess, "Popen", popen)
+    monkeypatch.setattr(tool, "versions", dict)
     monkeypatch.setattr(tool, "source_commit", lambda **which: "one")
     for _ in range(2):
         assert tool.deploy("hold", "stand", "clean", 60.0, tmp_path) == ("said", "said") and len(started) == 2
@@ -21,3 +24,21 @@ def test_a_run_of_another_length_or_of_other_code_is_not_taken_for_this_one(load
     monkeypatch.setattr(tool, "__file__", __file__)
     tool.deploy("hold", "stand", "clean", 60.0, tmp_path)
     assert len(started) == 8, "an edit of the tool"
+
+
+@pytest.mark.parametrize(("robot", "deployment"), [(2, 1), (0, 2), (0, -9)])
+def test_a_run_that_did_not_start_or_was_killed_is_no_measurement(
+    load_tool, tmp_path, monkeypatch, robot, deployment
+) -> None:
+    tool = load_tool("deployments")
+
+    def popen(words, **options):
+        code = robot if "simulate-robot" in words else deployment
+        return types.SimpleNamespace(communicate=lambda timeout: ("why", None), returncode=code, kill=lambda: None)
+
+    monkeypatch.setattr(tool.subprocess, "Popen", popen)
+    monkeypatch.setattr(tool, "versions", dict)
+    monkeypatch.setattr(tool, "source_commit", lambda **which: "one")
+    with pytest.raises(SystemExit, match=r"hold-stand-clean-\w+ did not run:\nwhy\nwhy"):
+        tool.deploy("hold", "stand", "clean", 60.0, tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -108,6 +108,13 @@ def test_every_run_is_a_command_that_a_user_may_give(tool) -> None:
         for words in "; ".join(table.runs.values()).split("; "):
             run = tool.Run.of("", words, options)
             assert run.entry.settings.seed == 7 and run.entry.work > 0.0
+            assert "my networks" not in run.words and ("FOLDER/" in run.words) == ("{public}" in words)
+
+
+def test_tables_that_need_the_networks_of_others_are_not_left_out_silently(tool, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["results.py", "--quick", "--only", "public", "whole-body"])
+    with pytest.raises(SystemExit, match=r"^without --public FOLDER, .* networks, public, whole-body cannot run$"):
+        tool.main()
 
 
 def test_a_command_that_both_controllers_run_is_given_once(tool) -> None:
