@@ -4,12 +4,15 @@ import sys
 
 import numpy as np
 import pytest
+from local_endpoint import local_pair
 
 from hugwbc.cli import deploy, main
 from hugwbc.deploy import wire
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.recording import DECISION, FORMAT, STATE, Recorder
-from hugwbc.deploy.remote import Remote
+from hugwbc.deploy.relay import Settings
+from hugwbc.deploy.remote import Remote, Request
+from hugwbc.deploy.robot_side import RobotSide
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import DeploymentError
 from hugwbc.robot import load_robot
@@ -143,3 +146,52 @@ def test_the_extra_is_named_where_it_is_missing(monkeypatch, capsys) -> None:
     finally:
         wire.idl_class.cache_clear()
         wire.layout.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("words", "net", "steps"),
+    [
+        ({}, "lo", ["await lo", "release, if it can be", "be alone", "run"]),
+        ({}, "eth0", ["await eth0", "release", "be alone", "run"]),
+        ({"release": False}, "eth0", ["await eth0", "be alone", "run"]),
+        ({"settings": Settings(dry_run=True)}, "eth0", ["await eth0", "run"]),
+    ],
+)
+def test_a_deployment_frees_the_robot_and_is_alone_before_it_runs_and_a_dry_run_touches_nothing(
+    monkeypatch, words, net, steps
+) -> None:
+    done, robot, faults = [], load_robot("h1"), iter((None, "tilted"))
+
+    def release(endpoint, *, required: bool) -> str:
+        done.append("release" if required else "release, if it can be")
+        return "released"
+
+    def run(side) -> None:
+        done.append("run")
+        side._outlet.fault = next(faults)
+
+    monkeypatch.setattr(deploy, "_await_robot", lambda endpoint, robot, net: done.append(f"await {net}"))
+    monkeypatch.setattr(deploy, "release_modes", release)
+    monkeypatch.setattr(deploy, "_be_alone", lambda endpoint, slower: done.append("be alone"))
+    monkeypatch.setattr(RobotSide, "run", run)
+    endpoint = local_pair()[1]
+    for code in (0, deploy.FAULT):
+        _, pilot, _ = deploy._build(HEADER)
+        options = deploy.DeployOptions(controller="hold", net=net, **words)
+        assert deploy._deploy(options, pilot, robot, endpoint, None, local_pair) == code  # type: ignore[arg-type]
+        assert done == steps
+        done.clear()
+
+
+def test_keys_ask_and_what_is_none_of_them_stops(monkeypatch) -> None:
+    asked, typed = [], []
+    monkeypatch.setattr(deploy, "_await_robot", lambda *_: None)
+    monkeypatch.setattr(deploy, "listen", typed.append)
+    monkeypatch.setattr(RobotSide, "run", lambda side: None)
+    monkeypatch.setattr(RobotSide, "ask", lambda side, request: asked.append(request))
+    options = deploy.DeployOptions(controller="hold", settings=Settings(dry_run=True))
+    endpoint = local_pair()[1]
+    deploy._deploy(options, deploy._build(HEADER)[1], load_robot("h1"), endpoint, None, lambda: endpoint)  # type: ignore[arg-type]
+    for line in ("s", "run", "q", "", "x"):
+        typed[0](line)
+    assert asked == [Request.START, Request.RUN, Request.STOP, Request.STOP, Request.STOP]

@@ -141,9 +141,13 @@ def test_a_second_program_is_told_and_damps_and_a_second_deploy_is_refused(proce
     words = ("--domain", free_domain, "--slower", "10")  # for a busy machine
     processes.hugwbc("simulate-robot", *words, "--duration", "30", "--schedule", "0.2 Start")
     first = processes.hugwbc("deploy", "--controller", "hold", *words, "--duration", "6")
-    told = [first.stdout.readline()]  # type: ignore[union-attr]
-    while "start pose" not in told[-1]:
-        told.append(first.stdout.readline())  # type: ignore[union-attr]
+    told: list[str] = []
+    for line in first.stdout:  # type: ignore[union-attr]
+        told.append(line)
+        if "start pose" in line:
+            break
+    else:
+        pytest.fail(f"deploy ended before the start pose: {''.join(told)}")
     output(processes.start(["-c", RIVAL, str(free_domain)]))
     text = output(processes.hugwbc("deploy", "--controller", "hold", *words), 2)
     assert "another program commands this robot; end that program first" in text

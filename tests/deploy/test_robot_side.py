@@ -1,6 +1,7 @@
 """The publisher and its watchdogs, each in 20 trials, and the threads."""
 
 import multiprocessing
+import pickle
 import threading
 import time
 
@@ -11,7 +12,9 @@ from local_endpoint import local_pair
 
 from hugwbc import load_robot, rotations
 from hugwbc.deploy import robot_side, wire
+from hugwbc.deploy.capture import GRIPS
 from hugwbc.deploy.messages import Messages
+from hugwbc.deploy.pilot import Pilot
 from hugwbc.deploy.relay import DECISION, PERIOD, Relay, Settings
 from hugwbc.deploy.remote import Remote, Request
 from hugwbc.deploy.robot_side import RobotSide
@@ -153,6 +156,54 @@ def test_a_dry_run_sends_nothing(standing) -> None:
     assert bench.controller.calls >= 5 and bench.side.timing.latency.count >= 4
 
 
+def test_a_dry_run_answers_nothing_in_lockstep_asks_for_no_grip_and_damps_nothing(standing, monkeypatch) -> None:
+    monkeypatch.setattr(Pilot, "grips", ("box", None))
+    robot_end, end = local_pair()
+    pilot = make_pilot()
+    bring_to(Mode.RUN, pilot, standing)
+    side = RobotSide(pilot, H1, end, Settings(lockstep=True, dry_run=True), tell=lambda line: None)
+    robot_end.send(standing.raw())
+    assert side.answer(0.0) and side._message is not None
+    side._damp()
+    assert robot_end.receive(0.0) == [] and robot_end.texts(GRIPS) == [] and side.sent == 0
+
+
+def test_a_duration_ends_in_damping_and_then_the_program(standing, monkeypatch) -> None:
+    monkeypatch.setattr(robot_side, "FADE", 0.05)
+    bench = Bench(standing, duration=0.1)
+    sent = [bench.slot() for _ in range(46)]
+    assert not any(map(is_damping, sent)) and bench.pilot.mode is Mode.RUN
+    for _ in range(6):
+        bench.slot()
+    assert bench.pilot.mode is Mode.DAMPING and bench.pilot.machine.events[-1].reason == "asked to stop"
+    assert is_damping(bench.slot()) and not bench.side._end.is_set()
+    for _ in range(25):
+        assert is_damping(bench.slot())
+    assert bench.side._end.is_set() and bench.side.fault is None
+
+
+def test_a_duration_is_also_kept_by_the_wall_clock_where_the_robot_is_silent() -> None:
+    _, end = local_pair()
+    side = RobotSide(make_pilot(), H1, end, Settings(duration=3.0, slower=2.0))
+    left = side._deadline() - time.perf_counter()
+    assert left == pytest.approx(2.0 * (3.0 + robot_side.FADE + robot_side._PATIENCE), abs=0.5)
+    assert RobotSide(make_pilot(), H1, end)._deadline() == np.inf
+
+
+def test_a_first_stop_damps_and_a_second_one_ends(standing) -> None:
+    bench = Bench(standing)
+    bench.side.ask(Request.STOP)
+    assert is_damping(bench.slot()) and not bench.side._end.is_set()
+    bench.side.ask(Request.STOP)
+    assert bench.side._end.is_set()
+
+
+def test_what_a_relay_in_another_process_needs_gets_there(standing) -> None:
+    setup = RobotSide(make_pilot(), H1, local_pair()[1], Settings(duration=3.0))._setup
+    there = pickle.loads(pickle.dumps(setup))
+    assert there.robot.name == "h1" and (there.limits, there.settings) == (setup.limits, setup.settings)
+
+
 def test_limp_joints_need_no_watchdog(standing) -> None:
     robot_end, end = local_pair()
     side = RobotSide(make_pilot(), H1, end)
@@ -172,7 +223,7 @@ class Feeder:
         self.remote = Remote()
         self.silent = threading.Event()
         self.over = threading.Event()
-        self.thread = threading.Thread(target=self._run)
+        self.thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
         slot = time.perf_counter()
@@ -245,7 +296,7 @@ def test_joints_are_damped_when_the_process_that_controls_is_killed(standing, mo
     robot_end, end = local_pair()
     link, far = multiprocessing.Pipe()
     relay = Relay(end, bench.side._setup, far, records=False)
-    feeder, worker = Feeder(standing, robot_end, 10.0), threading.Thread(target=relay.run)
+    feeder, worker = Feeder(standing, robot_end, 10.0), threading.Thread(target=relay.run, daemon=True)
     stiff = bench.slot()
     assert stiff is not None and not is_damping(stiff)
     feeder.thread.start()
@@ -285,6 +336,7 @@ def test_a_robot_that_is_slower_than_its_clock_is_damped_at_the_end(standing, mo
     feeder.thread.join(10.0)
     command = Messages(H1).unpack_command(feeder.messages[-1]).command
     assert pilot.mode is Mode.DAMPING and np.all(command.kd == DAMPING_GAIN)
+    assert side.fault is None and pilot.machine.events[-1].reason == "asked to stop"
 
 
 def test_a_second_ctrl_c_neither_cuts_the_damping_short_nor_loses_the_figures(standing, monkeypatch) -> None:
@@ -311,7 +363,7 @@ def test_a_second_ctrl_c_neither_cuts_the_damping_short_nor_loses_the_figures(st
     feeder.over.set()
     feeder.thread.join(10.0)
     assert time.perf_counter() - begin > 1.0 and pilot.mode is Mode.DAMPING and is_damping(feeder.messages[-1])
-    assert side.sent > 0
+    assert side.sent > 0 and side.fault is None and pilot.machine.events[-1].reason == "asked to stop"
 
 
 def test_a_second_program_is_told_and_damps_a_driven_robot(standing) -> None:
@@ -347,7 +399,8 @@ def test_a_relay_that_is_killed_is_told_at_once_and_this_process_damps(standing,
     told_after: list[float] = []
     bench.side._control()
     assert told_after[0] < 0.1 and "process that reads and publishes has ended: damping" in bench.told[0]
-    assert all(map(is_damping, bench.robot_end.receive(0.0)))
+    sent = bench.robot_end.receive(0.0)
+    assert len(sent) > 20 and all(map(is_damping, sent))
     assert "gets no commands" in str(bench.side._failure) and bench.side._end.is_set()
 
 

@@ -1,9 +1,13 @@
 """Latency and jitter."""
 
+import gc
+import os
+import sys
+
 import numpy as np
 import pytest
 
-from hugwbc.deploy.timing import Spread, Timing
+from hugwbc.deploy.timing import Spread, Timing, keep_apart, real_time
 
 
 def test_spreads_are_percentiles_in_milliseconds() -> None:
@@ -33,3 +37,31 @@ def test_an_answer_in_time_ends_a_row_of_periods_that_were_missed() -> None:
     for seconds, skipped in ((0.003, 2), (0.003, 0), (0.001, 1), (0.001, 0)):
         timing.answered(seconds, 0.002, skipped)
     assert timing.missed == 10 and timing.longest_miss == 5
+
+
+@pytest.mark.parametrize(("priority", "lower"), [(50, 49), (1, 1)])
+def test_a_real_time_process_leaves_the_networks_threads_the_higher_priority(monkeypatch, priority, lower) -> None:
+    asked = []
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: os.SCHED_FIFO)
+    monkeypatch.setattr(os, "sched_getparam", lambda pid: os.sched_param(priority))
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, param: asked.append((policy, param)))
+    before = sys.getswitchinterval()
+    with pytest.raises(ZeroDivisionError), real_time():
+        assert not gc.isenabled() and sys.getswitchinterval() < before
+        raise ZeroDivisionError
+    assert gc.isenabled() and sys.getswitchinterval() == before
+    assert asked == [(os.SCHED_FIFO, os.sched_param(lower))]
+
+
+@pytest.mark.parametrize(
+    ("cores", "last", "kept"), [({0, 1, 3}, True, [3]), ({0, 1, 3}, False, [0, 1]), ({2}, False, [2])]
+)
+def test_real_time_threads_that_compute_have_the_last_core_for_themselves(monkeypatch, cores, last, kept) -> None:
+    asked = []
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: cores)
+    monkeypatch.setattr(os, "sched_setaffinity", lambda pid, wanted: asked.append(wanted))
+    keep_apart(last=last)
+    assert asked == [], "without real-time scheduling the system knows better"
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: os.SCHED_RR)
+    keep_apart(last=last)
+    assert asked == [kept]

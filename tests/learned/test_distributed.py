@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 import torch
@@ -128,6 +128,14 @@ def trainers(folder: pathlib.Path) -> list[int]:
     return found
 
 
+def wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> None:
+    """Wait until a condition holds, and fail if it takes too long."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "took too long"
+        time.sleep(0.2)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
 def test_processes_save_and_end_with_the_one_that_started_them(tmp_path: pathlib.Path, sent: signal.Signals) -> None:
@@ -135,14 +143,14 @@ def test_processes_save_and_end_with_the_one_that_started_them(tmp_path: pathlib
     words += ["--evaluation-steps", 0, "--processes", 2]
     command = [sys.executable, "-m", "hugwbc.cli", *map(str, words)]
     launcher = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    deadline = time.monotonic() + 120.0
     log = tmp_path / "metrics.csv"
-    while not (log.exists() and len(log.read_text().splitlines()) > 3) and time.monotonic() < deadline:
-        time.sleep(0.2)
-    launcher.send_signal(sent)
-    while trainers(tmp_path) and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert not trainers(tmp_path)
+    try:
+        wait_for(lambda: log.exists() and len(log.read_text().splitlines()) > 3)
+        launcher.send_signal(sent)
+        wait_for(lambda: not trainers(tmp_path))
+    finally:
+        for number in trainers(tmp_path):
+            os.kill(number, signal.SIGKILL)
     rows = log.read_text().splitlines()
     assert load_policy(tmp_path).training["iteration"] == int(rows[-1].partition(",")[0]) == len(rows) - 1
     assert launcher.wait(60.0) == (130 if sent is signal.SIGTERM else -sent)
@@ -186,8 +194,9 @@ def ctrl_c_interrupts() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
-def test_each_signal_asks_once_and_then_does_what_it_did(ctrl_c_interrupts) -> None:
-    before = [signal.getsignal(number) for number in NUMBERS]
+def test_each_signal_asks_once_and_then_does_what_it_did(ctrl_c_interrupts, monkeypatch) -> None:
+    before, clock = [signal.getsignal(number) for number in NUMBERS], [5.0]
+    monkeypatch.setattr(distributed.time, "monotonic", lambda: clock[0])
     with stopped_by_signals() as stop:
         stop.check()
         os.kill(os.getpid(), signal.SIGINT)
@@ -196,7 +205,7 @@ def test_each_signal_asks_once_and_then_does_what_it_did(ctrl_c_interrupts) -> N
             stop.check()
         os.kill(os.getpid(), signal.SIGTERM)  # the other signal of one Ctrl-C under torchrun
         os.kill(os.getpid(), signal.SIGINT)  # of another thread of a launcher that was killed
-        time.sleep(0.3)
+        clock[0] += 0.3
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
         assert signal.getsignal(signal.SIGINT) == before[NUMBERS.index(signal.SIGINT)]

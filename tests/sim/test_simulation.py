@@ -137,8 +137,6 @@ def test_a_command_beyond_what_the_physics_takes_is_held_off_and_counted(absurd)
 @pytest.mark.parametrize("engine", ["mujoco", "physx"])
 @pytest.mark.parametrize("bend", [-0.3, 0.0, 0.6])
 def test_a_robot_in_another_pose_starts_with_its_soles_on_the_ground(name, engine, bend) -> None:
-    if not ENGINES[engine].is_available():
-        pytest.skip(f"{engine} is not installed")
     robot = load_robot(name)
     q = robot.nominal.copy()
     for part, share in (("knee", 1.0), ("hip_pitch", -0.5), ("ankle_pitch", -0.3)):  # the soles are not level

@@ -1,9 +1,5 @@
 """Adapters of public policies, with a network that tells what it reads."""
 
-import importlib.util
-import pathlib
-import sys
-
 import numpy as np
 import pytest
 
@@ -11,18 +7,12 @@ from hugwbc import Command, Gait, RobotState, UpperBody, load_robot
 from hugwbc.errors import ConfigError
 from hugwbc.runtime import Simulation
 
-TOOL = pathlib.Path(__file__).parents[2] / "tools" / "public_controllers.py"
 ROBOT = load_robot("g1")
 
 
 @pytest.fixture(scope="module")
-def tool():
-    spec = importlib.util.spec_from_file_location("public_controllers", TOOL)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["public_controllers"] = module
-    spec.loader.exec_module(module)
-    return module
+def tool(load_tool):
+    return load_tool("public_controllers")
 
 
 @pytest.fixture

@@ -123,7 +123,6 @@ def test_what_is_off_changes_no_other_draw() -> None:
 
 
 def make_env(**changes: object) -> HumanoidEnv:
-    torch.set_num_threads(1)
     randomization = RandomizationConfig(**{**PLAIN, **changes})  # type: ignore[arg-type]
     return HumanoidEnv(EnvConfig(count=COUNT, randomization=randomization, waist_rate=0.0), seed=2, threads=1)
 

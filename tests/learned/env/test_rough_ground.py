@@ -17,7 +17,6 @@ def make(count: int = 8, config: TerrainConfig = ROUGH) -> RoughGround:
 
 
 def make_env(count: int = 8, **terrain: float) -> HumanoidEnv:
-    torch.set_num_threads(1)
     calm = RandomizationConfig(push_velocity=0.0)
     config = EnvConfig(count=count, terrain=dataclasses.replace(ROUGH, **terrain), randomization=calm)
     return HumanoidEnv(config, seed=3, threads=1)
