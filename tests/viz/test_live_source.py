@@ -56,7 +56,7 @@ def test_nan_asks_for_the_default_and_a_restart_is_at_rest():
 def test_what_is_asked_for_at_one_time_is_all_kept():
     """The page's server calls from several threads."""
     source, asked, rounds = LiveSource(load_robot()), {"h": -0.1, "p": 0.2, "w": 0.5}, 300
-    barrier, lost, switch = threading.Barrier(len(asked) + 1), 0, sys.getswitchinterval()
+    barrier, lost, switch = threading.Barrier(len(asked) + 1, timeout=30.0), 0, sys.getswitchinterval()
 
     def person(name, value):
         for _ in range(rounds):
@@ -64,7 +64,7 @@ def test_what_is_asked_for_at_one_time_is_all_kept():
             source.ask(name, value)
             barrier.wait()
 
-    threads = [threading.Thread(target=person, args=item) for item in asked.items()]
+    threads = [threading.Thread(target=person, args=item, daemon=True) for item in asked.items()]
     for thread in threads:
         thread.start()
     sys.setswitchinterval(1e-6)

@@ -90,6 +90,32 @@ def make_learner(**changes: Any) -> PPO:
     return PPO(PPOConfig(horizon=2, **changes), ROBOT, torch.Generator().manual_seed(0))
 
 
+def test_the_loss_is_the_sum_of_its_parts_with_their_weights(monkeypatch) -> None:
+    torch.manual_seed(0)
+    learner = make_learner(policy_weight=2.0, estimation_weight=3.0, entropy_weight=0.1)
+    descended = []
+    monkeypatch.setattr(learner, "_descend", lambda *given: (descended.append(given), (4 * [0.0], True))[1])
+    rows, network = 32, learner.network
+    batch = {name: torch.randn(rows, size) for name, size in (("history", 315), ("command", 18), ("estimate", 6))}
+    batch |= {name: torch.randn(rows, size) for name, size in (("critic", CRITIC_SIZE), ("action", 19), ("mean", 19))}
+    batch |= {name: torch.randn(rows) for name in ("log_prob", "advantage", "returns")}
+    batch["log_prob"] -= 20.0
+    before = {name: value.clone() for name, value in batch.items()}
+    learner._step(batch, network.exploration().detach())
+    (loss, (value, policy, estimation, _)) = descended[0]
+    network.requires_grad_(False)
+    mean, estimate = network.actor.prepared(before["history"], before["command"])
+    told = network.critic.prepared(before["critic"])
+    log_std = network.exploration()
+    chosen = torch.distributions.Normal(mean, log_std.exp()).log_prob(before["action"]).sum(1)
+    ratio = (chosen - before["log_prob"]).exp()
+    worst = torch.minimum(ratio * before["advantage"], ratio.clamp(0.8, 1.2) * before["advantage"])
+    torch.testing.assert_close(value, (told - before["returns"]).square().mean())
+    torch.testing.assert_close(policy, -worst.mean())
+    torch.testing.assert_close(estimation, (estimate - before["estimate"]).square().mean())
+    torch.testing.assert_close(loss, value + 2.0 * policy + 3.0 * estimation - 0.1 * log_std.sum())
+
+
 def test_std_is_bounded_by_the_schedule() -> None:
     learner = make_learner(std_initial=0.8, std_final=0.2, std_steps=100.0)
     learner.bound_std(50.0)
