@@ -26,6 +26,10 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
     Fixed links count as parts of those that carry them. Meshes and textures are not read.
     """
     spec, root = _spec(file), ET.parse(file).getroot()  # noqa: S314  the user's
+    if root.tag == "mujoco" and spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        raise ModelError(
+            f'{file} takes inertias from shapes (inertiafromgeom="true"); leave it out, and give <inertial>'
+        )
     if root.tag == "mujoco" and (lacking := [body.name for body in spec.bodies[1:] if _weighed_by_shapes(body)]):
         raise ModelError(f"{file} gives {', '.join(lacking)} no <inertial>, only shapes; give each body its inertia")
     if any(equality.type in _LOOPS for equality in spec.equalities):
@@ -123,6 +127,9 @@ def _spec(file: pathlib.Path) -> mujoco.MjSpec:
         raise ModelError(f"{file} has {names} in the world; give one robot, whose other links hang on its base")
     if not roots[0].joints:
         roots[0].add_freejoint()
+    for number, body in enumerate(spec.bodies[1:]):
+        if not body.name and not body.joints:  # a part of the link that carries it
+            body.name = f"part_{number}_of_{body.parent.name}"
     return spec
 
 

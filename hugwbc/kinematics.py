@@ -28,7 +28,7 @@ class Measured:
     clearance: tuple[float, float]  # height of the left and the right sole centre above the ground [m]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=64)  # robots of models that are not ours are new each time
 def pinocchio_model(robot: Robot) -> pin.Model:
     """Return a free-floating robot with its drives' reflected inertia. Shared; do not modify it."""
     model = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())

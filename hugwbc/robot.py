@@ -408,7 +408,7 @@ class Mirror:
         return self.joints(full)[..., robot.arms]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=64)  # robots of models that are not ours are new each time
 def load_mirror(robot: Robot) -> Mirror:
     """Return the mirror map of a robot, from its joints' names and axes.
 

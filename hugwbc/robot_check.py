@@ -17,6 +17,7 @@ _FOLLOWS = {"corner_speed": "velocity", "policy_torque_limit": "effort"}  # wher
 _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the right joint
 # Axes of legs and waist in the base's frame, by part; the others turn about y.
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
+_EXACT = 1e-13  # rounding of the moments of a flat body
 _ALONG = 0.8  # part of an axis along its own
 _TILTED = 12.0  # [degrees], from which on an axis that is along its own enough is named
 # [degrees], of frames with all joints at 0: of the shanks, whose lean tells what the ankle has to make up for, and of
@@ -172,7 +173,7 @@ def _bodies(table: Mapping[str, Any]) -> Iterator[str]:
             continue
         tensor = np.array([[link["ixx"], link["ixy"], link["ixz"]], [0, link["iyy"], link["iyz"]], [0, 0, link["izz"]]])
         small, middle, large = np.linalg.eigvalsh(tensor, UPLO="U")
-        if not 0.0 < small <= large <= 1.01 * (small + middle):
+        if not 0.0 < small <= large <= (1.0 + _EXACT) * (small + middle):  # MuJoCo refuses others
             yield (
                 f"no body has the inertia of {name}: its moments are {small:.2g}, {middle:.2g} and {large:.2g} kg m²; "
                 "each must be above 0, and at most the sum of the others"
@@ -368,7 +369,12 @@ def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
         name, box = link["name"], link.get("collision_box")
         if box is not None and not min(box["size"]) > 0.0:
             yield f"the box of {name} has the size {box['size']}; give lengths above 0"
-        if box is None or name in (roles["foot"], other_side(roles["foot"])):
+        if box is not None and name in (roles["foot"], other_side(roles["foot"])):
+            yield f"{name} has a collision_box; leave it out: a foot collides by its `sole`"
+            continue
+        if box is None:
+            if name == roles["trunk"] != roles["base"]:
+                yield f"the trunk, {name}, has no collision_box, so that nothing shows its falls; give it one"
             continue
         corners = [
             np.add(box["center"], np.multiply(box["size"], at)) for at in itertools.product((-0.5, 0.5), repeat=3)

@@ -204,6 +204,7 @@ def check_roles(table: Mapping[str, Any]) -> None:
 def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
     """Give a table, in place, what follows from its links and joints, and its description, where it does not say it."""
     roles, joints = table["roles"], table["joints"]
+    _check_rings(joints)
     if description is not None:
         from hugwbc.description import collision_boxes, measure_sole
 
@@ -234,6 +235,17 @@ def complete(table: dict[str, Any], description: pathlib.Path | None) -> None:
     table.setdefault("arm_servo", {"kp": kp, "kd": [_SERVO_TIME * one for one in kp]})
     table.setdefault("leg_postures", {"tucked": posture("leg", _TUCKED)})
     table.setdefault("arm_postures", {kind: posture("arm", given) for kind, given in _ARMS.items()})
+
+
+def _check_rings(joints: Joints) -> None:
+    """Refuse joints that carry each other."""
+    parents = {joint["child"]: joint["parent"] for joint in joints}
+    for link in parents:
+        above = link
+        for _ in parents:
+            above = parents.get(above, above)
+        if above in parents:  # nothing carries the base
+            raise ModelError(f"the joints above {link} carry each other in a ring; one of them has a wrong parent")
 
 
 def complete_drive(joint: dict[str, Any]) -> None:

@@ -132,6 +132,29 @@ def test_mjcf_without_speeds_and_efforts_is_asked_for_them(tmp_path) -> None:
     assert all("left_hip_pitch_joint" in one and "waist_roll_joint" in one for one in (effort, velocity))
 
 
+def test_a_nameless_part_may_carry_a_mesh_without_a_mass(tmp_path) -> None:
+    text = G1.xml_path.read_text()
+    place = text.index(">", text.index('<body name="torso_link"')) + 1
+    part = '<body pos="0 0 0.3"><geom type="mesh" mesh="cover" mass="0"/></body>'
+    (tmp_path / "maker.xml").write_text(
+        text[:place].replace("<asset>", '<asset><mesh name="cover" file="cover.stl"/>', 1) + part + text[place:]
+    )
+    assert "cover.stl" in (tmp_path / "maker.xml").read_text()
+    rows = [row for row in TABLE["joints"] if not row["name"].startswith("right")]
+    drives = [{"joints": [row["name"]], "velocity": row["velocity"]} for row in rows]
+    mine = _robot(tmp_path / "mine", {**SHORT, "description": str(tmp_path / "maker.xml"), "drives": drives})
+    assert mine.mass == pytest.approx(G1.mass)
+
+
+def test_inertias_of_shapes_in_place_of_those_given_are_refused(tmp_path) -> None:
+    text = G1.xml_path.read_text()
+    spoilt = text.replace("<compiler", '<compiler inertiafromgeom="true"', 1)
+    assert spoilt != text
+    (tmp_path / "maker.xml").write_text(spoilt)
+    with pytest.raises(ModelError, match=r'takes inertias from shapes \(inertiafromgeom="true"\)'):
+        read_description(tmp_path / "maker.xml")
+
+
 def test_textures_need_not_be_there(tmp_path) -> None:
     looks = (
         '<asset><texture name="skin" type="2d" file="none.png"/><material name="skin" texture="skin"/></asset>'
@@ -229,6 +252,7 @@ def test_what_an_mjcf_leaves_to_its_shapes_and_turns_is_refused(tmp_path) -> Non
         head: "gives head no <inertial>, only shapes",
         imu: "frame of the IMU is turned by 57 degrees",
         f'<body name="more">{hinges}</body>': "has 2 joints on more; give each a link",
+        '<body><geom size="0.1" mass="3"/></body>': "gives part_[0-9]+_of_torso_link no <inertial>, only shapes",
     }
     for number, (change, message) in enumerate(changes.items()):
         place = text.index(">", text.index('<body name="torso_link"' if change != imu else '<body name="pelvis"')) + 1

@@ -40,6 +40,21 @@ BROKEN = {
     ),
     "a link weighs nothing": (_set("torso_link", mass=0.0), ["the mass of torso_link is 0 kg; give one above 0"]),
     "an inertia is impossible": (_set("pelvis", izz=0.05), ["no body has the inertia of pelvis"]),
+    "an inertia is rounded beyond what a body has": (
+        _set("torso_link", ixx=0.1, iyy=0.05, izz=0.1505, ixy=0.0, ixz=0.0, iyz=0.0),
+        ["no body has the inertia of torso_link"],
+    ),
+    "a foot has a box": (
+        _set("left_ankle_roll_link", collision_box={"center": [0.0, 0.0, 0.0], "size": [0.1, 0.1, 0.1]}),
+        ["left_ankle_roll_link has a collision_box; leave it out: a foot collides by its `sole`"],
+    ),
+    "nothing shows that the trunk falls": (
+        lambda table: (
+            _row(table, "torso_link").pop("collision_box"),
+            table.update(collision_pairs=[pair for pair in table["collision_pairs"] if "torso_link" not in pair]),
+        ),
+        ["the trunk, torso_link, has no collision_box, so that nothing shows its falls; give it one"],
+    ),
     "the soles are in the air": (
         lambda table: table["sole"].update(z=-0.005),
         [f"the sole of {side}_ankle_roll_link is 30 mm above the ground" for side in ("left", "right")],
@@ -542,3 +557,11 @@ def test_arms_without_strength_do_not_pass_the_hands(tmp_path) -> None:
     path.write_text(yaml.safe_dump(table, sort_keys=False))
     with pytest.raises(ConfigError, match=r"a hand is \d+ cm from its target"):
         check_hands(str(path))
+
+
+def test_joints_that_carry_each_other_are_told(tmp_path) -> None:
+    table = copy.deepcopy(G1)
+    _row(table, "left_hip_pitch_joint")["parent"] = "left_knee_link"
+    (tmp_path / "ring.yaml").write_text(yaml.safe_dump({key: value for key, value in table.items() if key != "name"}))
+    with pytest.raises(ModelError, match="carry each other in a ring"):
+        load_robot(str(tmp_path / "ring.yaml"))

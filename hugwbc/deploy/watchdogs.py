@@ -108,7 +108,7 @@ class BodyLimits:
         self._since: dict[str, float] = {}  # when what is exceeded began [s]
 
     def fault(self, message: StateMessage) -> str | None:
-        """Return the limit that a reading exceeds for long enough, or None. NaN exceeds none."""
+        """Return the limit that a reading exceeds for long enough, or None."""
         state, limits = message.state, self._limits
         names = self._robot.joint_names
         hottest = int(np.argmax(message.temperature))
@@ -120,6 +120,8 @@ class BodyLimits:
         lean = tilt(state)
         if self._lasts("tilt", lean > limits.tilt, state.time):
             return f"the robot leans {lean:.2f} rad, above {limits.tilt:.2f}"
+        if self._lasts("orientation", math.isnan(lean), state.time, limits.silence):
+            return f"the IMU has given no orientation for {limits.silence * 1e3:.0f} ms"
         fast = np.abs(state.dq) > self._speed
         if self._since or fast.any():
             for joint, exceeded in enumerate(fast.tolist()):
@@ -127,16 +129,22 @@ class BodyLimits:
                     return f"{names[joint]} turns at {state.dq[joint]:.1f} rad/s, above {self._speed[joint]:.1f}"
         return None
 
-    def _lasts(self, name: str, exceeded: bool, time: float) -> bool:
-        """Return whether a limit has been exceeded without a break for `lasting` [s]."""
+    def _lasts(self, name: str, exceeded: bool, time: float, lasting: float | None = None) -> bool:
+        """Return whether a limit has been exceeded without a break for a time [s], the limits' `lasting` by default."""
         if not exceeded:
             self._since.pop(name, None)
             return False
-        return time - self._since.setdefault(name, time) >= self._limits.lasting - 1e-9
+        lasting = self._limits.lasting if lasting is None else lasting
+        return time - self._since.setdefault(name, time) >= lasting - 1e-9
 
 
 def tilt(state: RobotState) -> float:
-    """Return the angle between the pelvis's axis and the vertical [rad]; NaN if the orientation is not known."""
+    """Return the angle between the pelvis's axis and the vertical [rad]; NaN if the orientation is not known.
+
+    A broken IMU may send zeros, which turn nothing.
+    """
+    if not abs(float(state.orientation.dot(state.orientation)) - 1.0) < 0.1:
+        return math.nan
     upright = -float(state.projected_gravity[2])
     return math.acos(min(max(upright, -1.0), 1.0)) if math.isfinite(upright) else math.nan
 

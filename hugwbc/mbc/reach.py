@@ -162,7 +162,7 @@ class _Leg(NamedTuple):
     lifted: float  # torque of the hip per acceleration of the knee, if the hip bends by half as much [kg m^2]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=64)  # robots of models that are not ours are new each time
 def _leg(robot: Robot) -> _Leg:
     """Return geometry and inertia of a leg from the model of the robot."""
     model = pinocchio_model(robot)

@@ -75,11 +75,15 @@ class CaptureCheck:
         self._good: Picture | None = None
         self._right = 0.0  # time of the last picture without a contradiction [s]
         self._wrong = self._repeated = 0  # pictures since then, and with the same pose to the last digit
+        self._ahead: float | None = None  # time of the last picture that was ahead of the robot's clock [s]
 
     def admitted(self, picture: Picture | None, state: RobotState) -> Picture | None:
         """Return the newest picture that fits the robot's estimate before any correction; None before the first."""
         last = self._pairs[-1] if self._pairs else None
         if picture is None or state.position is None or self.refusal or (last and picture.time <= last[0]):
+            return self._good
+        if picture.time - state.time > _AHEAD:
+            self._see_ahead(picture, state)
             return self._good
         self._right = picture.time if last is None else self._right
         repeats = last is not None and np.array_equal(picture.robot, last[1])
@@ -89,18 +93,28 @@ class CaptureCheck:
             self._pairs.popleft()
         seen, own = (np.array((self._pairs[0][i], self._pairs[-1][i])) for i in (1, 2))
         late, frozen = state.time - picture.time > LONGEST_AGE, self._repeated >= _REPEATS
-        ahead = picture.time - state.time > _AHEAD
-        if not (late or ahead or frozen) and _misfit(seen[:, :3], rotations.to_matrix(seen[:, 3:]), own)[1] <= 1.0:
+        if not (late or frozen) and _misfit(seen[:, :3], rotations.to_matrix(seen[:, 3:]), own)[1] <= 1.0:
             self._good, self._right, self._wrong = picture, picture.time, -1
         self._wrong += 1
         if self._wrong >= _LEAST and picture.time - self._right > _LONGEST:
-            why = "its clock is ahead of the robot's" if ahead else self._cause(frozen)
-            why = "its pictures come too late" if late else why
-            self.refusal = (
-                f"motion capture refused at {state.time:.1f} s: it contradicts the robot's IMU and odometry, {why}; "
-                "send the pelvis' position in metres and quaternion (w, x, y, z) in a world with z up"
-            )
+            self._refuse(state.time, "its pictures come too late" if late else self._cause(frozen))
         return self._good
+
+    def _see_ahead(self, picture: Picture, state: RobotState) -> None:
+        """Count a picture with a time to come, which is left out: the next ones would seem older than it."""
+        if picture.time == self._ahead:
+            return
+        if self._ahead is None and not self._pairs:
+            self._right = state.time
+        self._ahead, self._wrong = picture.time, self._wrong + 1
+        if self._wrong >= _LEAST and state.time - self._right > _LONGEST:
+            self._refuse(state.time, "its clock is ahead of the robot's")
+
+    def _refuse(self, now: float, why: str) -> None:
+        self.refusal = (
+            f"motion capture refused at {now:.1f} s: it contradicts the robot's IMU and odometry, {why}; "
+            "send the pelvis' position in metres and quaternion (w, x, y, z) in a world with z up"
+        )
 
     def _cause(self, frozen: bool) -> str:
         """Return what is likely wrong with the capture, in words."""

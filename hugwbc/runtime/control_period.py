@@ -3,6 +3,8 @@
 import math
 import time
 
+import numpy as np
+
 from hugwbc.commands import Command
 from hugwbc.controller import Controller, JointCommand, UpperBody
 from hugwbc.errors import ConfigError
@@ -13,6 +15,7 @@ from hugwbc.runtime.estimation import StateEstimator, joined
 from hugwbc.runtime.guard import Guard
 from hugwbc.runtime.lowering import Lowering
 from hugwbc.runtime.motor_watch import MotorWatch
+from hugwbc.runtime.reading_guard import IMU, plausible
 from hugwbc.runtime.safety import SafetyFilter, StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.runtime.sight import Sight
@@ -98,12 +101,14 @@ class ControlPeriod:
         # An update whenever the controller acts, and as many between as there must be.
         self._update_due = Due(self.period / max(1, math.ceil(self.period / LONGEST_UPDATE - _ROUNDING)))
         self._unseen: list[RobotState] = []  # by the estimator
+        self._gyro: np.ndarray | None = None  # the last plausible reading of it [rad/s]
         self._free_arms, self._started = UpperBody.none(), False
 
     def locate(self, reading: RobotState, now: float) -> None:
         """Start the estimate from the reading of a robot that stands at rest, which arrives now [s]."""
         self._update_due.restart(now + self._update_due.period)
         self._unseen.clear()
+        self._gyro = reading.imu_gyro
         self.estimate = reading
         if self.estimator is not None:
             self.estimate = self.estimator.reset(reading, self._update_due.period)
@@ -141,8 +146,20 @@ class ControlPeriod:
         self._unseen.append(reading)
         if self._update_due(now):
             planned = self.guard.planned_acceleration if driven else None
-            self.estimate = self.estimator.update(joined(self._unseen), planned, reading.imu_gyro)
+            self.estimate = self.estimator.update(self._joined(), planned, self._gyro)
             self._unseen.clear()
+
+    def _joined(self) -> RobotState:
+        """Return the mean of what the estimator has not seen, without single readings that cannot be true."""
+        newest = self._unseen[-1]
+        if newest.imu_gyro is None or newest.imu_accelerometer is None or newest.torque is None:
+            self._gyro = newest.imu_gyro
+            return newest
+        sound = plausible(self._unseen, self._gyro, self._robot)
+        for _ in range(len(self._unseen) - len(sound)):
+            self.log.count_of("readings_refused", IMU, f"readings of {IMU} refused and replaced")
+        self._gyro = sound[-1].imu_gyro
+        return joined(sound, newest)
 
     def look(self, t: float) -> View:
         """Return what is seen at time t of the run [s]; each time has one view."""

@@ -113,13 +113,12 @@ class JointFilter:
             self._steady = kind
 
 
-def joined(readings: Sequence[RobotState]) -> RobotState:
-    """Return the newest of some readings, with what is integrated averaged over all: gyro, accelerometer, torques."""
-    last, count = readings[-1], len(readings)
-    parts = []
+def joined(readings: Sequence[RobotState], last: RobotState) -> RobotState:
+    """Return the last reading, with what is integrated averaged over some: gyro, accelerometer, torques."""
+    count, parts = len(readings), []
     for reading in readings:
         gyro, accelerometer, torque = reading.imu_gyro, reading.imu_accelerometer, reading.torque
-        if count == 1 or gyro is None or accelerometer is None or torque is None:
+        if (count == 1 and reading is last) or gyro is None or accelerometer is None or torque is None:
             return last
         parts.append((gyro, accelerometer, torque))
     gyro, accelerometer, torque = [sum(values[1:], values[0]) / count for values in zip(*parts, strict=True)]
@@ -186,11 +185,14 @@ class StateEstimator:
     def reset(self, state: RobotState, period: float = _READING) -> RobotState:
         """Start from a robot that stands at rest, and return the first estimate.
 
+        If its reading is not usable, `update` starts from the first one that is.
+
         Args:
             state: a reading. Its orientation is where the filter starts, and its position, if it has one; else the
                 robot stands above the origin.
             period: usual time between two updates [s].
         """
+        self._period = period
         self.guard.reset(state, period)
         self._joints.reset(state.q, np.zeros_like(state.dq))
         self._kinematics.update(dataclasses.replace(state, position=np.zeros(3), velocity=np.zeros(3)))
@@ -211,6 +213,7 @@ class StateEstimator:
         self._P = np.diag(np.repeat(spreads, 3) ** 2)
         self.contact = np.ones(_FEET, dtype=bool)
         self._time, self._gyro = state.time, np.zeros(3) if state.imu_gyro is None else state.imu_gyro
+        self._begun = state.is_usable
         self._touch_down, self._turning = [-math.inf] * _FEET, [0.0] * _FEET
         self._plans: collections.deque[tuple[float, np.ndarray | None]] = collections.deque(maxlen=_PLANS)
         self._see_waist()
@@ -234,9 +237,14 @@ class StateEstimator:
             newest_gyro: the last reading of the gyro where that of `state` is a mean over some time [rad/s],
                 shape (3,). The mean turns the estimate; the pelvis moves as the last reading says.
         """
+        if not self._begun:
+            return self.reset(state, self._period) if state.is_usable else state
         state = self.guard.admit(state)
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
-        if gyro is None or accelerometer is None or torque is None or not self.guard.started or not state.is_finite:
+        if gyro is None or accelerometer is None or torque is None or not self.guard.started:
+            return state
+        # What the filter reads; pelvis orientation and velocity, in which one NaN of a waist or an IMU lasts, it gives.
+        if not math.isfinite(sum(float(part.dot(part)) for part in (gyro, accelerometer, torque, state.q, state.dq))):
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
         self._time = state.time

@@ -292,7 +292,8 @@ class MujocoRobot:
     def _contact_forces(self) -> np.ndarray:
         """Return the forces on feet and hands from outside the robot in the world [N], shape (4, 3)."""
         force = np.zeros((_LINK, 3))
-        roles = self._role[self._model.geom_bodyid[self._data.contact.geom]].reshape(-1, 2)
+        geoms = self._data.contact.geom  # -1 for a cloth or a rope
+        roles = np.where(geoms < 0, _OBJECT, self._role[self._model.geom_bodyid[geoms]]).reshape(-1, 2)
         for index in np.flatnonzero((roles.min(axis=1) < _LINK) & (roles.max(axis=1) == _OBJECT)):
             on_second = force_on_second(self._model, self._data, int(index))
             one, other = roles[index]

@@ -9,6 +9,7 @@ lasts longer than this can be right is told as lost (`RobotState.lost`).
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -31,6 +32,7 @@ _DRIFT = 4.0  # [rad/s], growth of that difference while the joint is not read
 GYRO_JUMP = 20.0  # [rad/s], largest change of the gyro between two readings
 _REPEATS = 3  # number of repetitions of a reading from which on a device hangs
 _STILL = 0.2  # [rad/s], speed of a joint below which equal readings are not a fault if they show that it stands
+_GAP = 1.5  # usual times between two readings, from which on some are missing
 _LONGEST_STEP = 0.1  # [s], largest time between two readings; a longer one, or one back, is a wrong time stamp
 # [s], how long a device, or all of them, may be missing before it is lost.
 _IMU_LOSS, _ENCODER_LOSS, _ALL_LOSS = 0.3, 0.3, 0.2
@@ -40,6 +42,35 @@ _SPEED_WEIGHT = 0.05  # [s], of a velocity against a position where the past is 
 _LEAP = 0.02  # [rad], what it costs to leave the past where it is being repeated
 _FADE = 0.1  # [s], in which the difference between a joint's last reading and that of the past fades
 _RESYNCHRONISE = 0.1  # [s] of refused time stamps after which the sensors' clock is believed again
+
+
+def _is_attitude(state: RobotState) -> bool:
+    """Return whether orientation and angular velocity are numbers; they come from the IMU and the waist's encoder."""
+    return math.isfinite(state.orientation.dot(state.orientation) + state.angular_velocity.dot(state.angular_velocity))
+
+
+def plausible(readings: Sequence[RobotState], gyro: np.ndarray | None, robot: Robot) -> Sequence[RobotState]:
+    """Return those of some readings whose IMU and torques can be true, by themselves: a mean would hide a wild one.
+
+    Args:
+        readings: in order, all with an IMU and torques.
+        gyro: of the reading before them [rad/s], shape (3,); None if there was none.
+        robot: that they are of.
+
+    Returns:
+        All, if none can be true; `ReadingGuard` then judges their mean.
+    """
+    if gyro is None or len(readings) == 1:
+        return readings
+    strongest, sound = _TORQUE * robot.torque_limit, []
+    for reading in readings:
+        assert reading.imu_gyro is not None and reading.imu_accelerometer is not None and reading.torque is not None
+        likely = np.abs(reading.imu_gyro - gyro).max() <= GYRO_JUMP and np.abs(reading.imu_gyro).max() <= GYRO
+        likely = likely and np.abs(reading.imu_accelerometer).max() <= ACCELEROMETER
+        if likely and (np.abs(reading.torque) <= strongest).all():
+            sound.append(reading)
+            gyro = reading.imu_gyro
+    return sound or readings
 
 
 class ReadingGuard:
@@ -81,7 +112,10 @@ class ReadingGuard:
         self._calm = True  # whether both are 0 for all
         self._analogue, self._offset = -1, np.zeros(len(self._robot.joint_names))
         self._time, self._period, self._refused, self._lost = None if state is None else state.time, period, 0, ""
-        self._attitude = None if state is None else (state.orientation, state.angular_velocity)
+        self._step = period  # [s], from the reading before to this one
+        self._attitude: tuple[np.ndarray, np.ndarray] | None = None
+        if state is not None and _is_attitude(state):
+            self._attitude = state.orientation, state.angular_velocity
 
     @property
     def started(self) -> bool:
@@ -96,7 +130,9 @@ class ReadingGuard:
         if state.imu_gyro is None or state.imu_accelerometer is None or state.torque is None:
             return state
         raw = np.concatenate((state.imu_gyro, state.imu_accelerometer, state.q, state.dq, state.torque))
+        before = self._time
         time, timely = self._clock(state.time)
+        self._step = self._period if before is None else min(max(time - before, 0.0), _LONGEST_STEP)
         if self._last is None:
             if not (np.abs(raw) <= LARGEST_READING).all():
                 return state
@@ -110,17 +146,18 @@ class ReadingGuard:
             self._calm = not self._equal.any()
         self._remember(raw)
         self._last, self._raw = raw, raw
-        self._attitude = state.orientation, state.angular_velocity
+        if _is_attitude(state):
+            self._attitude = state.orientation, state.angular_velocity
         return dataclasses.replace(state, time=time, lost=self._lost) if self._lost else state
 
     def _is_sound(self, raw: np.ndarray) -> bool:
         """Return whether nothing at all is wrong with a reading, after one with which nothing was: the usual case."""
         last, before = self._last, self._raw
         assert last is not None and before is not None
-        if self._analogue >= 0 or not self._calm:
+        if self._analogue >= 0 or not self._calm or self._step > _GAP * self._period:
             return False
         change = raw - last
-        change[self._q] -= self._period * last[self._dq]
+        change[self._q] -= self._step * last[self._dq]
         # A comparison with NaN is false.
         sound = (np.abs(change) <= self._room) & (raw <= self._highest) & (raw >= self._lowest) & (raw != before)
         return np.count_nonzero(sound) == sound.size  # in a tenth of the time of `all`
@@ -151,8 +188,8 @@ class ReadingGuard:
             gyro, q, dq = raw[self._gyro], raw[self._q], raw[self._dq]
             good_imu = (np.abs(gyro) <= GYRO).all() and (np.abs(raw[self._accelerometer]) <= ACCELEROMETER).all()
             good_imu = good_imu and (np.abs(gyro - last[self._gyro]) <= GYRO_JUMP).all()
-            room = _POSITION_JUMP + _DRIFT * self._gone[1:]
-            near = np.abs(q - last[self._q] - self._period * last[self._dq]) <= room
+            room = _POSITION_JUMP + _DRIFT * (self._gone[1:] + max(self._step - self._period, 0.0))
+            near = np.abs(q - last[self._q] - self._step * last[self._dq]) <= room
             good = near & (q >= self._low) & (q <= self._high) & (np.abs(dq) <= self._fastest)
             same = raw == before
         repeated = np.concatenate(([same[:6].all()], same[self._q] & same[self._dq]))
@@ -167,7 +204,7 @@ class ReadingGuard:
         """Return the reading with the refused devices replaced by what the past says."""
         names = (IMU, *self._robot.joint_names)
         given = self._patched(raw, bad)
-        self._gone, self._calm = np.where(bad, self._gone + self._period, 0.0), False
+        self._gone, self._calm = np.where(bad, self._gone + self._step, 0.0), False
         devices = (
             (ALL,) if bad.all() else tuple(name for name, refused in zip(names, bad.tolist(), strict=True) if refused)
         )
@@ -184,7 +221,7 @@ class ReadingGuard:
                 self._lost = f"the encoder of {joint} failed for {1e3 * _ENCODER_LOSS:.0f} ms"
         self._last, self._raw = given, raw
         orientation, rate = state.orientation, state.angular_velocity
-        if bad[0] and self._attitude is not None:
+        if self._attitude is not None and (bad[0] or not _is_attitude(state)):
             orientation, rate = self._attitude
         return dataclasses.replace(
             state,

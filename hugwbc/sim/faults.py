@@ -36,7 +36,7 @@ WILD = 500.0  # [rad/s], the reading of a wild speed
 TILT, TURN = math.radians(2.0), 0.1  # [rad], [rad/s], of a biased IMU, in pitch
 NOISE = 3.0  # of the encoders, as a multiple of the noise of sensing `robot`
 _DISORDER = 0.02  # [s], largest error of a time stamp that is out of order
-_PATTERN = re.compile(r"(?P<kind>[a-z-]+)(=(?P<what>[\w.]+))?@(?P<start>[^:]+)(:(?P<duration>.+))?")
+_PATTERN = re.compile(r"(?P<kind>[a-z-]+)(=(?P<what>[^@]+))?@(?P<start>[^:]+)(:(?P<duration>.+))?")
 
 
 @settings

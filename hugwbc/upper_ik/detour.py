@@ -83,7 +83,7 @@ class PostureTable:
         return np.array(found) * mirror
 
 
-@functools.cache
+@functools.lru_cache(maxsize=64)  # robots of models that are not ours are new each time
 def posture_table(robot: Robot) -> PostureTable:
     """Build the table of random postures, the same in every process; the first call of a robot takes about 60 ms."""
     descent = Descent(ArmIKConfig(), robot)

@@ -104,8 +104,17 @@ def test_a_hot_motor_is_damped_at_once(standing) -> None:
 
 def test_what_is_not_a_number_exceeds_no_limit(standing) -> None:
     nan = np.full(19, np.nan)
-    changes = {"q": nan, "dq": nan, "orientation": np.full(4, np.nan)}
-    assert fault_after(BodyLimits(H1, Limits()), standing, 20, **changes) is None
+    assert fault_after(BodyLimits(H1, Limits()), standing, 20, q=nan, dq=nan) is None
+
+
+@pytest.mark.parametrize("broken", [np.full(4, np.nan), np.zeros(4)], ids=["NaN", "zeros"])
+def test_an_imu_without_an_orientation_is_a_fault_after_a_while(standing, broken) -> None:
+    """Nobody else watches how the robot leans in the start pose."""
+    watch = BodyLimits(H1, Limits())
+    assert np.isnan(tilt(standing.next(orientation=broken).state))
+    assert fault_after(watch, standing, 50, orientation=broken) is None
+    assert fault_after(watch, standing, 1) is None
+    assert fault_after(watch, standing, 51, orientation=broken) == "the IMU has given no orientation for 100 ms"
 
 
 def test_a_start_is_refused_tilted_broken_or_out_of_range(standing) -> None:

@@ -1,5 +1,7 @@
 """A motion capture is believed while it says what the robot's IMU and odometry say, whatever its world's heading."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -115,3 +117,15 @@ def test_single_wrong_pictures_are_passed_over():
     count = iter(range(10**6))
     check, when = watched(lambda p: p[[0, 1, 2, 4, 5, 6, 3]] if next(count) % 10 == 9 else p)
     assert when is None, check.refusal
+
+
+def test_one_picture_with_a_time_to_come_does_not_hide_the_next_ones():
+    check, state = CaptureCheck(), make_state(position=np.array([0.0, 0.0, 0.98]), velocity=np.zeros(3))
+    still = np.array([0.0, 0.0, 0.98, 1.0, 0.0, 0.0, 0.0])
+    scatter = np.random.default_rng(0)
+    for tick in range(300):
+        time = 0.01 * tick + (3600.0 if tick == 120 else 0.0)
+        picture = Picture(time, 0.03, np.zeros((0, 7)), still + np.r_[1e-4 * scatter.normal(size=3), np.zeros(4)])
+        admitted = check.admitted(picture, dataclasses.replace(state, time=0.01 * tick + 0.03))
+        assert admitted is not None and (admitted is picture) == (tick != 120), tick
+    assert not check.refusal

@@ -135,3 +135,22 @@ def test_one_odd_field_anywhere_never_raises_in_a_period_and_never_gets_out(kind
     assert period.act(make_state(), Command(), UpperBody.none()).is_finite
     report = period.report()
     assert report.failures >= (odd != "none") and report.held >= 1 and report.source_failures == 1
+
+
+@pytest.mark.parametrize("jump", [34.0, 95.0])
+def test_a_single_wild_gyro_reading_between_two_updates_turns_nothing(jump):
+    """The mean of five readings alone, a fifth of it, could be true."""
+    leans = []
+    for wild in (0.0, jump):
+        loop = ControlLoop(HoldController(ROBOT), Command(), Simulation(sensing="robot", seed=0))
+        loop.reset()
+        control, simulation = loop.control, loop.simulation
+        for tick in range(60):
+            simulation.step(JointCommand.position(ROBOT, ROBOT.nominal), 0.002)
+            reading = simulation.sense()
+            if tick == 52:
+                reading = dataclasses.replace(reading, imu_gyro=reading.imu_gyro + np.array([wild, 0.0, 0.0]))
+            control.observe(reading, simulation.time)
+        leans.append(control.estimate.orientation)
+    np.testing.assert_allclose(*leans, atol=1e-3)
+    assert control.log.report().readings_refused == {"imu": 1}

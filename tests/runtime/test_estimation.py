@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hugwbc import Command, Gait, RobotState, UpperBody, load_robot, rotations
+from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, load_robot, rotations
 from hugwbc.kinematics import Kinematics
 from hugwbc.mbc import WholeBodyController
 from hugwbc.robot import SIDES
@@ -180,6 +180,37 @@ def test_readings_that_are_incomplete_are_passed_on_and_broken_ones_replaced():
         assert estimate.is_finite and estimate.coasted
     estimate = estimator.update(dataclasses.replace(reading, time=0.01))
     assert estimate.velocity == pytest.approx(np.zeros(3), abs=1e-6), "none of them leaves anything behind"
+
+
+@pytest.mark.parametrize("spoilt", ["waist", "quaternion"])
+@pytest.mark.parametrize("name", ["h1", "g1"])
+def test_what_turns_an_imu_into_a_pelvis_may_fail_for_a_while(name, spoilt):
+    """The orientation that comes with a reading is the first one's alone: the filter has its own."""
+    simulation = Simulation(robot=name, sensing="robot", seed=0)
+    estimator, robot = StateEstimator(load_robot(name)), load_robot(name)
+    estimator.reset(simulation.sense(), 0.002)
+    for tick in range(130):
+        simulation.step(JointCommand.position(robot, robot.nominal), 0.002)
+        state = simulation.sense()
+        if tick >= 100:
+            q, nowhere = state.q.copy(), np.full(4, np.nan)
+            if spoilt == "waist":
+                q[robot.waist] = np.nan
+            state = dataclasses.replace(state, q=q, orientation=nowhere, angular_velocity=np.full(3, np.nan))
+        estimate = estimator.update(state)
+        assert estimate.is_usable
+    assert bool(estimate.coasted) == (spoilt == "waist")
+
+
+def test_it_starts_with_the_first_usable_reading():
+    estimator, reading = StateEstimator(load_robot()), _at_rest(np.array([1.0, 0.0, 0.0, 0.0]))
+    nothing = dataclasses.replace(reading, orientation=np.full(4, np.nan), imu_gyro=np.full(3, np.nan))
+    estimator.reset(nothing)
+    assert estimator.update(dataclasses.replace(nothing, time=0.002)).time == 0.002
+    for tick in range(2, 20):
+        estimate = estimator.update(dataclasses.replace(reading, time=0.002 * tick))
+        assert estimate.is_usable
+    assert estimate.position[2] == pytest.approx(ROBOT.nominal_height, abs=0.02)
 
 
 @pytest.mark.parametrize(("name", "ticks"), [("h1", 1500), ("g1", 1000)])  # the IMU is on the trunk, and on the pelvis

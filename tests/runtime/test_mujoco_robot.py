@@ -191,6 +191,24 @@ def test_feet_feel_the_weight_and_objects_are_seen() -> None:
     assert robot.problems == ["the left gripper was asked for 'ball', and there are no grippers"]
 
 
+def test_a_cloth_on_the_floor_is_no_force_on_the_robot() -> None:
+    scene = mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><geom type="plane" size="9 9 1"/><flexcomp name="cloth" type="grid" count="4 4 1" '
+        'spacing="0.1 0.1 0.1" dim="2" mass="5" pos="3 0 0.009" radius="0.01"/></worldbody></mujoco>'
+    )
+    scene.attach(mujoco.MjSpec.from_file(str(ROBOT.xml_path)), prefix="lab/", frame=scene.worldbody.add_frame())
+    scene.delete(scene.geom("lab/floor"))
+    model = scene.compile()
+    data = mujoco.MjData(model)
+    robot = MujocoRobot(model, data, prefix="lab/")
+    data.qpos[model.joint("lab/root").qposadr[0] + 2] = 3.0
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    assert (data.contact.geom < 0).any()
+    state = robot.state()
+    assert not np.any(state.hand_force) and not np.any(state.foot_force)
+
+
 def test_the_hand_is_where_the_model_has_it() -> None:
     def further(robot: mujoco.MjSpec) -> None:
         robot.site("left_hand").pos = robot.site("right_hand").pos = (0.31, 0.0, -0.01)

@@ -30,6 +30,7 @@ def readings(*faults, count=20, latency=0.0):
 def test_a_fault_is_read_from_its_text():
     assert Fault.parse("imu-gone@4:0.2") == Fault("imu-gone", 4.0, 0.2)
     assert Fault.parse("encoder-stuck=left_knee_joint@1") == Fault("encoder-stuck", 1.0, math.inf, "left_knee_joint")
+    assert Fault.parse("motor-dead=left-leg/knee@3:1") == Fault("motor-dead", 3.0, 1.0, "left-leg/knee")
 
 
 TEXTS = (
