@@ -109,6 +109,15 @@ def code_of(path: pathlib.Path) -> list[pathlib.Path]:
     return [path, *map(pathlib.Path, sorted(found))]
 
 
+def source_of(entry: EntryPoint) -> pathlib.Path | None:
+    """Return the Python file of an entry point's module; None if it has none."""
+    with contextlib.suppress(ImportError, ValueError):  # whoever loads it says so
+        spec = importlib.util.find_spec(entry.module)
+        if spec is not None and spec.origin is not None and spec.origin.endswith(SUFFIX):
+            return pathlib.Path(spec.origin)
+    return None
+
+
 _Code = tuple[tuple[pathlib.Path, str], ...]  # files and their digests
 _Ran = tuple[types.ModuleType, dict[str, str]]  # a module, and the digests of the files that it read when it ran
 _imported: dict[pathlib.Path, str] = {}  # digests of modules beside files that were run

@@ -10,6 +10,7 @@ import pytest
 
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError, UnknownNameError
+from hugwbc.evaluation.store import controller_digest
 from hugwbc.runtime.controllers import ControllerSpec, HoldController, controller_names, plugins
 from hugwbc.tasks import load_task
 from hugwbc.tasks.task import registered_tasks
@@ -58,6 +59,15 @@ def test_a_controller_of_a_package_is_found_by_name_and_runs(install):
     install("own_hold", HOLD, controllers="mine = own_hold:Mine")
     assert "mine" in controller_names()
     assert ControllerSpec("mine", "a word").build().policy == "a word"
+
+
+def test_the_code_of_a_package_tells_its_results_apart(install):
+    """Its version is often the same while it is written."""
+    found = []
+    for text in (HOLD, HOLD + "# changed\n"):
+        install("own_hold", text, controllers="mine = own_hold:Mine")
+        found.append(controller_digest(ControllerSpec("mine")))
+    assert found[0] != found[1]
     assert ControllerSpec("mine").identity()["package"] == "own_hold 1.0"
     assert main(["play", "--controller", "mine", "--viewer", "none", "--duration", "0.1"]) == 0
 

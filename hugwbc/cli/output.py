@@ -194,7 +194,7 @@ def _removed_if_empty(path: pathlib.Path) -> Iterator[None]:
 
 def write_json(path: pathlib.Path | None, content: Any) -> None:  # noqa: ANN401  whatever JSON holds
     """Write JSON to a file, to standard output for `-`, or nowhere for None. NaN becomes null."""
-    text = json.dumps(finite_json(content), indent=2)
+    text = json.dumps(finite_json(content), indent=2, default=str)
     if path == STDOUT:
         _print(text, sys.stdout)
     elif path is not None:

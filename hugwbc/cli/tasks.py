@@ -11,13 +11,15 @@ import tyro
 
 from hugwbc import extensions
 from hugwbc.cli.output import output_folder, parse_settings, progress, say, say_arena
-from hugwbc.errors import ConfigError, needing
+from hugwbc.errors import ConfigError, HugwbcError, needing
 from hugwbc.files import digest
 from hugwbc.learned.policy.network_files import shipped_policies
+from hugwbc.learned.policy.records import versions
 from hugwbc.robot import load_robot
 from hugwbc.runtime.controllers import ControllerSpec, controller_names
 from hugwbc.settings import Count, Seed, check_each_once, check_seeds, settings
 from hugwbc.sim import Arena
+from hugwbc.source import source_commit
 from hugwbc.tasks import TASK_NAMES, load_task
 from hugwbc.tasks.task import registered_tasks
 
@@ -90,10 +92,10 @@ def _refuse_idle_options(options: TasksOptions) -> None:
 
 @contextlib.contextmanager
 def _said(words: Callable[[], str]) -> Iterator[None]:
-    """Say what there is at the end, also when Ctrl-C has come before it."""
+    """Say what there is at the end, also when Ctrl-C or an error has come before it."""
     try:
         yield
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, HugwbcError):
         say(words())
         raise
     say(words())
@@ -123,6 +125,8 @@ def _record(options: TasksOptions, folder: pathlib.Path) -> None:
         "told": told,
         "arena": dataclasses.asdict(arena),
         "arena_version": arena.version,
+        "commit": source_commit(),
+        "versions": versions(),
         "seed": options.seed,
         "tasks": [digest(path.read_bytes()) for name in options.task for path in _code(name)],
     }

@@ -17,6 +17,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.files import digest
 from hugwbc.learned.config import TrainConfig
 from hugwbc.learned.config.schedules import value_of
+from hugwbc.settings import Count, settings
 
 if TYPE_CHECKING:
     from hugwbc.learned.recipe.recipe import Recipe
@@ -31,7 +32,7 @@ a recipe with one stage that trains.
 With --processes N, N processes on this machine train as one, each with --env.count robots and --threads threads."""
 
 
-@dataclasses.dataclass(frozen=True)
+@settings
 class RecipeOptions:
     """Make a policy by a recipe, or continue its run; Ctrl-C stops, and the same command continues.
 
@@ -41,7 +42,7 @@ class RecipeOptions:
     recipe: str  # Name of a shipped recipe, or path of a recipe file that ends in .yaml
     out: pathlib.Path | None = None  # Folder of the run; runs/NAME by default
     smoke: bool = False  # Divide every size, to see in a minute that all of it runs
-    workers: int = 1  # Processes that share the episodes of a calibration
+    workers: Count = 1  # Processes that share the episodes of a calibration
 
 
 def run(words: Sequence[str]) -> int:

@@ -98,6 +98,7 @@ def run_experiment(
     """
     settings, table = _table(experiment, settings, spec, store)
     known = spec.told(settings.conditions.told_arena)
+    made_of = controller_digest(known)
     rows: list[Row] = []
     done: list[Plan] = []
     measured = 0  # of the rows; the others were stored
@@ -107,6 +108,10 @@ def run_experiment(
     while plans:
         found = {index: row for index, plan in enumerate(plans) if (row := table.get(plan)) is not None}
         missing = [(index, plan) for index, plan in enumerate(plans) if index not in found]
+        if missing and controller_digest(known) != made_of:
+            raise ConfigError(
+                f"the files of {spec.label} have changed during the run; run it again with what they are now"
+            )
         for index, row in run_plans(experiment.episode, settings, known, missing, execution):
             found[index] = table.add(plans[index], row)
             measured += 1

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import bdtr, stdtrit
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
@@ -148,6 +148,4 @@ def exact_test(one: int, other: int) -> float:
 
     If nothing distinguishes the controllers, an episode that differs goes either way with equal probability.
     """
-    count = one + other
-    tail = sum(math.comb(count, times) for times in range(min(one, other) + 1)) / 2.0**count
-    return min(1.0, 2.0 * tail)
+    return min(1.0, 2.0 * float(bdtr(min(one, other), one + other, 0.5)))

@@ -153,7 +153,7 @@ def episode_speed(controller: Controller, activity: str, duration: float) -> Epi
     def over() -> bool:
         wall.append(time.perf_counter())
         cpu.append(time.process_time())
-        return len(wall) * controller.period > duration
+        return len(wall) > 2 and len(wall) * controller.period > duration
 
     if activity in COMMANDS:
         source, simulation = COMMANDS[activity], conditions.simulation(duration, (0,))

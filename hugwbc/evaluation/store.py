@@ -26,6 +26,7 @@ from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.scripts.motion import motion_files
 from hugwbc.sim.physx import PhysxSimulation
 from hugwbc.source import source_commit
+from hugwbc.tasks.task import registered_tasks
 
 DEFAULT_FOLDER = pathlib.Path("out") / "evaluation"
 _EPISODE, READ = "_episode", "_read"  # of a row: digest of its plan, and those of files that only the episode read
@@ -136,6 +137,9 @@ def _files(episode: Episode, settings: Settings) -> dict[str, str]:
             for file in motion_files(path) if path.is_dir() else [path] if path.suffix else []:
                 note(file)
             code += [path] * extensions.names_object(text)
+            entry = registered_tasks().get(text)
+            for file in extensions.code_of(source) if entry and (source := extensions.source_of(entry)) else ():
+                note(file)
         for path in [path for path in code if is_own(path) and path.is_file()]:
             extensions.note_code(path)
         dataclasses.replace(settings)  # reads everything again

@@ -334,15 +334,15 @@ class ControllerSpec:
         """Return the files that the controller is built from: contract and network, policy, or the user's code."""
         given = None if self.policy is None else pathlib.Path(self.policy)
         if self.is_own:
-            code = (
-                extensions.code_of(extensions.split_object(self.name)[0]) if extensions.names_object(self.name) else []
-            )
+            entry = plugins().get(self.name)
+            source = extensions.source_of(entry) if entry is not None else extensions.split_object(self.name)[0]
+            code = [] if source is None else extensions.code_of(source)
             if given is not None and given.is_dir():
                 return code + sorted(path for path in given.rglob("*") if path.is_file())
             return code if given is None or not given.is_file() else [*code, given]
         if self.name in _OURS and self.name != "learned":
             return []
-        path = policy_file(given or DEFAULT_POLICY if self.name == "learned" else self.name)
+        path = policy_file(self.policy or DEFAULT_POLICY if self.name == "learned" else self.name)
         from hugwbc.learned.policy.contract import load_contract
         from hugwbc.learned.policy.network_files import with_weights
 

@@ -170,14 +170,17 @@ class DatasetWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Give the data set its name; after an error, with the episodes that are complete, if there are any."""
+        """Give the data set its name; after an error, with the episodes that are complete, if there are any.
+
+        If that fails too, they stay in the unfinished recording, which the same settings continue.
+        """
         complete = False
         try:
             if kind is None or self._episodes:
                 self._finish()
                 complete = True
         finally:
-            if not complete:
+            if not self._episodes:
                 shutil.rmtree(self._staging, ignore_errors=True)
             self._only.close()
         if not complete:

@@ -17,6 +17,8 @@ def test_json_has_null_where_there_is_no_number(tmp_path):
     output.write_json(path, {"x": float("nan"), "y": [1.0, float("inf")], "z": (True, None)})
     assert json.loads(path.read_text()) == {"x": None, "y": [1.0, None], "z": [True, None]}
     output.write_json(None, {})
+    output.write_json(path, {"file": pathlib.Path("motions/wave.npz")})
+    assert json.loads(path.read_text()) == {"file": "motions/wave.npz"}
 
 
 def test_json_to_standard_output_keeps_it_clean(capsys):

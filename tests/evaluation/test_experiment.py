@@ -168,6 +168,21 @@ def test_a_file_that_is_no_table_is_refused_and_left(tmp_path, stored):
         assert stored.read_text() == text
 
 
+def test_a_controller_whose_files_change_during_a_search_is_refused(tmp_path):
+    """Its rows would be of two controllers, in the table of the first one."""
+    file = tmp_path / "own.py"
+    text = "from hugwbc.runtime.controllers import HoldController as Own\n"
+    file.write_text(text)
+
+    def following(settings, rows):
+        file.write_text(text + "# changed\n")
+        return [Plan(len(rows), Command(w=0.1))] if len(rows) < 2 else []
+
+    search = dataclasses.replace(WAISTS, plan=lambda settings: [Plan(0, Command(w=0.1))], following=following)
+    with pytest.raises(ConfigError, match="have changed during the run; run it again with what they are now"):
+        run_experiment(search, SETTINGS, ControllerSpec(f"{file}:Own"))
+
+
 def test_a_search_goes_on_until_nothing_follows(tmp_path):
     def following(settings, rows):
         return [] if len(rows) >= 3 else [Plan(len(rows), Command(w=0.1))]

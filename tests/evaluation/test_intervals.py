@@ -106,4 +106,8 @@ def test_a_paired_difference_leaves_out_what_makes_one_episode_harder_than_anoth
 )
 def test_the_exact_test_of_shares(one, other, p):
     """Twice the tail of a fair coin: of nine tosses at most one, 2 (1 + 9) / 512."""
-    assert exact_test(one, other) == p
+    assert exact_test(one, other) == pytest.approx(p, abs=1e-12)
+
+
+def test_the_exact_test_takes_any_number_of_episodes():
+    assert exact_test(1100, 0) == pytest.approx(0.0, abs=1e-300) and exact_test(5000, 5000) == 1.0

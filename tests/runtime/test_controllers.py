@@ -204,6 +204,20 @@ def test_a_policy_for_what_takes_none_is_refused(theirs):
     assert ControllerSpec(theirs, "net.pt").policy == "net.pt"
 
 
+@pytest.mark.parametrize("robot", ["h1", "g1"])
+def test_a_folder_with_the_name_of_a_shipped_policy_is_none(robot, tmp_path, monkeypatch):
+    """Such as the run of a recipe, where the next command is given."""
+    shipped = ControllerSpec("learned").told(arena_of(robot)).files()
+    (tmp_path / robot).mkdir()
+    shutil.copy(policy_file("g1" if robot == "h1" else "h1"), tmp_path / robot / "policy.safetensors")
+    monkeypatch.chdir(tmp_path)
+    assert ControllerSpec("learned").told(arena_of(robot)).files() == shipped == [policy_file(robot)]
+    for own in (f"./{robot}", str(tmp_path / robot)):
+        (file,) = ControllerSpec("learned", own).files()
+        assert file.samefile(tmp_path / robot / "policy.safetensors")
+    assert policy_file(pathlib.Path(robot)) == pathlib.Path(robot) / "policy.safetensors"
+
+
 def test_whatever_a_plugin_takes_as_policy_tells_its_results_apart(third_party, monkeypatch, tmp_path):
     monkeypatch.setattr(controllers, "Tuned", Tuned, raising=False)
     third_party(tuned="hugwbc.runtime.controllers:Tuned")

@@ -362,20 +362,31 @@ def test_two_recordings_and_other_settings_are_kept_apart(tmp_path):
     assert (tmp_path / ".more.partial" / "episodes.jsonl").read_bytes() == journal
 
 
-def test_nothing_is_left_of_a_recording_without_a_complete_episode(tmp_path, monkeypatch):
-    def stop(*_: object) -> None:
-        raise OSError("no space left on device")
-
+def test_nothing_is_left_of_a_recording_without_a_complete_episode(tmp_path):
     with pytest.raises(KeyboardInterrupt), DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT):
         raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [OSError("no space left on device"), KeyboardInterrupt()])
+def test_complete_episodes_outlive_a_recording_that_cannot_end(tmp_path, monkeypatch, error):
+    """Such as with a full disk, or a second Ctrl-C."""
+
+    def stop(*_: object, **__: object) -> None:
+        raise error
+
     with (
-        pytest.raises(OSError, match="no space"),
+        monkeypatch.context() as broken,
+        pytest.raises(type(error)),
         DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer,
     ):
         writer.add(made_up("press_button", 5))
-        monkeypatch.setattr(pq, "write_table", stop)  # in the middle of the second episode
+        broken.setattr(pq, "write_table", stop)  # in the middle of the second episode, and at the end
         writer.add(made_up("press_button", 5))
-    assert list(tmp_path.iterdir()) == []
+    with DatasetWriter(tmp_path / "demos", [load_task("press_button")], ROBOT) as writer:
+        assert len(writer.recorded) == 1
+        writer.add(made_up("press_button", 5))
+    assert len(pq.read_table(tmp_path / "demos" / "meta/episodes")) == 2
 
 
 def test_frames_out_of_order_and_those_of_another_episode_are_refused(tmp_path):

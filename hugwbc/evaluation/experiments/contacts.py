@@ -11,7 +11,7 @@ from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Measured, Section
-from hugwbc.evaluation.figures import Figure, falls_figure
+from hugwbc.evaluation.figures import FALLS, Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, known
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
@@ -21,6 +21,7 @@ from hugwbc.viz import evaluation_plots
 from hugwbc.viz.plots import Panel
 
 V_X = 0.5  # [m/s]
+_CLOCK = "Contacts that agree with the clock"
 _OFFSETS = np.arange(100) / 100.0  # [cycles] of the clock, tried in turn
 _SHOWN_S = 2.0  # [s] of a gait diagram
 
@@ -85,7 +86,8 @@ def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
     gait = settings.gait.replace("_", " ")
     agreement = bootstrap_mean([None if part is None else 100.0 * part for part in rows["agreement"]])
     table, found = f"Contacts, {gait}", []
-    found.append(Figure("Contacts that agree with the clock", gait, "%", agreement, higher_is_better=True))
+    found.append(Figure(_CLOCK, gait, "%", agreement, higher_is_better=True))
+    found.append(falls_figure(_CLOCK, rows["fell"], quantity=f"{FALLS}, {gait}"))
     for side in ("left", "right"):
         stance = bootstrap_mean([100.0 * sum(foot) / len(foot) if len(foot) else None for foot in rows[side]])
         found.append(Figure(table, f"{side} foot on the ground, of the time", "%", stance, higher_is_better=None))

@@ -20,7 +20,7 @@ from hugwbc.evaluation.intervals import bootstrap_mean, known, paired_ratio
 from hugwbc.evaluation.metrics import tracking_errors
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
-from hugwbc.settings import Count, Positive, one_of, settings
+from hugwbc.settings import Count, Positive, check_each_once, one_of, settings
 from hugwbc.sim import Force
 from hugwbc.sim.arena import ENGINES
 from hugwbc.sim.physx import PhysxSimulation
@@ -51,6 +51,7 @@ class EnginesSettings(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_each_once("commands", self.commands)
         for name in self.commands:
             command_of(self, name)
 

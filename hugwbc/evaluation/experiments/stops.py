@@ -27,6 +27,7 @@ WAYS = {
     "turning": lambda speed: {"v_x": speed, "omega": 0.6},
 }
 STILL = 0.1  # [m/s], below which a robot has stopped
+_BRAKING = 4.0  # [s], in which a robot does, from the word on, which comes within a stride
 
 
 @settings(kw_only=True)
@@ -42,6 +43,10 @@ class StopsSettings(CountedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.duration < self.settle + _BRAKING:
+            raise ConfigError(
+                f"duration is {self.duration} s; give {_BRAKING:g} s more than settle, in which the robot can stop"
+            )
         if not self.ways:
             raise ConfigError(f"speeds are {', '.join(map(str, self.speeds))}; none is within the {self.gait} gait's")
 

@@ -6,7 +6,7 @@ from hugwbc.controller import Controller
 from hugwbc.evaluation import metrics
 from hugwbc.evaluation.episode import BY_BEHAVIOUR, CountedSettings, Row, ending
 from hugwbc.evaluation.experiment import Experiment
-from hugwbc.evaluation.figures import Figure
+from hugwbc.evaluation.figures import FALLS, Figure, falls_figure
 from hugwbc.evaluation.intervals import bootstrap_mean, known, single, wilson_of, wilson_percentage
 from hugwbc.evaluation.plans import Plan
 from hugwbc.runtime.trace import RECORD_PERIOD
@@ -96,6 +96,7 @@ def figures(settings: TasksSettings, rows: pl.DataFrame) -> list[Figure]:
             Figure(name, "speed at the end, at most", "m/s", single(max(part["end_speed"]))),
             Figure(name, "hand in an object, at most", "m", single(max(part["hand_depth"]))),
             Figure(name, "idealised gripper", "% of episodes", gripped),
+            falls_figure(name, part["fell"], quantity=f"{FALLS}, in the task"),
         ]
         reasons = failed.group_by("reason", maintain_order=True).len().sort("len", descending=True, maintain_order=True)
         for reason, count in reasons.iter_rows():

@@ -47,15 +47,20 @@ def _shipped(file: str) -> list[pathlib.Path]:
 
 
 def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
-    """Find the file of a policy or contract, given a shipped name, a file, or a folder that holds one."""
+    """Find the file of a policy or contract, given a shipped name, a file, or a folder that holds one.
+
+    A shipped name means what is shipped, also where a folder has that name: that is `./NAME`, or a `pathlib.Path`.
+    """
     path = pathlib.Path(name_or_path)
+    shipped = {file.parent.name: file for file in (*_shipped(POLICY_FILE), *_shipped(CONTRACT_FILE))}
+    if isinstance(name_or_path, str) and name_or_path in shipped:
+        return shipped[name_or_path]
     # pathlib raises on a name that no file can have; os.path says that it does not exist.
     if os.path.exists(path):
         contract = path / CONTRACT_FILE
         return path if not path.is_dir() else contract if contract.is_file() else path / POLICY_FILE
-    for file in (*_shipped(CONTRACT_FILE), *_shipped(POLICY_FILE)):
-        if file.parent.name == str(name_or_path):
-            return file
+    if str(name_or_path) in shipped:
+        return shipped[str(name_or_path)]
     valid = [*shipped_policies(), *shipped_contracts(), "the path of a policy, of a contract, or of a folder with one"]
     raise UnknownNameError("policy", name_or_path, valid)
 

@@ -30,7 +30,7 @@ SHORT = {
     "contacts": {"gait": "standing"},
     "random-commands": {"episodes": 3},
     "response": {"gait": "standing", "points": 2},
-    "stops": {"episodes": 1, "speeds": (0.6,)},
+    "stops": {"episodes": 1, "speeds": (0.6,), "duration": 4.2},
     "arrive": {"episodes": 1, "duration": 0.5},
     "behaviours": {"episodes": 1, "duration": 0.5},
     "boxes": {"episodes": 1, "masses": (2.0,), "heights": (0.6,), "duration": 0.5},
@@ -211,3 +211,41 @@ def test_a_behaviour_is_not_done_if_an_object_left_the_world(monkeypatch):
     controller = HoldController(load_robot())
     row, _ = behaviours.play(controller, settings, Plan(0), lambda view: wait(view, 0.4), scene)
     assert not row["success"] and row["seconds"] is None and row["ending"] == "object 'parcel' left the world"
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
+        ("stops", {"duration": 3.4}, "give 4 s more than settle, in which the robot can stop"),
+        ("engines", {"commands": ("walk", "walk")}, "commands are walk, walk; give at least one, each once"),
+        ("boxes", {"masses": (2.0, 2.0)}, "masses are 2, 2; give at least one, each once"),
+        ("boxes", {"heights": ()}, "heights are none; give at least one"),
+    ],
+)
+def test_settings_that_would_count_what_did_not_happen_are_refused(name, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        EXPERIMENTS[name].settings(**changes)
+
+
+def test_arms_that_reach_too_few_targets_are_told(monkeypatch):
+    monkeypatch.setattr(hands, "REACHED", -1.0)
+    monkeypatch.setattr(hands, "_DRAWS", 2)
+    with pytest.raises(ConfigError, match=r"^h1 reaches 0 of 2 pairs of targets from \[ 0\.15"):
+        hands.reachable_targets(1, np.random.default_rng(0), load_robot())
+
+
+def test_endings_that_differ_in_numbers_are_one():
+    rows = [{"success": False, "ending": f"the robot moved while told to stand, by 0.{i} m"} for i in range(3)]
+    (ending,) = behaviours.other_endings("T", "", frame_of([*rows, {"success": True, "ending": "done"}]))
+    assert ending.quantity == "the robot moved while told to stand, by ... m" and ending.value == pytest.approx(75.0)
+
+
+@pytest.mark.parametrize(("name", "column"), [("tasks", "success"), ("contacts", "agreement")])
+def test_means_of_robots_that_fell_are_not_judged(name, column, monkeypatch):
+    experiment = EXPERIMENTS[name]
+    given = {key: value for key, value in (QUICK | SHORT[name]).items() if key not in experiment.settings.varied}
+    settings = experiment.settings(**given)
+    monkeypatch.setattr(Simulation, "fallen", True)
+    result = run_experiment(experiment, settings, HOLD)
+    assert result.rows[0]["fell"] and column in result.rows[0]
+    assert {figure.judged for figure in result.figures} == {False}
