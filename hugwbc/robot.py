@@ -417,4 +417,4 @@ def load_mirror(robot: Robot) -> Mirror:
     index = robot.indices([other_side(name) for name in robot.joint_names])
     # The mirrored joint's own axis is robot.axes[index]; the reflected axis of this joint is AXIAL_SIGNS * axis.
     sign = np.sum(AXIAL_SIGNS * robot.axes * robot.axes[index], axis=1)
-    return Mirror(index, np.sign(sign))
+    return Mirror(index, np.where(sign < 0.0, -1.0, 1.0))  # also of joints in no role that are no mirror images

@@ -9,6 +9,7 @@ the next view, and returns the last one. Where it cannot continue, it raises `Fa
         return (yield from lift(view, "box", 0.1))
 """
 
+import copy
 import dataclasses
 import functools
 import inspect
@@ -69,13 +70,27 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
 
     The name in reasons and tables is that of the function. A timeout [s] is an argument of that name.
     """
-    signature, name = inspect.signature(function), function.__name__.replace("_", " ")
+    name = function.__name__.replace("_", " ")
+    try:
+        signature = inspect.signature(function, eval_str=True)  # of a file with postponed annotations, too
+    except NameError:
+        signature = inspect.signature(function)
     checked = [one for one in signature.parameters.values() if one.annotation not in _UNCHECKED]
-    several = [one.name for one in checked if one.kind is one.VAR_POSITIONAL]
-    kinds = {one.name: tuple[one.annotation, ...] if one.name in several else one.annotation for one in checked}
-    fields = {"__annotations__": kinds}
-    defaults = dict.fromkeys(several, ()) | {one.name: one.default for one in checked if one.default is not one.empty}
-    model = settings(kw_only=True)(type(function.__name__, (), fields | defaults))
+    kinds, given = {}, {}
+    for one in checked:
+        kind, default = one.annotation, one.default
+        if one.kind is one.VAR_POSITIONAL:
+            kind, default = tuple[kind, ...], ()
+        if one.kind is one.VAR_KEYWORD:
+            kind, default = dict[str, kind], {}
+        kinds[one.name], given[one.name] = kind, default
+    # Each call has its own copy: an array or a list is no default of a dataclass.
+    defaults = {
+        key: dataclasses.field(default_factory=functools.partial(copy.deepcopy, value))
+        for key, value in given.items()
+        if value is not inspect.Parameter.empty
+    }
+    model = settings(kw_only=True)(type(function.__name__, (), {"__annotations__": kinds, **defaults}))
 
     @functools.wraps(function)
     def begin(view: View, *args: _P.args, **kwargs: _P.kwargs) -> Course:

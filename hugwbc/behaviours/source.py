@@ -58,12 +58,13 @@ class CommandRamp:
         """Return the command for this tick, `dt` [s] after the last one, of a robot that lags (`View.lag`)."""
         last = self.command.array()
         wanted = asked.array()
+        rest = lag if self.command.gait in (Gait.STANDING, Gait.WALKING) else np.zeros(3)  # in a leap it stops at 0
         if asked.gait is Gait.STANDING and self.command.gait is Gait.WALKING:
             wanted[_VELOCITIES] = lag
         most = np.full(wanted.shape, math.inf)
         most[_VELOCITIES], most[_BODY] = ACCELERATION * dt, BODY_SPEED * dt
         values = last + np.clip(wanted - last, -most, most)
-        self._slow = 0.0 if bool(np.any(np.abs(values[_VELOCITIES] - lag) > SLOW)) else self._slow + dt
+        self._slow = 0.0 if bool(np.any(np.abs(values[_VELOCITIES] - rest) > SLOW)) else self._slow + dt
         gait = asked.gait
         if gait is Gait.STANDING and self.command.gait is not Gait.STANDING:
             if self._slow < STEP_OUT:

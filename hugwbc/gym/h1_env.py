@@ -1,6 +1,7 @@
 """The training environment of the learned policy for gymnasium: joint targets at 50 Hz in, its observations out."""
 
 import dataclasses
+import warnings
 from typing import Any
 
 import gymnasium
@@ -124,10 +125,11 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ConfigError("there is no episode; call reset first")
         result = env.step(torch.from_numpy(self._admitted(actions)))
         self._steps += self.num_envs
-        if self._curriculum and self._steps // self.config.curriculum.steps > (
-            (self._steps - self.num_envs) // self.config.curriculum.steps
-        ):
+        size = self.config.curriculum.steps
+        for _ in range((self._steps // size - (self._steps - self.num_envs) // size) * self._curriculum):
             env.update_curriculum()
+        if faults := env.statistics.faults():
+            warnings.warn(f"rewards are {faults}", RuntimeWarning, stacklevel=2)
         observation = env.observe()
         fell, truncated, done = (ends.numpy() for ends in (result.terminated, result.truncated, result.done))
         info: dict[str, Any] = {"critic": _rows(observation.critic)}
@@ -194,7 +196,10 @@ class H1Env(gymnasium.Env[np.ndarray, np.ndarray]):
             end "reason".
         """
         given = floats(action, (self._robots.joints,))
-        observation, reward, fell, over, info = self._robots.step(action if given is None else given[None])
+        if given is None:
+            shape = getattr(action, "shape", "unknown")
+            raise ConfigError(f"the action has the shape {shape}; give {self._robots.joints} numbers")
+        observation, reward, fell, over, info = self._robots.step(given[None])
         shown = {"critic": info["critic"][0]}
         last = observation[0]
         if "final_obs" in info:

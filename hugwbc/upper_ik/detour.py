@@ -177,16 +177,18 @@ class Scout:
         self.done[arm] = self._best_residual[arm] <= self._descent.config.tolerance or not self._starts[arm]
         self.q[joints] = self._best[arm] if self.done[arm] else self._starts[arm].pop(0)
 
-    def advance(self, goal: np.ndarray, body: np.ndarray) -> None:
-        """Let both arms descend towards the targets (2, 3) [m] on a body (n,) [rad], fast while they search.
+    def advance(self, goal: Goal, body: np.ndarray) -> None:
+        """Let both arms descend towards places and orientations on a body (n,) [rad], fast while they search.
 
         Raises:
             RuntimeError: if placo cannot solve a step.
         """
         steps = STEPS if np.any(self._searching & ~self.done) else 1
         self._descent.place(self.q, body)
-        before = np.linalg.norm(goal - self._descent.hands, axis=1)
-        self._descent.descend(Goal(goal), STEP_TIME, steps)
+        before = np.linalg.norm(goal.points - self._descent.hands, axis=1)
+        # A posture that is nearer only because it turns the hand away would be left again.
+        wanted = Goal(goal.points, turns=goal.turns, level=goal.level, weight=goal.weight)
+        self._descent.descend(wanted, STEP_TIME, steps)
         self.q = self._descent.q
         self.residual = self._descent.residual
         self._settled = (before - self.residual < SETTLED) | (self.residual <= self._descent.config.tolerance)

@@ -98,6 +98,7 @@ class ArmIK:
         self._last_points: np.ndarray | None = None
         self._hands: np.ndarray | None = None  # where the last step has brought them, before the body moved on [m]
         self._jumped = np.zeros(2, dtype=bool)
+        self._going, self._went = np.zeros(2, dtype=bool), np.full((2, 3), np.inf)  # on a detour; to where the last led
         self._scout.reset(self._limiter.q)
 
     def hands(self, q: np.ndarray, waist: float) -> np.ndarray:
@@ -180,6 +181,7 @@ class ArmIK:
         # A detour of one hand would drop an object that both hold.
         seeking = (~self._reachable | detours.active | (self._residual > FAR)) & (not goal.together)
         for arm in range(2):
+            seeking[arm] &= self._may_go_round(arm, goal)
             if self._jumped[arm] or not seeking[arm]:
                 self._scout.rest(arm)
                 detours.forget(arm)
@@ -188,7 +190,7 @@ class ArmIK:
         for arm in np.flatnonzero(seeking & ~detours.active):
             self._scout.search(arm, goal.points, self._limiter.q, self._body)
         try:
-            self._scout.advance(goal.points, self._body)
+            self._scout.advance(goal, self._body)
         except RuntimeError:  # the real arms keep their step, and the next search starts from them
             for arm in range(2):
                 self._scout.rest(arm)
@@ -206,6 +208,19 @@ class ArmIK:
             return q
         self._residual = lengths(goal.points - self._descent.forward(q, self._body))
         return q
+
+    def _may_go_round(self, arm: int, goal: Goal) -> bool:
+        """Return whether an arm may seek a detour: one to each orientation, until its target has moved.
+
+        Where a hand cannot have place and orientation both, it ends beside its target: there, each posture that is
+        nearer would turn it away, and lead back.
+        """
+        if self._jumped[arm] or goal.turns[arm] is None or np.linalg.norm(goal.points[arm] - self._went[arm]) > MOVED:
+            self._went[arm] = np.inf
+        began, self._going[arm] = self._going[arm], self._detours.active[arm]
+        if began and not self._going[arm] and goal.turns[arm] is not None:
+            self._went[arm] = goal.points[arm]
+        return bool(np.isinf(self._went[arm, 0]))
 
     def _hold(self, dt: float) -> IKSolution:
         self._ddq[:], self._hands = 0.0, None

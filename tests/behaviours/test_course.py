@@ -36,7 +36,8 @@ from hugwbc.behaviours import (
     wipe,
 )
 from hugwbc.commands import Command
-from hugwbc.errors import HugwbcError
+from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.extensions import run_file
 from hugwbc.gait import Gait
 from hugwbc.targets import HandTargets
 
@@ -219,3 +220,33 @@ def test_a_step_that_was_made_but_never_run_is_told_where_it_was_made(forgotten)
         actions, source = run(forgets)
     assert len(told) == 1 and len(actions) == 3 and source.status is Status.SUCCESS
     assert told[0].filename == __file__
+
+
+POSTPONED = """
+from __future__ import annotations
+from typing import Annotated
+import numpy as np
+from pydantic import Field
+from hugwbc.behaviours import Course, View, step, wait
+Share = Annotated[float, Field(ge=0, le=1)]
+seen = []
+
+@step
+def nod(view: View, share: Share, at: np.ndarray = np.zeros(3), *names: str, places: list[str] = [], **more: float
+        ) -> Course:
+    seen.append((share, at.tolist(), names, list(places), more))
+    places.append("kept")
+    return (yield from wait(view, 0.1))
+"""
+
+
+def test_a_step_may_have_any_signature_of_python(tmp_path) -> None:
+    (tmp_path / "own.py").write_text(POSTPONED)
+    own = run_file(tmp_path / "own.py", "step")
+    for _ in range(2):
+        next(own.nod(view(), 0.5, np.array([1.0, 2.0, 3.0]), "a", fast=2.0))
+    assert own.seen == [(0.5, [1.0, 2.0, 3.0], ("a",), [], {"fast": 2.0})] * 2
+    with pytest.raises(ConfigError, match=r"nod\.share is 2"):
+        own.nod(view(), 2.0)
+    with pytest.raises(ConfigError, match=r"fast"):
+        own.nod(view(), 0.5, fast="very")

@@ -182,3 +182,14 @@ def test_a_robot_that_lags_is_kept_in_its_place_until_it_stands() -> None:
             break
     assert command == Command() and min(at[:-1]) == pytest.approx(lag[0])
     assert 0.5 < DT * len(at) < 1.1, "it slows down, steps on for a while, and stands"
+
+
+@pytest.mark.parametrize("gait", [Gait.JUMPING, Gait.HOPPING_LEFT])
+def test_a_robot_that_lags_in_walks_stands_after_a_leap(gait) -> None:
+    ramp, lag, ticks = CommandRamp(), np.array([0.15, 0.0, 0.0]), 0
+    leap = Command(v_x=0.3, gait=gait)
+    for _ in range(100):
+        ramp(leap, DT, lag)
+    while ramp(Command(), DT, lag).gait is not Gait.STANDING:
+        ticks += 1
+        assert DT * ticks < 2.0

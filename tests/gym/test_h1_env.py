@@ -11,6 +11,7 @@ import hugwbc.gym  # noqa: F401  registers the environments
 from hugwbc.errors import ConfigError
 from hugwbc.gym.h1_env import LARGEST_ACTION, H1Env, H1VectorEnv
 from hugwbc.learned.config import CurriculumConfig, EnvConfig
+from hugwbc.learned.config.environment import RewardTerm
 from hugwbc.learned.env import HumanoidEnv
 from tests.gym.conftest import actions
 
@@ -120,7 +121,35 @@ def test_the_curriculum_moves_as_in_the_training_unless_it_is_switched_off():
     assert scales == [pytest.approx(start * config.curriculum.penalty_growth**3), start]
 
 
+def test_many_robots_move_the_curriculum_several_times_in_a_step():
+    config = EnvConfig(curriculum=CurriculumConfig(steps=8, warm_up_iterations=0))
+    envs = H1VectorEnv(24, config=config)
+    envs.reset(seed=3)
+    envs.step(actions(24, 0))
+    assert envs.env is not None
+    grown = config.curriculum.penalty_start * config.curriculum.penalty_growth**3
+    assert envs.env.curriculum.penalty_scale == pytest.approx(grown)
+
+
+def test_rewards_that_are_no_numbers_are_told():
+    def odd(transition, body):
+        odd.calls += 1
+        return torch.full((2,), float("nan") if odd.calls > 3 else 1.0)
+
+    odd.calls = 0
+    envs = H1VectorEnv(2, config=EnvConfig(terms={"odd": RewardTerm(odd, 1.0)}))
+    envs.reset(seed=3)
+    with pytest.warns(RuntimeWarning, match="rewards are not finite, counted as 0: 2 of odd"):
+        for step in range(4):
+            _, reward, *_ = envs.step(actions(2, step))
+    assert np.isfinite(reward).all()
+
+
 def test_bad_calls_are_refused():
+    one = H1Env()
+    one.reset(seed=3)
+    with pytest.raises(ConfigError, match=r"the action has the shape \(5,\); give 19 numbers"):
+        one.step(np.zeros(5))
     with pytest.raises(ConfigError, match=r"EnvConfig\.count is 0"):
         H1VectorEnv(0)
     with pytest.raises(ConfigError, match="render_mode"):

@@ -34,3 +34,8 @@ def test_what_would_fail_later_is_refused_at_once_and_by_name(settings: Callable
     for name, value in BAD[settings]:
         with pytest.raises(HugwbcError, match=rf"{name}\b.* (is|=) "):
             settings(**{name: value})
+
+
+def test_gaits_to_calibrate_are_checked_before_a_training() -> None:
+    with pytest.raises(HugwbcError, match="unknown gait 'walk'"):
+        config.CalibrationConfig(policy=pathlib.Path("one"), gaits=("standing", "walk"))

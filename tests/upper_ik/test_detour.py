@@ -10,7 +10,7 @@ from hugwbc.errors import ModelError
 from hugwbc.robot import Capsule, load_robot
 from hugwbc.upper_ik import ArmIK, detour
 from hugwbc.upper_ik.arm_solver import ArmIKConfig
-from hugwbc.upper_ik.descent import Descent
+from hugwbc.upper_ik.descent import Descent, Goal
 from hugwbc.upper_ik.detour import Detours, Scout, posture_table, seeds
 
 DT = 0.02
@@ -62,7 +62,7 @@ def _search(scout, robot, goal, q, ticks=300):
             scout.search(arm, goal, q, robot.nominal)
         if scout.done.all():
             return tick
-        scout.advance(goal, robot.nominal)
+        scout.advance(Goal(goal), robot.nominal)
     raise AssertionError("the search does not end")
 
 

@@ -61,6 +61,23 @@ def test_an_arm_of_seven_joints_brings_its_hand_to_a_place_and_an_orientation(or
         assert np.trace((axes @ rotations.to_matrix(TURN)).T @ hand) > 1.0 + 2.0 * math.cos(0.01)
 
 
+@pytest.mark.parametrize(
+    ("point", "orientation", "off"),
+    [
+        ((0.3, 0.2, 0.2), rotations.from_yaw_pitch_roll(0.0, -math.pi / 2, 0.0), 0.06),
+        ((0.2, 0.3, -0.25), "level", 0.25),
+    ],
+    ids=["fingers up", "level, low"],
+)
+def test_an_arm_comes_to_rest_where_it_cannot_have_both_place_and_orientation(point, orientation, off):
+    robot = load_robot("g1")
+    ik, state = ArmIK(robot), make_state(robot.nominal)
+    targets = HandTargets.of(point, None, left_orientation=orientation)
+    converge(ik, targets, state, seconds=4.0)
+    moves = [np.abs(ik.solve(targets, state, DT).dq).max() for _ in range(round(1.0 / DT))]
+    assert max(moves) < 0.3 and ik.solve(targets, state, DT).residual[0] < off
+
+
 def test_an_orientation_is_for_one_hand_and_ends_with_its_targets():
     robot = load_robot("g1")
     state, points = make_state(robot.nominal), ((0.25, 0.2, 0.1), (0.25, -0.2, 0.1))

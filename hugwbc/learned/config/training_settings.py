@@ -9,6 +9,7 @@ import tyro
 from pydantic import Field
 
 from hugwbc.errors import ConfigError
+from hugwbc.gait import Gait
 from hugwbc.learned.config.environment import ADOPTED, READ_ONCE, EnvConfig
 from hugwbc.learned.config.robot_settings import Range
 from hugwbc.learned.config.schedules import Schedule, scheduled
@@ -20,6 +21,7 @@ from hugwbc.settings import (
     Positive,
     PositiveShare,
     Seed,
+    one_of,
     settings,
 )
 
@@ -181,7 +183,9 @@ class CalibrationConfig:
     """Policy to calibrate: a file, or in a recipe the name of an earlier stage."""
     commands: tuple[Literal["v_x", "v_y", "omega", "h", "p", "w", "l"], ...] = ("v_x", "v_y", "omega", "h", "p", "l")
     """Commands to calibrate."""
-    gaits: tuple[str, ...] = ("standing", "walking", "jumping", "hopping_left", "hopping_right")
+    gaits: tuple[Annotated[str, one_of("gait", lambda: [gait.label for gait in Gait])], ...] = tuple(
+        gait.label for gait in Gait
+    )
     """Gaits to calibrate."""
     knots: Annotated[int, Field(ge=2, le=25)] = 5
     """Values of each command at which a curve is measured, spread evenly over its range."""

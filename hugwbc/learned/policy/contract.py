@@ -80,7 +80,7 @@ def check_curves(curves: Curves) -> Curves:
     return curves
 
 
-Joints = Annotated[tuple[str, ...], AfterValidator(refusing(_once))]
+Joints = Annotated[tuple[str, ...], Field(min_length=1), AfterValidator(refusing(_once))]
 
 
 def _for_each(value: Any, info: ValidationInfo) -> Any:  # noqa: ANN401

@@ -18,6 +18,7 @@ from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
 from hugwbc.state import RobotState
 
 _GAIN_FACTOR = 10.0  # of the robot's own gains; public policies have up to 5
+_SQUATS = 0.05  # [m], by which a pelvis is off its nominal height in a squat
 _log = logging.getLogger(__name__)
 _F = COMMAND_NAMES.index("f")
 
@@ -161,8 +162,12 @@ class NetworkPolicy:
         return np.array(self.contract.stop)
 
     def reset(self, state: RobotState) -> None:
-        """Forget the past: history, recurrent state, last action and clock."""
+        """Forget the past: history, recurrent state, last action and clock; a robot that squats keeps its posture."""
         self._clear()
+        height = 0.0 if state.position is None else float(state.position[2]) - self.robot.nominal_height
+        if _SQUATS < abs(height) < self.robot.nominal_height:
+            self._waist[:] = state.q[self.robot.waist]
+            self._posture[:] = height, rotations.pitch_of(state.orientation)
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return joint targets for the next period; arms under external control take their targets.

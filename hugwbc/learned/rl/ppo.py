@@ -334,14 +334,12 @@ class PPO:
 
     def _adapt_learning_rate(self, kl: float) -> None:
         """Keep the KL divergence of an update near its target: step less after a large one, more after a small one."""
-        low, high = self.config.learning_rate_range
-        if kl > 2.0 * self.config.target_kl:
-            self.learning_rate = max(low, self.learning_rate / 1.5)
-        elif kl < 0.5 * self.config.target_kl:
-            self.learning_rate = min(high, self.learning_rate * 1.5)
-        self.set_learning_rate(self.learning_rate)
+        step = 1.5 if kl < 0.5 * self.config.target_kl else 1.0
+        self.set_learning_rate(
+            self.learning_rate / 1.5 if kl > 2.0 * self.config.target_kl else step * self.learning_rate
+        )
 
     def set_learning_rate(self, rate: float) -> None:
-        """Set the learning rate of the actor; that of the critic stays as configured."""
-        self.learning_rate = rate
-        self.optimiser.param_groups[0]["lr"] = rate
+        """Set the learning rate of the actor, within its range; that of the critic stays as configured."""
+        low, high = self.config.learning_rate_range
+        self.learning_rate = self.optimiser.param_groups[0]["lr"] = min(max(rate, low), high)

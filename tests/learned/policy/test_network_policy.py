@@ -7,6 +7,7 @@ import torch
 from hugwbc import Command, Controller, Gait, UpperBody, load_robot
 from hugwbc.arm_servo import ArmServo
 from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.learned.policy import load_policy
 from hugwbc.learned.policy.contract import History, Term, load_contract
 from hugwbc.learned.policy.network_policy import NetworkPolicy, load_contract_policy
 from hugwbc.mbc import WholeBodyController
@@ -182,3 +183,15 @@ def test_history_in_every_order(state, order, layout, start, expected):
     contract = dataclasses.replace(load_contract("unitree-h1"), observation=terms, history=history)
     bent = [dataclasses.replace(state, q=np.full(19, angle)) for angle in (1.0, 4.0)]
     np.testing.assert_array_equal(seen(contract, bent)[-1], expected)
+
+
+def test_a_reset_in_a_squat_does_not_ask_for_a_stand_at_once():
+    """As after a moment of states that could not be used."""
+    policy, simulation = load_policy("h1"), Simulation(sensing="exact")
+    squat = Command(h=-0.25, p=0.2, w=0.3)
+    rollout(policy, squat, simulation, duration=3.0)
+    state, knee = simulation.state(), ROBOT.index("left_knee_joint")
+    before = policy.act(state, squat, UpperBody.none()).q[knee]
+    policy.reset(state)
+    after = policy.act(state, squat, UpperBody.none()).q[knee]
+    assert before > 1.2 and after == pytest.approx(before, abs=0.3)

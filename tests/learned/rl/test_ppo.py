@@ -134,6 +134,12 @@ def test_the_actors_learning_rate_follows_the_kl() -> None:
     assert learner.learning_rate == pytest.approx(1e-4)
 
 
+def test_the_actors_learning_rate_stays_in_its_range() -> None:
+    learner = make_learner(learning_rate=3e-4, learning_rate_range=(1e-5, 1e-4), target_kl=0.01)
+    learner._adapt_learning_rate(0.01)
+    assert learner.learning_rate == learner.optimiser.param_groups[0]["lr"] == pytest.approx(1e-4)
+
+
 def test_non_finite_loss_is_skipped() -> None:
     learner = make_learner()
     before = [p.detach().clone() for p in learner.network.parameters()]
