@@ -17,7 +17,7 @@ from hugwbc.learned.config.schedules import replaced, value_of
 from hugwbc.learned.env.randomization import rand, uniform
 from hugwbc.robot import Robot
 
-_RULE = "rule."  # before the names of settings, in the state
+RULE = "rule."  # before the names of settings, in the state
 _OMEGA = COMMAND_NAMES.index("omega")
 _BEHAVIOUR = tuple(COMMAND_NAMES.index(name) for name in ("f", "l", "h", "p", "w"))
 
@@ -142,7 +142,7 @@ class Curriculum:
             for name in ("iteration", "penalty_scale", "alpha", "max_speed", "agile", "intervened")
             if getattr(self, name) is not None
         }
-        return state | {f"{_RULE}{name}": value for name, value in self.values.items()}
+        return state | {f"{RULE}{name}": value for name, value in self.values.items()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore the levels."""
@@ -151,7 +151,7 @@ class Curriculum:
             float(state[name]) for name in ("penalty_scale", "alpha", "max_speed")
         )
         self.agile, self.intervened = (_pair(state.get(name)) for name in ("agile", "intervened"))
-        stored = {name: state.get(f"{_RULE}{name}") for name in self.config.rules}
+        stored = {name: state.get(f"{RULE}{name}") for name in self.config.rules}
         self.values = {name: float(value) for name, value in stored.items() if value is not None}
 
 

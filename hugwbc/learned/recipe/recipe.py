@@ -112,6 +112,9 @@ class Recipe:
                     at = ("stages", name, stage.kind, setting)
                     what = f"earlier stage that writes {TAKEN[setting]}, in {setting}"
                     raise UnknownNameError(what, path, valid, at=at)
+                if str(path) not in writing and not path.is_file():
+                    problem = f"{setting} is the folder {path}; give the file in it, {path / TAKEN[setting]}"
+                    raise ConfigError(problem, at=("stages", name, stage.kind, setting))
             earlier.append(name)
 
     def line(self, name: str) -> list[str]:

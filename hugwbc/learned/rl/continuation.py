@@ -1,6 +1,7 @@
 """What a run finds in the checkpoint that it goes on from: whether it may, and what it then begins with."""
 
 import contextlib
+import json
 import pathlib
 from collections.abc import Iterator
 from typing import Any
@@ -8,11 +9,14 @@ from typing import Any
 import torch
 
 from hugwbc.errors import ConfigError, PolicyFileError
+from hugwbc.files import digest
 from hugwbc.learned import distributed
 from hugwbc.learned.config import EnvConfig, Schedule, TrainConfig
+from hugwbc.learned.env.curriculum import RULE
 from hugwbc.learned.policy import checkpoint
 from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
 from hugwbc.learned.policy.records import settings_record
+from hugwbc.robot_tables import robot_table
 
 OF_A_SESSION = ("resume", "hours", "threads", "device", "save_interval")  # settings without which a run is the same
 # Settings of the environment without which a policy moves differently: its clock, its drives and its feed-forward.
@@ -56,6 +60,11 @@ def by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, 
     return groups
 
 
+def robot_digest(config: TrainConfig) -> str:
+    """Return a digest of the table of the robot that is trained."""
+    return digest(json.dumps(robot_table(config.env.robot), sort_keys=True))
+
+
 def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib.Path) -> None:
     """Refuse to go on with other settings than a checkpoint's, but for those of a session."""
     with readable(path):
@@ -67,6 +76,8 @@ def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib
         for name in names
         if name not in (*OF_A_SESSION, "start_from", "steps") and before.get(name) != now.get(name)
     ]
+    if metadata.get("robot", robot_digest(config)) != robot_digest(config):
+        changed.append(f"another content of the table of {config.env.robot}")
     if changed:
         more = f", and {len(changed) - _MOST_NAMED} others" if len(changed) > _MOST_NAMED else ""
         raise ConfigError(
@@ -103,7 +114,8 @@ def differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) ->
     for name in settings["env"].keys() & _OF_THE_MOTION:
         schedule = settings.get("schedules", {}).get(f"env.{name}")
         ran = metadata["steps"] - metadata.get("begin", {}).get("steps", 0)
-        before[name] = settings["env"][name] if schedule is None else Schedule(**schedule).at(ran)
+        given = settings["env"][name] if schedule is None else Schedule(**schedule).at(ran)
+        before[name] = metadata.get("curriculum", {}).get(f"{RULE}{name}", given)
     words = [f"--env.{n.replace('_', '-')} {g:g}" for n, g in sorted(before.items()) if g != getattr(env, n)]
     return f"{path} was trained with {' '.join(words)}; without that it moves differently" if words else ""
 

@@ -36,6 +36,7 @@ from hugwbc.learned.rl.continuation import (
     check_unchanged,
     differences,
     readable,
+    robot_digest,
     with_robots_of_rank,
 )
 from hugwbc.learned.rl.evaluator import SCORE, Evaluator
@@ -292,6 +293,7 @@ class Trainer:
             "versions": versions(),
             "processes": distributed.size(),
             "config": settings_record(self.config),
+            "robot": robot_digest(self.config),
         }
 
     # Restoring ------------------------------------------------------------------------------------------------------

@@ -257,6 +257,14 @@ def test_a_stage_that_takes_itself_is_refused_even_if_there_is_a_file_of_its_nam
         load_recipe(recipe)
 
 
+def test_a_folder_in_place_of_its_file_is_refused_before_the_stages_run(recipe, tmp_path):
+    (tmp_path / "mine").mkdir()
+    for old, file in (("policy: more", "policy.safetensors"), ("start_from: walk", "snapshot.safetensors")):
+        recipe.write_text(RECIPE.replace(old, f"{old.partition(':')[0]}: {tmp_path}/mine"))
+        with pytest.raises(HugwbcError, match=rf"is the folder .*mine; give the file in it, .*mine/{file}"):
+            load_recipe(recipe)
+
+
 @pytest.mark.parametrize("robot", ["h1", "g1"])
 def test_the_shipped_recipes_are_one_training_and_a_calibration(robot: str) -> None:
     stages = load_recipe(robot).stages

@@ -168,6 +168,9 @@ def test_all_that_changes_how_a_policy_moves_is_told() -> None:
         swing_gain=1,
     )
     said = differences(metadata, other, path)
+    moved = metadata | {"curriculum": {"rule.squat_gain": 1.2}}
+    assert "with --env.squat-gain 1.2;" in differences(moved, ENV, path), "a rule has moved it"
+    assert differences(moved, dataclasses.replace(ENV, squat_gain=1.2), path) == ""
     assert said.count("--env.") == 8 and "--env.substeps 4" in said and "--env.timestep 0.005" in said
 
 
@@ -409,3 +412,12 @@ def test_schedules_begin_with_the_run_and_survive_a_resumption(tmp_path: pathlib
     resumed = go("b", 4, resume=True)
     for name, value in straight.env.state_dict().items():
         assert torch.equal(value, resumed.env.state_dict()[name]), name
+
+
+def test_a_run_does_not_go_on_with_another_robot(tmp_path: pathlib.Path) -> None:
+    """Of the same name, whose table has changed meanwhile."""
+    run(config(tmp_path, 1))
+    tensors, metadata = checkpoint.load_file(tmp_path / CHECKPOINT_NAME, "checkpoint")
+    checkpoint.save_file(tmp_path / CHECKPOINT_NAME, tensors, "checkpoint", metadata | {"robot": "0123"})
+    with pytest.raises(ConfigError, match="another content of the table of h1"):
+        Trainer(config(tmp_path, 2, resume=True))
