@@ -49,6 +49,12 @@ def _is_attitude(state: RobotState) -> bool:
     return math.isfinite(state.orientation.dot(state.orientation) + state.angular_velocity.dot(state.angular_velocity))
 
 
+def _is_likely(gyro: np.ndarray, accelerometer: np.ndarray, before: np.ndarray) -> bool:
+    """Return whether an IMU can read this after another reading of its gyro. NaN is not likely."""
+    within = (np.abs(gyro) <= GYRO).all() and (np.abs(accelerometer) <= ACCELEROMETER).all()
+    return bool(within and (np.abs(gyro - before) <= GYRO_JUMP).all())
+
+
 def plausible(readings: Sequence[RobotState], gyro: np.ndarray | None, robot: Robot) -> Sequence[RobotState]:
     """Return those of some readings whose IMU and torques can be true, by themselves: a mean would hide a wild one.
 
@@ -65,8 +71,7 @@ def plausible(readings: Sequence[RobotState], gyro: np.ndarray | None, robot: Ro
     strongest, sound = _TORQUE * robot.torque_limit, []
     for reading in readings:
         assert reading.imu_gyro is not None and reading.imu_accelerometer is not None and reading.torque is not None
-        likely = np.abs(reading.imu_gyro - gyro).max() <= GYRO_JUMP and np.abs(reading.imu_gyro).max() <= GYRO
-        likely = likely and np.abs(reading.imu_accelerometer).max() <= ACCELEROMETER
+        likely = _is_likely(reading.imu_gyro, reading.imu_accelerometer, gyro)
         if likely and (np.abs(reading.torque) <= strongest).all():
             sound.append(reading)
             gyro = reading.imu_gyro
@@ -186,8 +191,7 @@ class ReadingGuard:
             return bad
         with np.errstate(invalid="ignore"):  # comparisons with NaN are false, so each says what is good
             gyro, q, dq = raw[self._gyro], raw[self._q], raw[self._dq]
-            good_imu = (np.abs(gyro) <= GYRO).all() and (np.abs(raw[self._accelerometer]) <= ACCELEROMETER).all()
-            good_imu = good_imu and (np.abs(gyro - last[self._gyro]) <= GYRO_JUMP).all()
+            good_imu = _is_likely(gyro, raw[self._accelerometer], last[self._gyro])
             room = _POSITION_JUMP + _DRIFT * (self._gone[1:] + max(self._step - self._period, 0.0))
             near = np.abs(q - last[self._q] - self._step * last[self._dq]) <= room
             good = near & (q >= self._low) & (q <= self._high) & (np.abs(dq) <= self._fastest)

@@ -76,7 +76,8 @@ def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib
         for name in names
         if name not in (*OF_A_SESSION, "start_from", "steps") and before.get(name) != now.get(name)
     ]
-    if metadata.get("robot", robot_digest(config)) != robot_digest(config):
+    robot = robot_digest(config)
+    if metadata.get("robot", robot) != robot:
         changed.append(f"another content of the table of {config.env.robot}")
     if changed:
         more = f", and {len(changed) - _MOST_NAMED} others" if len(changed) > _MOST_NAMED else ""
