@@ -91,6 +91,10 @@ class ArmServo:
         """
         if not upper_body.indicator:
             return upper_body
+        if not upper_body.mask.all():  # the others have no targets, and are where they are
+            given = ((upper_body.q, state.q[self._arms]), (upper_body.dq, state.dq[self._arms]), (upper_body.ddq, 0.0))
+            q, dq, ddq = (np.where(upper_body.mask, *each) for each in given)
+            upper_body = changed(upper_body, q=q, dq=dq, ddq=ddq)
         tau = self.torque(upper_body.q, state, upper_body.dq, upper_body.ddq) + self.friction(upper_body.dq)
         kp, released = self.robot.arm_kp, 0.0
         if upper_body.wrench is not FREE:

@@ -57,6 +57,18 @@ def test_it_has_no_memory_and_only_the_planned_acceleration_counts(robot, nomina
     assert planned.tau == pytest.approx(expected) and np.abs(planned.tau - first.tau).max() > 1.0
 
 
+def test_joints_that_are_not_taken_over_count_where_they_are(robot, nominal_state):
+    """A source of targets for the elbow alone need not know the shoulder."""
+    q = nominal_state.q.copy()
+    q[robot.arms[0]] = -1.5
+    state = dataclasses.replace(nominal_state, q=q)
+    mask = np.arange(8) == 3
+    targets = [UpperBody(np.where(mask, 0.4, other), np.where(mask, 0.2, other), mask) for other in (0.0, 0.7)]
+    targets.append(UpperBody(np.where(mask, 0.4, q[robot.arms]), np.where(mask, 0.2, 0.0), mask))
+    torques = [ArmServo(robot)(one, state, DT).tau[3] for one in targets]
+    assert torques[0] == torques[1] == torques[2]
+
+
 def test_friction_is_that_of_the_robot_it_is_given(robot, nominal_state):
     dq, none = np.full(8, 1.0), np.zeros(19)
     ideal = ArmServo(robot=dataclasses.replace(robot, friction=none, viscous=none))

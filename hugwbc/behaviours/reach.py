@@ -1,5 +1,6 @@
 """Steps of the hands: reach, move on, press, wipe, and use the idealised gripper."""
 
+import dataclasses
 from typing import Annotated
 
 import numpy as np
@@ -127,7 +128,7 @@ def press(
     speed: HandSpeed = 0.06,
     timeout: Seconds = 25.0,
 ) -> Course:
-    """Press something with the end of a forearm: go before it, push on along an axis, and come back.
+    """Press something with the end of a forearm: go before it, push on along an axis, and come back; the other rests.
 
     It ends when the object has been seen to give way by `travel`, or has been pressed with `force` where forces on the
     hands are known, or at the end of `depth` if neither is given.
@@ -200,12 +201,19 @@ def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: Force = 1
     if path.ndim != 2 or path.shape[1] != 3 or not len(path) or not np.isfinite(path).all():
         raise ConfigError(f"path has shape {path.shape}; give finite points x, y, z, shape (n, 3)")
     row, others, begin = SIDES.index(hand), hands_in(view, "world"), view.time
+    last = view.last.hands
+    stays = HandTargets(None, None) if last is None or last.joints is not None else last
+    free = {f"{hand}_direction": None, f"{hand}_orientation": None}
+    stays = dataclasses.replace(in_frame(view, stays, "world"), together=False, whole_body=False, **free)
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     pressing = Pressing(view, row, normal=np.array([0.0, 0.0, 1.0]), force=force)
     while (way := (view.time - begin) * speed) < along[-1] + 0.05:
         point = np.array([np.interp(way, along, path[:, axis]) for axis in range(3)])
         press = one_hand(row, np.array([0.0, 0.0, pressing.asked(view)]), np.zeros((2, 3)))
-        hands = targets(one_hand(row, point, others), "world", forces=press)
+        left, right = one_hand(row, point, others)
+        hands = dataclasses.replace(
+            stays, left=left, right=right, wrench=dataclasses.replace(stays.wrench, force=press)
+        )
         progress = f"{100 * way:.0f} of {100 * along[-1]:.0f} cm are wiped"
         view = yield Action(standing(view), hands, progress=progress)
     return view

@@ -253,9 +253,11 @@ class _Walk:
         if self._arrived(error, _DEADBAND) and view.last.command.gait is Gait.STANDING:
             return view
         while True:
-            error = self._error(view) - (view.stop if self.stand else 0.0)
+            error, last = self._error(view) - (view.stop if self.stand else 0.0), float(error[2])
             velocity = self._velocity(error) + view.lag
+            error[2] += math.tau * round((last - error[2]) / math.tau)  # the mean of two half turns is none
             average = mean(view.time, error, stride)
+            average[2] = rotations.wrap_angle(average[2])
             near = None if not self._arrived(average, _NEAR) else view.time if near is None else near
             if near is not None and not self.stand:
                 return view

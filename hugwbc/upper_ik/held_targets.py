@@ -40,13 +40,15 @@ class HeldTargets:
         if not given or not 0.0 < dt < math.inf:
             return hands
         vectors = [getattr(hands, name) for name in given]
-        begins = self._shape != (hands.frame, *given)
+        level = [name for name in given if name in ORIENTATIONS and not getattr(hands, name).any()]  # no quaternion
+        shape = (hands.frame, *given, *level)
+        begins = self._shape != shape
         if not begins:  # of the two quaternions of an orientation, the nearer one leads there
             rows = zip(given, vectors, self._vectors, strict=True)
             vectors = [-x if name in ORIENTATIONS and x @ last < 0.0 else x for name, x, last in rows]
         self._vectors, point = vectors, np.concatenate(vectors, dtype=float)
         if begins:
-            self._shape = (hands.frame, *given)
+            self._shape = shape
             self._begin(point, hands, dt)
         self._now += dt
         moved = bool((point != self._point).any())

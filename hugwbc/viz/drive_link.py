@@ -64,6 +64,7 @@ class _Filtered:
 class _Page:
     heard: float
     touched: Touched = dataclasses.field(default_factory=Touched)
+    dark: bool | None = None  # whether its theme is dark
 
 
 class DriveLink:
@@ -80,7 +81,7 @@ class DriveLink:
         self._pressed: list[str] = []
         self._last: float | None = None  # when a page that is gone now was heard last [s]
         self._using = threading.Lock()
-        self.dark: bool | None = None  # whether the last page that said so has a dark theme
+        self.dark: bool | None = None  # whether the page that came or changed its theme last has a dark one
         self.clock = time.monotonic  # returns the time [s]
 
     @contextlib.contextmanager
@@ -210,12 +211,14 @@ class DriveLink:
                 said = json.loads(message)
         if not isinstance(said, dict):
             said = {}
+        dark = said.get("dark")
         with self._using:
-            self._pages[number] = _Page(self.clock(), Touched.parse(said))
+            before = self._pages.get(number)
+            if isinstance(dark, bool) and (before is None or dark is not before.dark):
+                self.dark = dark
+            self._pages[number] = _Page(self.clock(), Touched.parse(said), dark if isinstance(dark, bool) else None)
             self._pressed += actions(said.get("presses"), self._about.get("tasks", ()))
             del self._pressed[:-MOST_ACTIONS]  # the newest may be a stop
-        if isinstance(said.get("dark"), bool):
-            self.dark = said["dark"]
 
 
 def _response(text: str, kind: str) -> Response:

@@ -240,19 +240,23 @@ def drive(
     """
     clock = RealTime()
 
+    def begin_anew() -> None:
+        page.source.stand()
+        page.moved()
+
     def draw(_: Snapshot) -> bool:
         page.disturb(loop.simulation)
         page.show(loop.simulation, speed=clock.speed, commanded=loop.control.chain.command)
         again, task = page.take("reset"), page.take_task()
         if again or task is not None:
-            page.source.stand()
-            page.moved()
+            begin_anew()
         if task is not None:
             try:
                 words = perform(task)
             except HugwbcError as error:  # such as a scene in which the robot does not fit; driving continues
                 words = f"{task} was not done: {error}"
             page.stage(loop.simulation)
+            begin_anew()  # what was pressed meanwhile was not for this robot
             clock.pause()  # the task kept real time by itself
             tell(words)
             page.source.tell(words, VERDICT_TIME)

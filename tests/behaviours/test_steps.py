@@ -25,6 +25,7 @@ from hugwbc.behaviours import (
     squeeze,
     stand,
     walk_to,
+    wipe,
 )
 from hugwbc.runtime import UpperBodySource, load_controller, rollout
 from hugwbc.sim import Simulation
@@ -91,6 +92,18 @@ def test_a_hand_that_stays_keeps_how_it_is_turned() -> None:
         np.testing.assert_allclose(hands.left_direction, [math.cos(turned), math.sin(turned), 0.0], atol=1e-12)
         np.testing.assert_array_equal(hands.left_orientation, np.zeros(4))
         np.testing.assert_allclose(hands.right_direction, [0.0, 0.0, 1.0])
+
+
+def test_the_hand_that_does_not_wipe_keeps_its_target_as_it_is_turned() -> None:
+    before = HandTargets.of((0.3, 0.2, 0.1), (0.3, -0.2, 0.1), left_orientation="level", right_direction=(1, 0, 0))
+    known = view(yaw=0.5, last=Action(hands=before))
+    path = np.array([[0.4, -0.1, 1.0], [0.5, -0.1, 1.0]])
+    hands = next(wipe(known, path)).hands
+    assert hands is not None and hands.frame == "world" and hands.right_direction is None
+    np.testing.assert_array_equal(hands.left_orientation, np.zeros(4))
+    np.testing.assert_allclose(hands.left, known.position + rotations.rotation_z(0.5) @ (0.3, 0.2, 0.1))
+    np.testing.assert_allclose(hands.right, path[0])
+    np.testing.assert_array_equal(hands.wrench.force, [[0.0, 0.0, 0.0], [0.0, 0.0, 15.0]])
 
 
 def test_a_gripper_out_of_reach_fails_by_its_timeout() -> None:

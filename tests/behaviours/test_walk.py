@@ -120,6 +120,18 @@ def test_a_walk_that_was_held_does_not_pass_its_goal() -> None:
     assert farthest < 0.5 + 0.01, "what was learnt while it was held has made it too fast"
 
 
+def test_half_a_turn_is_not_done_at_once() -> None:
+    """Noise changes the sign of the angle that is left, whose mean is then zero."""
+    now = view()
+    turn = face(now, yaw=np.pi, stand=False)
+    next(turn)
+    for tick in range(1, 50):
+        turn.send(view(DT * tick, yaw=0.01 * (-1) ** tick))
+    with pytest.raises(StopIteration):
+        for tick in range(50, 500):
+            turn.send(view(DT * tick, yaw=(-1) ** tick * (np.pi - 0.01)))
+
+
 @pytest.mark.parametrize("times", [(2.5, 60.0), (0.0, 60.0)])
 def test_a_walk_against_a_wall_ends_with_the_words_stuck(times: tuple[float, float]) -> None:
     walk, _, end = _held(lambda view: walk_to(view, (1.0, 0.0), 0.0, speed=0.2), times)

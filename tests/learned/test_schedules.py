@@ -61,6 +61,15 @@ def test_what_cannot_be_is_refused_before_the_training(name: str, points: dict, 
         TrainConfig(schedules={name: Schedule(points, shape)})  # type: ignore[arg-type]
 
 
+def test_values_between_two_points_are_refused_before_the_training() -> None:
+    fractions = {
+        "env.command.standing_fraction": Schedule({0: 0.2, 1e6: 0.9}),
+        "env.command.walking_fraction": Schedule({0: 0.7, 1e6: 0.1}, "steps"),
+    }
+    with pytest.raises(HugwbcError, match=r"give at 1e\+06 steps: the fractions .* sum to 1.6"):
+        TrainConfig(schedules=fractions)
+
+
 def test_what_the_robots_are_rebuilt_for_may_change_in_steps_or_not_at_all() -> None:
     name = "env.randomization.push_velocity"
     in_steps = TrainConfig(schedules={name: Schedule({0: 0.1, 5: 0.5}, "steps")})

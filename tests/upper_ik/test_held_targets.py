@@ -74,6 +74,16 @@ def test_joint_targets_are_interpolated_with_their_velocity():
     np.testing.assert_allclose([hands.joint_velocity for hands in out[200:]], 0.5, rtol=0.02)
 
 
+def test_an_orientation_becomes_level_at_once():
+    """Level is no quaternion: on the way to it, the old orientation would stay."""
+    held, side = HeldTargets(), np.array([0.7, 0.7, 0.1, 0.1])
+    for k in range(400):
+        turn = side / np.linalg.norm(side) if k < 200 else np.zeros(4)
+        hands = HandTargets(circle(k // 4 / 25), None, sequence=k // 4, left_orientation=turn)
+        followed = held.follow(hands, 0.01).left_orientation
+        assert followed == pytest.approx(turn, abs=1e-9)
+
+
 @pytest.mark.parametrize("tick", [0.004, 0.01])
 def test_messages_that_come_in_bursts_are_not_run_through_backwards(tick):
     """Joints at 0.5 rad/s, by messages at 50 Hz that a network holds up for 60 ms in the mean."""

@@ -101,6 +101,14 @@ def test_a_malformed_message_only_shows_that_the_page_is_alive(message):
     assert link.commands() == {} and link.take_actions() == [] and link.silence() < 1.0
 
 
+def test_pages_with_different_themes_do_not_take_turns():
+    link, themes = DriveLink({}), []
+    for number, dark in [(1, True), (2, False), (1, True), (2, False), (1, False), (2, False), (1, True)]:
+        link._hear(number, json.dumps({"dark": dark}))
+        themes.append(link.dark)
+    assert themes == [True, False, False, False, False, False, True]
+
+
 def unheard(page, now):
     """No page has ever spoken."""
 
@@ -249,6 +257,7 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(p
         page.link._hear(1, json.dumps({"presses": [press]}))
         page.show(staged, name)
         seen.append(page.interruption)
+        page.source.ask_gait(Gait.JUMPING)
         return "carry with test: done after 1.0 s"
 
     page.link._hear(1, '{"presses": ["task:nothing", "task:carry"]}')
@@ -260,6 +269,7 @@ def test_a_task_of_the_menu_is_done_among_its_objects_and_its_verdict_is_shown(p
     assert "carry with test: done after 1.0 s" in told
     assert page.link._status["notes"] == ["carry with test: done after 1.0 s"] and not page.interruption
     assert page._objects == [] and page._forces == {}, "the person's own robot stands alone again"
+    assert page.source.requested == Command(), "what was pressed meanwhile was not for it"
     page.close()
 
 

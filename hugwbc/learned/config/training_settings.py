@@ -159,7 +159,9 @@ class TrainConfig:
                     f"'{name}' has a schedule, and a rule of env.curriculum.rules moves it; give one of the two",
                     at=("schedules", name),
                 )
-        for steps in sorted({place for schedule in self.schedules.values() for place in schedule.points}):
+        places = {place for schedule in self.schedules.values() for place in schedule.points}
+        # Just before a point, too: what changes in steps still has its last value there.
+        for steps in sorted(places | {math.nextafter(place, 0.0) for place in places}):
             try:
                 self.at(steps)
             except ConfigError as error:

@@ -369,7 +369,9 @@ class HumanoidEnv:
         r = self.readings
         history = self.history[robots].flatten(1)
         sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1], self._pose, self.robot))
-        command, further = observe(COMMAND, sensed), observe(self.further, sensed)
+        command = observe(COMMAND, sensed)
+        # In most steps no episode ends: a user's term need not know what no robot senses.
+        further = observe(self.further, sensed) if len(command) else self._further_noise.expand(0, -1)
         if any(term.noise for term in self.further):
             further += symmetric(self.generator, *further.shape) * self._further_noise
         velocity, height, clearance = r.velocity[robots], r.height[robots], r.clearance[robots]

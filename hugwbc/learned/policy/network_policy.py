@@ -166,7 +166,8 @@ class NetworkPolicy:
         self._clear()
         height = 0.0 if state.position is None else float(state.position[2]) - self.robot.nominal_height
         if _SQUATS < abs(height) < self.robot.nominal_height:
-            self._waist[:] = state.q[self.robot.waist]
+            if self.contract.waist_rate > 0.0:  # without one the command never turns it back
+                self._waist[:] = state.q[self.robot.waist]
             self._posture[:] = height, rotations.pitch_of(state.orientation)
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:

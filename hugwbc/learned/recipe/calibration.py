@@ -125,7 +125,9 @@ def calibrate(
     robot = controller.contract.described
 
     def write(name: str, curves: Curves, stop: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        contract = dataclasses.replace(controller.contract, feed_forward=curves, stop=stop)
+        before = controller.contract.feed_forward  # gaits and commands that are not calibrated keep theirs
+        every = before | {label: before.get(label, {}) | of_gait for label, of_gait in curves.items()}
+        contract = dataclasses.replace(controller.contract, feed_forward=every, stop=stop)
         save_policy(folder / name, controller.actor, contract, controller.training)
 
     place = folder / ROUNDS

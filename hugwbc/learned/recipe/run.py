@@ -118,7 +118,7 @@ class _Work:
         self.seed = {} if self.stage.kind == "calibrate" else {"seed": self.recipe.seed}  # a calibration has its own
         # Without the defaults: a setting that a newer version adds changes no recipe.
         settings = TypeAdapter(Stage).dump_python(self.stage, mode="json", exclude_defaults=True)
-        for name in OF_A_SESSION:
+        for name in (*OF_A_SESSION, *self.seed):
             settings[self.stage.kind].pop(name, None)
         if robot := settings[self.stage.kind].get("env", {}).get("robot"):
             settings[self.stage.kind]["env"]["robot"] = robot_label(robot)

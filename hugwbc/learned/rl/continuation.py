@@ -18,6 +18,7 @@ from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
 from hugwbc.learned.policy.records import settings_record
 from hugwbc.robot_tables import robot_table
 
+_NAMED = ("schedules.", "env.terms.", "env.randomizers.", "env.curriculum.rules.")
 OF_A_SESSION = ("resume", "hours", "threads", "device", "save_interval")  # settings without which a run is the same
 # Settings of the environment without which a policy moves differently: its clock, its drives and its feed-forward.
 _OF_THE_MOTION = (
@@ -69,8 +70,8 @@ def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib
     """Refuse to go on with other settings than a checkpoint's, but for those of a session."""
     with readable(path):
         before, now = (_flat(settings) for settings in (metadata["config"], settings_record(config)))
-    # A setting that one of the two lacks is of another version, unless it is a point of a schedule.
-    names = [name for name in before | now if name in before.keys() & now.keys() or name.startswith("schedules.")]
+    # A setting that one of the two lacks is of another version, unless its name is the user's.
+    names = [name for name in before | now if name in before.keys() & now.keys() or name.startswith(_NAMED)]
     changed = [
         f"{name} {before.get(name, 'nothing')} (here {now.get(name, 'nothing')})"
         for name in names

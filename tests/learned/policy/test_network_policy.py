@@ -195,3 +195,7 @@ def test_a_reset_in_a_squat_does_not_ask_for_a_stand_at_once():
     policy.reset(state)
     after = policy.act(state, squat, UpperBody.none()).q[knee]
     assert before > 1.2 and after == pytest.approx(before, abs=0.3)
+    # Without a rate the waist's target never follows the command: an offset would stay for good.
+    still = NetworkPolicy(dataclasses.replace(policy.contract, waist_rate=0.0), policy._network)
+    still.reset(state)
+    assert state.q[ROBOT.waist] == pytest.approx(0.3, abs=0.05) and still._waist[0] == 0.0

@@ -137,6 +137,14 @@ def test_ppo_learns_with_them(both):
     assert not torch.equal(first, learner.network.actor.plain().state_dict()["policy.0.weight"][:, -3:])
 
 
+def test_a_term_is_not_asked_about_no_robot(monkeypatch):
+    rows = ObservationTerm(about="tilt", size=1, signs=(-1.0,), read=lambda s: np.stack([[g[1]] for g in s.gravity]))
+    monkeypatch.setitem(TERMS, "rows", rows)
+    env = HumanoidEnv(EnvConfig(count=2, observations=("rows",)), seed=0, threads=1)
+    result = env.step(torch.zeros(2, 19))
+    assert not bool(result.done.any()) and result.final.command.shape == (0, 19)
+
+
 def test_a_network_without_them_goes_on_as_the_same_function():
     old, new = ActorCritic(ROBOT), ActorCritic(ROBOT, further=(TILT, KNEES))
     load_into(new, old.state_dict())

@@ -1,5 +1,6 @@
 """A recipe: read, run, killed, resumed; and what its files say of how they were made."""
 
+import dataclasses
 import json
 import math
 import pathlib
@@ -10,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hugwbc.cli import main
+from hugwbc.cli import main, train as cli_train
 from hugwbc.errors import HugwbcError, RecipeError
 from hugwbc.files import digest
 from hugwbc.learned.config import CalibrationConfig
 from hugwbc.learned.distributed import Stop, StoppedError
-from hugwbc.learned.policy import checkpoint, load_policy
+from hugwbc.learned.policy import checkpoint, load_policy, save_policy
 from hugwbc.learned.recipe.ancestry import KEY, KINDS, verify
 from hugwbc.learned.recipe.calibration import Arena, calibrate
 from hugwbc.learned.recipe.recipe import load_recipe
@@ -155,6 +156,27 @@ def test_the_calibration_keeps_the_best_value_at_each_knot(made, tmp_path) -> No
     assert figures["jumping/v_x/calibrated"] is None
 
 
+def test_what_is_not_calibrated_keeps_its_curves(made, tmp_path) -> None:
+    config = CalibrationConfig(
+        policy=made / "policy.safetensors", commands=("v_x",), gaits=("walking",), knots=2, rounds=1
+    )
+    controller = load_policy(config.policy)
+    walking = controller.contract.feed_forward["walking"]
+    curves = {"standing": {"h": [[-0.2, -0.25], [0.0, 0.0]]}, "walking": walking | {"l": [[0.1, 0.15], [0.3, 0.4]]}}
+    contract = dataclasses.replace(controller.contract, feed_forward=curves)
+    save_policy(made / "policy.safetensors", controller.actor, contract, controller.training)
+    seen = []
+
+    def watched(policy, commands, config):
+        seen.append(load_policy(policy).contract.feed_forward)
+        return executed(policy, commands, config)
+
+    calibrate(config, tmp_path, Arena(watched, in_arena.stop), lambda number, error: None)
+    for found in (*seen, load_policy(tmp_path / "policy.safetensors").contract.feed_forward):
+        assert found["standing"] == curves["standing"] and found["walking"]["l"] == curves["walking"]["l"]
+        assert len(found["walking"]["v_x"]) == 2
+
+
 def test_a_stop_that_moves_the_robot_far_is_written_as_far_as_a_contract_may_say(made) -> None:
     far = Arena(executed, lambda policy, config: (0.4, -0.2, -0.7))
     settings = CalibrationConfig(
@@ -205,6 +227,9 @@ def test_only_what_differs_from_the_defaults_tells_recipes_apart(recipe, tmp_pat
     work = _Work(load_recipe(recipe), "walk", tmp_path, in_arena, Stop(), lambda *_: None, lambda line: None)
     given = {"train": {"steps": 64.0, "env": {"count": 8}}, "seed": 2001}
     assert work.digest == digest(json.dumps(given, sort_keys=True))
+    changed = cli_train._changed(load_recipe(recipe), ["--threads", "2"])
+    other = _Work(changed, "walk", tmp_path, in_arena, Stop(), lambda *_: None, lambda line: None)
+    assert other.digest == work.digest, "an option of the session"
 
 
 def test_only_the_first_process_gives_out_the_best_policy(recipe, tmp_path, monkeypatch) -> None:
