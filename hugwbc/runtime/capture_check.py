@@ -10,7 +10,7 @@ from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState
 
 LONGEST_AGE = 0.2  # [s], of a picture that corrects the estimate
-_AHEAD = 0.05  # [s], by which a picture may be newer than the state
+_AHEAD = 0.05  # [s], of time to come, by which a picture may be newer than now
 _WINDOW = 2.0  # [s], over which motions are compared
 _LONGEST, _LEAST = 0.3, 5  # [s] and pictures, of nothing but contradictions, after which a capture is refused
 _REPEATS = 20  # pictures with equal numbers, which are one
@@ -82,7 +82,7 @@ class CaptureCheck:
         last = self._pairs[-1] if self._pairs else None
         if picture is None or state.position is None or self.refusal or (last and picture.time <= last[0]):
             return self._good
-        if picture.time - state.time > _AHEAD:
+        if picture.time - state.time - state.age > _AHEAD:
             self._see_ahead(picture, state)
             return self._good
         self._right = picture.time if last is None else self._right

@@ -20,7 +20,7 @@ from hugwbc.numeric import Array, Place, double, namespace
 from hugwbc.sim.terrain import HeightField, interpolated
 
 PLANE_NAME = "footing"
-FOOT_CONTACT_BIT = 2  # only the spheres and their plane have it
+FOOT_CONTACT_BIT = 1 << 30  # of the spheres, their plane and what they stand on; no file is likely to use it
 
 
 def add_footing(spec: mujoco.MjSpec, terrain: HeightField) -> None:

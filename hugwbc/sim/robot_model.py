@@ -213,9 +213,7 @@ class Variation:
             own = model.body_rootid[model.geom_bodyid] == root
             model.geom_friction[own, 0] = self.friction
             model.geom_friction[ground, 0] = np.minimum(model.geom_friction[ground, 0], self.friction)
-        moved = model.jnt_bodyid[model.actuator_trnid[:, 0]]  # the bodies that the actuators move
-        drives = model.body_rootid[moved] == root
-        model.actuator_forcerange[drives] *= self.strength
+        model.actuator_forcerange[robot_layout(model, robot).ctrl] *= self.strength
 
 
 def _add_mass(model: mujoco.MjModel, body: int, mass: float, point: np.ndarray) -> None:

@@ -98,8 +98,8 @@ class Simulation(Engine):
         # implicit integrator knows the derivatives of the torque.
         self.model.actuator_gainprm[self._layout.ctrl, 0] = self.variation.strength
         if self.scene is not None:
-            names, lowest = self.scene.body_names, 0.0 if terrain is None else float(terrain.heights.min())
-            self._scene_objects = SceneObjects(self.model, self.data, names, self.robot, self.sensing, seed, lowest)
+            names = self.scene.body_names
+            self._scene_objects = SceneObjects(self.model, self.data, names, self.robot, self.sensing, seed, terrain)
             self.objects, self.gripper = self._scene_objects, Gripper(self.model, self.data, names, self.robot)
         self.reset()
         if self.scene is not None:
@@ -236,7 +236,8 @@ class Simulation(Engine):
         self._compute()
 
     def _place_feet(self, footing: Footing) -> None:
-        self.model.geom_pos[footing.geoms] = footing.positions(self.data.xpos, self.data.xmat)
+        self.model.geom_pos[footing.geoms] = places = footing.positions(self.data.xpos, self.data.xmat)
+        self.data.geom_xpos[footing.geoms[-1]] = places[-1]  # among objects, MuJoCo does not look at what cannot move
 
     def _reading(self) -> Reading:
         data, layout, sensed = self.data, self._layout, self.data.sensordata.copy()

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hugwbc.behaviours import Action, Behaviour, Course, View
-from hugwbc.behaviours.hands import in_frame, points_in
+from hugwbc.behaviours.hands import in_frame, points_in, stature
 from hugwbc.commands import COMMAND_NAMES
 from hugwbc.controller import Controller, check_controller
 from hugwbc.errors import ConfigError
@@ -246,7 +246,8 @@ class _Watch:
     def _close(self, action: Action) -> None:
         """Give the last frame its action, if there is a frame that waits for one."""
         for grip in action.grips:
-            strength = float(np.clip(grip.breaking_force / BREAKING_FORCE, 1.0, _STRONGEST))
+            usual = BREAKING_FORCE * stature(self._simulation.robot) ** 3
+            strength = float(np.clip(grip.breaking_force / usual, 1.0, _STRONGEST))
             self._grip[SIDES.index(grip.side)] = strength if grip.name is not None else 0.0
         if self._open is not None:
             self.actions.append(action_vector(self._open, action, self._grip))

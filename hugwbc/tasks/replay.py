@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hugwbc.behaviours import Action, Course, View
-from hugwbc.behaviours.hands import in_frame, targets
+from hugwbc.behaviours.hands import in_frame, stature, targets
 from hugwbc.commands import Command
 from hugwbc.controller import Controller
 from hugwbc.gait import Gait
@@ -46,7 +46,7 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
     Args:
         view: now.
         wanted: whether the left and the right gripper should hold something, shape (2,): above 0.5. Above 1, its grip
-            breaks at so many times the default force.
+            breaks at so many times the default force, that of a hand of the robot's size.
         took: whether each has held something since it was asked to; updated.
         nearest: finds what a gripper closes on.
     """
@@ -64,7 +64,7 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
             # A second hand on an object may turn, and so may one on a thing that moves in a joint: an arm has four
             # joints, and its weld would fight the other one.
             hook = jointed or name in (*view.held, *(asked.name for asked in requests))
-            force = BREAKING_FORCE * max(float(wanted[hand]), 1.0)
+            force = BREAKING_FORCE * stature(view.robot) ** 3 * max(float(wanted[hand]), 1.0)
             requests.append(Grip(side, name, hook, force))
     return tuple(requests)
 

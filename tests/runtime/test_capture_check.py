@@ -49,7 +49,7 @@ def of_a_table(p):
     return np.array([1.5, 0.0, 0.8, 1.0, 0.0, 0.0, 0.0])
 
 
-def watched(sent, *, delay=0.03, world_yaw=0.0, drift=1.0, seconds=5.0, noise=True, start=1.0):
+def watched(sent, *, delay=0.03, world_yaw=0.0, drift=1.0, seconds=5.0, noise=True, start=1.0, latency=0.0):
     """Stand for a second, then walk a curve with side steps; return the check, and when it refused after the start."""
     rng, check, admitted = np.random.default_rng(3), CaptureCheck(), None
     scatter = float(noise)
@@ -62,8 +62,9 @@ def watched(sent, *, delay=0.03, world_yaw=0.0, drift=1.0, seconds=5.0, noise=Tr
 
     for tick in range(round(seconds / 0.01)):
         t = 0.01 * tick
-        own, seen = pose(t), pose(max(t - delay, 0.0))
-        state = make_state(position=own[:3] * drift, time=t, orientation=own[3:])
+        then = max(t - latency, 0.0)
+        own, seen = pose(then), pose(max(t - delay, 0.0))
+        state = make_state(position=own[:3] * drift, time=then, age=t - then, orientation=own[3:])
         turn = rotations.from_yaw_pitch_roll(*(scatter * rng.normal(0.0, 0.0087, 3)))
         seen[:3] = rotations.rotation_z(world_yaw) @ seen[:3] + scatter * rng.normal(0.0, 0.003, 3) + [4.0, -2.0, 0.1]
         seen[3:] = rotations.multiply(rotations.multiply(quarter("z", world_yaw / np.pi * 2), seen[3:]), turn)
@@ -111,6 +112,8 @@ def test_frozen_and_late_pictures_are_refused():
     assert when is not None and "too late" in check.refusal
     check, when = watched(lambda p: p, delay=-0.3)
     assert when is not None and "clock is ahead" in check.refusal
+    check, when = watched(lambda p: p, latency=0.15)
+    assert when is None, "the readings are late, not the pictures ahead"
 
 
 def test_single_wrong_pictures_are_passed_over():

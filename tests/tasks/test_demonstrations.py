@@ -159,6 +159,9 @@ def test_a_strong_grip_is_recorded_and_closes_as_strong_again():
     _, wanted = recorded_action(found.action[0], view)
     left, right = grips(view, wanted, [False, False], lambda side: ("box", False))
     assert (left.breaking_force, right.breaking_force) == (300.0, 150.0)
+    smaller = dataclasses.replace(view, robot=load_robot("g1"))
+    (left,) = grips(smaller, np.array([2.0, 0.0]), [False, False], lambda side: ("box", False))
+    assert left.breaking_force == pytest.approx(120.2, abs=0.1), "what its task asks for in place of 300 N"
 
 
 def test_the_time_limit_leaves_whole_frames():

@@ -11,6 +11,7 @@ import numpy as np
 
 from hugwbc.errors import SceneError
 from hugwbc.settings import Beside, settings
+from hugwbc.sim.footing import FOOT_CONTACT_BIT
 from hugwbc.sim.scenes.mjcf_size import SizeCheck
 from hugwbc.sim.scenes.thing import FARTHEST, Placement, Thing
 
@@ -29,7 +30,6 @@ _LEVEL = 0.01  # of the ground in a file [m], [rad]
 _STATIC = "world_shapes"  # the body of the geoms in a file's world
 _OWN = {"name", "classname", "compiler", "frame", "id", "info", "parent", "plugin", "set_frame", "signature"}
 _LIGHTEST, _HEAVIEST = 1e-6, 1e4  # [kg], of a body that moves
-_FEET = 2  # the bit of MuJoCo's collision masks that the soles on a height field have (`sim.footing`)
 
 
 @settings(kw_only=True)
@@ -109,7 +109,9 @@ class Mjcf(Thing):
                 yield f"has the plane '{plane}', which is not the ground z = 0; make it a box"
 
     def _impossible(self, model: mujoco.MjModel) -> Iterator[str]:
-        """Yield what MuJoCo compiles but cannot simulate: distant bodies, extreme masses."""
+        """Yield what MuJoCo compiles but a scene cannot simulate: cloth, distant bodies, extreme masses."""
+        if model.nflex:
+            yield "has flexible bodies (flexcomp), whose contacts no judge understands; leave them out"
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         for body in range(1, model.nbody):
@@ -137,7 +139,7 @@ class Mjcf(Thing):
             body.name = body.name or f"body_{number}"
         for number, geom in enumerate(spec.geoms):
             geom.name = geom.name or f"geom_{number}"
-            geom.contype |= _FEET * (geom.contype & 1)
+            geom.contype |= FOOT_CONTACT_BIT * (geom.contype & 1)
         return spec
 
     def _taken(self) -> mujoco.MjSpec:

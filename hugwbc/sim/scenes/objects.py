@@ -13,9 +13,10 @@ from hugwbc.errors import UnknownObjectError
 from hugwbc.robot import Robot
 from hugwbc.sim.scenes.thing import FARTHEST
 from hugwbc.sim.sensors import SensorProfile
+from hugwbc.sim.terrain import HeightField
 
 CAPTURE_PERIOD = 0.01  # [s] between two pictures of the motion-capture system; assumed
-LOWEST, HIGHEST = -1.0, 20.0  # [m], heights above the lowest ground between which an object is in the world
+LOWEST, HIGHEST = -1.0, 20.0  # [m], heights above the ground below it between which an object is in the world
 _ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
 
@@ -110,9 +111,9 @@ class SceneObjects(Objects):
         robot: Robot,
         sensing: SensorProfile,
         seed: int,
-        ground: float,
+        ground: HeightField | None,
     ) -> None:
-        """Find the bodies; `ground` is the lowest height of the ground [m], the seed that of the pictures' noise."""
+        """Find the bodies; `ground` is None for a plane at height 0, the seed that of the pictures' noise."""
         super().__init__()
         self.names = names
         self._model, self._data, self._sensing, self._ground = model, data, sensing, ground
@@ -144,7 +145,7 @@ class SceneObjects(Objects):
         if not self._exact:
             robot = self._blurred(self._robot_pose[None], self._noise_of_robot)[0]
             self._pictures.append((now, self._blurred(poses, self._noise), robot))
-        height = poses[:, 2] - self._ground
+        height = poses[:, 2] - (0.0 if self._ground is None else self._ground.height_at(np.nan_to_num(poses[:, :2])))
         inside = (np.abs(poses[:, :2]) < 2.0 * FARTHEST).all(axis=1) & (height > LOWEST) & (height < HIGHEST)
         for index in np.flatnonzero(~inside):  # a NaN is not inside either
             name = self.names[index]

@@ -13,14 +13,15 @@ from pydantic import AfterValidator
 from hugwbc import rotations
 from hugwbc.errors import SceneError
 from hugwbc.settings import settings
+from hugwbc.sim.footing import FOOT_CONTACT_BIT
 from hugwbc.sim.scenes.varied import Colour, Number, between, drawn, options, scaled, settled, varies
 
 FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
 # Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
 # as steep as the one coefficient is small beside the other.
 LEAST_FRICTION = 0.005
-# Bits of MuJoCo's collision masks. The soles of a robot on a height field have the second one only (`sim.footing`).
-_TOUCHED, _TOUCHES = 3, 1
+# Of MuJoCo's collision masks. The soles of a robot on a height field have a bit of their own.
+_TOUCHED, _TOUCHES = 1 | FOOT_CONTACT_BIT, 1
 # Of two things that touch, the one of higher priority decides the friction: movable things, then fixed ones, then robot
 # and ground. Of two things of the same priority, MuJoCo takes the larger coefficient.
 FIXED_PRIORITY, MOVABLE_PRIORITY = 1, 2

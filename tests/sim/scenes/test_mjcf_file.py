@@ -46,6 +46,11 @@ LOST = {
     "compiler settotalmass": ("<compiler settotalmass='10'/><worldbody><body name='b'>" + BALL + "</body>", "'b' the "),
     "gravity": ("<option gravity='0 0 0'/><worldbody><body name='b'>" + BALL + "</body>", "changes gravity"),
     "water": ("<option density='1000'/><worldbody><body name='b'>" + BALL + "</body>", "changes density"),
+    "cloth": (
+        "<worldbody><body name='b' pos='0 0 1'><flexcomp type='grid' dim='2' count='3 3 1' spacing='.1 .1 .1' name='f' "
+        "mass='1' radius='.01'/></body>",
+        "flexible bodies",
+    ),
     "no contacts": ("<option><flag contact='disable'/></option><worldbody><body>" + BALL + "</body>", "contact of"),
     "one contact": (
         "<option o_solref='.1 1'><flag override='enable'/></option><worldbody><body name='b'>" + BALL + "</body>",

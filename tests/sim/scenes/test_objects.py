@@ -9,8 +9,8 @@ import pytest
 
 from hugwbc import JointCommand, load_robot, rotations
 from hugwbc.errors import SceneError, UnknownNameError
-from hugwbc.sim import Scene, Simulation, rough_terrain
-from hugwbc.sim.scenes import Box, Button, Cart, Cylinder, Door, Drawer, Shelf, Step, Table, Tray, Wall
+from hugwbc.sim import HeightField, Scene, Simulation, Variation, rough_terrain
+from hugwbc.sim.scenes import Box, Button, Cart, Cylinder, Door, Drawer, Mjcf, Shelf, Step, Table, Tray, Wall
 from hugwbc.sim.scenes.thing import Thing
 from hugwbc.sim.sensors import ROBOT as AS_A_ROBOT
 
@@ -284,6 +284,49 @@ def test_objects_lie_on_rough_ground() -> None:
     stool = simulation.model.geom_bodyid == simulation.model.body("stool").id
     assert (simulation.model.geom_contype[stool] & foot.conaffinity).all()  # the soles do not pass through it
     assert mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, "footing") >= 0
+
+
+def test_among_objects_the_soles_meet_the_ground_below_the_robot() -> None:
+    """What cannot move, such as their plane, MuJoCo places once where it lets objects sleep."""
+    heights = np.zeros((81, 81))
+    heights[:, 45:] = 0.05  # from x = 1 m on
+    terrain, box = HeightField(heights, (16.0, 16.0)), Box(name="parcel", position=(-3.0, 0.0), size=(0.2, 0.2, 0.2))
+    alone, beside = Simulation(sensing="exact", terrain=terrain), among(box, terrain=terrain)
+    for simulation in (alone, beside):
+        simulation.reset(xy=(2.0, 0.0))
+        for _ in range(100):
+            simulation.step(HOLD, simulation.timestep)
+    assert beside.qpos[:7] == pytest.approx(alone.qpos[:7], abs=1e-6) and alone.qpos[2] > 0.95
+
+
+def test_objects_on_a_slope_are_in_the_world() -> None:
+    terrain = rough_terrain(0.0, np.random.default_rng(0), size=600.0, spacing=2.0, slope=0.1)
+    simulation = among(Box(name="parcel", position=FAR, size=(0.2, 0.2, 0.2)), terrain=terrain)
+    run(simulation, 0.1)
+    assert simulation.objects.problems == []
+
+
+@pytest.mark.parametrize(
+    "drive", ["<adhesion body='b' ctrlrange='0 1'/>", "<motor tendon='t' forcelimited='true' forcerange='-20 20'/>"]
+)
+def test_drives_of_objects_are_not_the_robots(drive: str, tmp_path) -> None:
+    path = tmp_path / "driven.xml"
+    path.write_text(
+        "<mujoco><worldbody><body name='b' pos='0 0 1'><joint name='j'/><geom size='.1' mass='1'/></body></worldbody>"
+        f"<tendon><fixed name='t'><joint joint='j' coef='1'/></fixed></tendon><actuator>{drive}</actuator></mujoco>"
+    )
+    simulation = among(Mjcf(name="kit", mjcf=path, position=FAR), variation=Variation(strength=0.5))
+    limits = simulation.model.actuator_forcerange
+    assert limits[:19, 1] == pytest.approx(0.5 * ROBOT.torque_limit) and limits[19, 1] in (0.0, 20.0)
+
+
+def test_collision_groups_of_a_file_are_not_those_of_the_soles(tmp_path) -> None:
+    path = tmp_path / "board.xml"
+    board = "<body><geom type='box' size='.6 .1 .02' conaffinity='2'/></body>"
+    path.write_text(f"<mujoco><worldbody>{board}</worldbody></mujoco>")
+    terrain = rough_terrain(0.03, np.random.default_rng(0))
+    simulation = among(Mjcf(name="kit", mjcf=path, position=(2.0, 0.0)), terrain=terrain)
+    assert simulation.qpos[2] == pytest.approx(Simulation(sensing="exact", terrain=terrain).qpos[2])
 
 
 def test_a_hand_wakes_what_sleeps() -> None:
