@@ -22,6 +22,7 @@ from hugwbc.robot import FRICTION_SPEED, SIDES, Robot, load_mirror
 from hugwbc.state import RobotState
 
 _LONGEST_PERIOD = 0.05  # [s], with which a robot still stands; a longer one is in another unit
+_LONGEST_GAP = 0.5  # [s], between two ticks over which the last motion tells where the robot is now
 _STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
 _ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
 
@@ -103,6 +104,7 @@ class WholeBodyController:
     def _clear(self) -> None:
         self._fallbacks = 0
         self._relaxed = 0
+        self._time = 0.0  # of the last tick [s]
         self._solution = self._unsolved  # of the last tick
         self._waist.rate[0] = 0.0
         self._hand_load.reset()
@@ -129,6 +131,7 @@ class WholeBodyController:
         """Forget the past and start from this state, which has position and velocity, standing."""
         _motion(state)
         self._clear()
+        self._time = state.time
         self._qp.reset()
         self._slip.reset()
         self._predictor.reset()
@@ -153,7 +156,9 @@ class WholeBodyController:
         if not state.is_usable:  # a NaN would stay in what the controller remembers
             self._fail()
             return None
-        self._locomotion.follow_jumps(position, velocity, self.period)
+        # The guard does not ask while states are not usable.
+        passed, self._time = state.time - self._time, state.time
+        self._locomotion.follow_jumps(position, velocity, passed if 0.0 < passed < _LONGEST_GAP else self.period)
         # A command acts only after the delay of the drives: what counts is the state then.
         state = self._predictor.predict(state, self.robot.command_delay)
         stepping = self._locomotion.plan.mode is Mode.WALKING

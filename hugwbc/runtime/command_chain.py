@@ -47,11 +47,13 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     speed = math.hypot(v_x, v_y)
     omega = _within(command.omega, SIDEWAYS / speed if speed > 0.0 else math.inf)
     size = robot.leg_length / PAPER_LEG
-    f = max(command.f, min(speed / (2.0 * SLOW_STEP * size), BRISK / math.sqrt(size)))
+    own = command_ranges(command.gait, robot)
+    brisk = min(BRISK / math.sqrt(size), own["f"].finishing[1])
+    f = max(command.f, min(speed / (2.0 * SLOW_STEP * size), brisk))
     reach = max(highest_swing(robot) + command.h, ranges["l"].default)  # the default is allowed at any height
     # The free leg of a hop does not swing, and its frequency is not commanded.
     reaction = math.inf if command.gait.hops else SWING_REACTION / f**2
-    l = min(command.l, reach, reaction)  # noqa: E741  the paper's symbol
+    l = max(min(command.l, reach, reaction), own["l"].finishing[0])  # noqa: E741  the paper's symbol
     reasons = {
         "v_y": (v_y, f"together with v_x = {v_x:g} m/s"),
         "omega": (omega, f"at {speed:.2g} m/s"),
@@ -109,6 +111,8 @@ class CommandChain:
         command = self._braking(self._possible, state, dt, mid_stance=mid_stance)
         if self._braking.active:
             self._log.count("braked", "told to change the gait while moving: braking and standing first")
+            command, guarded = feasible(command, self._robot)  # the old gait with the new posture
+            self._count("commands_guarded", guarded)
         return command
 
     def _count(self, counter: str, changes: tuple[CommandChange, ...]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from hugwbc.errors import ConfigError
 
-_APART = 1.0  # [s] between samples, from which times may be in another unit: recordings are faster
+_APART = (1.0, 100.0)  # [s] between samples that are recorded or declared, from which times may be in another unit
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
@@ -60,14 +60,14 @@ def check_pace(
         unit: of `moved`.
         pace: speed that whatever moves reaches, and speed that it never reaches [unit/s].
         least: distance that is no noise of a measurement [unit].
-        exact: whether the samples are without such noise, so that a short distance may be a jump.
+        exact: whether the samples are declared, not recorded: they may be slow, and a short distance may be a jump.
     """
     if not moved.size:
         return
     steps = np.diff(time)
     step = float(np.median(steps))
     speed = moved / np.maximum(steps, step)  # stamps are rounded, and messages arrive in bursts
-    if step >= _APART and speed.max() < pace[0] and moved.sum() > least:
+    if step >= _APART[exact] and speed.max() < pace[0] and moved.sum() > least:
         name = next((name for name, factor in _UNITS.items() if step <= factor), "nanoseconds")
         raise ConfigError(
             f"{what} moves by at most {speed.max():.2g} {unit}/s, with {step:g} s between samples: "

@@ -202,11 +202,12 @@ def _samples(path: HandPath) -> tuple[np.ndarray, np.ndarray, float]:
         return *path.samples, 0.0
     if isinstance(path, hand_paths.Line | hand_paths.Grid):
         return np.arange(len(path.points)) * (path.leg_time + path.dwell), np.array(path.points), path.dwell
-    if isinstance(path, hand_paths.Wander):  # its corners
-        times = np.arange(61) * path.leg_time
-    else:
-        period = getattr(path, "period", 60.0)
-        times = np.linspace(0.0, period, round(min(max(period / 0.02, 8), 600)) + 1)
+    if isinstance(path, hand_paths.Wander):  # from corner to opposite corner of its box, as far and as fast as it goes
+        corners = [0.5 * np.array(signs) * path.size for signs in itertools.product((-1.0, 1.0), repeat=3)]
+        points = np.array([path.centre + sign * corner for corner in corners for sign in (1.0, -1.0)])
+        return np.arange(len(points)) * path.leg_time, points, 0.0
+    period = getattr(path, "period", 60.0)
+    times = np.linspace(0.0, period, round(min(max(period / 0.02, 8), 600)) + 1)
     return times, np.stack([path.at(float(t)) for t in times]), 0.0
 
 
@@ -392,12 +393,13 @@ def while_walking(script: Script, v_x: float) -> Script:
 
     Args:
         script: the script; its hands, heights, pitches and waist angles stay.
-        v_x: forward velocity of the segments without a velocity of their own [m/s].
+        v_x: forward velocity of these segments [m/s].
     """
     segments = []
     for segment in script.segments:
         commands = dict(segment.commands)
-        if segment.gait is Gait.STANDING or not any(commands.get(name) for name in VELOCITY_NAMES):
+        walks = segment.gait is Gait.WALKING and not any(commands.get(name) for name in VELOCITY_NAMES)
+        if walks or segment.gait is Gait.STANDING:
             commands["v_x"] = v_x
         gait = Gait.WALKING if segment.gait is Gait.STANDING else segment.gait
         segments.append(dataclasses.replace(segment, gait=gait, commands=commands))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from hugwbc import rotations
-from hugwbc.commands import MEASURED_NAMES, Command, command_ranges
+from hugwbc.commands import MEASURED_NAMES, VELOCITY_NAMES, Command, command_ranges
 from hugwbc.errors import ConfigError
 from hugwbc.gait import Gait
 from hugwbc.kinematics import Kinematics
@@ -82,7 +82,10 @@ class WholeBodyMotion:
         """Return the command at time `t` [s], within the ranges of its gait; it starts from the default within 1 s."""
         frame = self.frame_at(t)
         values = _named(smooth_step(t / _RAMP) * self.allowed[frame])
-        return Command.from_mapping(values, self._gait(frame), self.robot)
+        if 0.0 <= t <= self.duration:
+            return Command.from_mapping(values, self._gait(frame), self.robot)
+        posture = {name: value for name, value in values.items() if name not in VELOCITY_NAMES}
+        return Command.from_mapping(posture, Gait.STANDING, self.robot)
 
     def hands_at(self, t: float) -> HandTargets:
         """Return the hand targets at time `t` [s], in the heading frame, by linear interpolation."""

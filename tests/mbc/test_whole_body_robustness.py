@@ -62,6 +62,21 @@ def _walk(change=None, *, period=0.002, latency=0.0, seconds=5.0):
     return speed, True
 
 
+def test_a_gap_in_the_ticks_is_no_jump_of_the_estimate():
+    """The guard does not ask while states cannot be used."""
+    simulation, controller = Simulation(sensing="exact"), WholeBodyController(ROBOT)
+    controller.reset(simulation.sense())
+    for _ in range(500):
+        command = controller.act(simulation.sense(), Command(v_x=1.0, gait=Gait.WALKING), UpperBody.none())
+        simulation.step(command, controller.period)
+    for _ in range(20):
+        simulation.step(command, controller.period)
+    shifts = []
+    controller._locomotion.ground.shift = shifts.append
+    controller.act(simulation.sense(), Command(v_x=1.0, gait=Gait.WALKING), UpperBody.none())
+    assert not shifts
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("change", [_heavier_torso, _slippery, _loaded_hands])
 def test_it_walks_with_what_it_does_not_know(change):

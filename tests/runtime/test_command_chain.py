@@ -74,6 +74,15 @@ def test_a_robot_that_does_not_walk_backward_or_aside():
     assert Command(v_x=-0.2, gait=Gait.WALKING).clamp(robot)[0] == Command(gait=Gait.WALKING)
 
 
+def test_the_guard_keeps_to_the_ranges_of_the_robot():
+    own = {"f": {"finishing": (1.5, 1.8)}, "l": {"finishing": (0.2, 0.35)}}
+    robot = dataclasses.replace(ROBOT, commands=own)
+    fast = Command(v_x=2.0, f=1.6, l=0.3, h=-0.3, gait=Gait.WALKING)
+    guarded, _ = feasible(fast, robot)
+    assert (guarded.f, guarded.l) == (1.8, 0.2)
+    guarded.validate(robot)
+
+
 def test_the_guard_is_the_same_in_a_mirror():
     rng = np.random.default_rng(2)
     for row in sample_all(Gait.WALKING, rng, 100):
@@ -106,6 +115,13 @@ def test_combinations_that_the_legs_do_not_allow_are_changed_counted_and_explain
     chain.reset()
     assert chain.command == Command(), "a robot that has been stood up again is not asked for anything yet"
     assert any("f = 1.5 is not possible at 1.5 m/s" in message for message in report.messages)
+
+
+def test_a_walk_that_brakes_in_another_posture_does_not_lift_its_feet_too_high():
+    high, low = Command(v_x=0.5, l=0.3, gait=Gait.WALKING), Command(h=-0.3)
+    passed, _, report = chained(high, low, low)
+    assert [(one.gait, one.l) for one in passed] == [(Gait.WALKING, 0.3), (Gait.WALKING, 0.15), (Gait.WALKING, 0.15)]
+    assert report.commands_guarded == {"l": 2} and report.braked == 2
 
 
 @settings(max_examples=200)

@@ -7,7 +7,7 @@ import pytest
 from hugwbc.errors import CommandError, ConfigError, TargetError, UnknownNameError
 from hugwbc.gait import Gait
 from hugwbc.robot import load_robot
-from hugwbc.scripts.hand_paths import Circle, Hold, Line, Swing
+from hugwbc.scripts.hand_paths import Circle, Hold, Line, Swing, Wander
 from hugwbc.scripts.motion import ArmMotion, generate_motions, load_motion
 from hugwbc.scripts.script import SCRIPT_NAMES, HandMotion, Script, Segment, load_script, while_walking
 from hugwbc.settings_file import parse as parse_settings
@@ -81,6 +81,8 @@ def test_while_walking_puts_a_walk_under_a_script():
     assert script.name == "test while walking"
     assert script.segments[0] == dataclasses.replace(squat, gait=Gait.WALKING, commands={"h": -0.1, "v_x": 0.3})
     assert script.segments[1] == turn
+    hop = Segment("hop", 2.0, Gait.HOPPING_LEFT)
+    assert while_walking(Script("test", (hop,)), 0.3).segments == (hop,), "it does not walk"
     with pytest.raises(CommandError, match="v_x = 9"):
         while_walking(Script("test", (squat,)), 9.0)
 
@@ -134,6 +136,17 @@ def test_bad_hand_motions_are_refused():
         Script(
             "x", (Segment("a", 1.0, hands=MOTION), Segment("b", 1.0, hands=dataclasses.replace(MOTION, frame="world")))
         )
+
+
+def test_declared_paths_may_be_slow_and_all_of_a_random_one_is_checked():
+    slow = Line(((0.3, 0.2, 0.1), (0.35, 0.2, 0.1)), leg_time=60.0)
+    HandMotion(slow, None)
+    HandMotion(Circle((0.3, 0.2, 0.1), 0.05, period=900.0), None)
+    for seed in range(3):
+        with pytest.raises(TargetError, match=r"left hand path goes up to .* m from the pelvis"):
+            HandMotion(Wander((1.0, 0.2, 0.1), (1.0, 0.4, 0.4), seed=seed), None)
+        with pytest.raises(ConfigError, match="left hand path jumps by"):
+            HandMotion(Wander((0.4, 0.2, 0.1), (0.4, 0.4, 0.4), leg_time=0.1, seed=seed), None)
 
 
 def test_the_velocity_of_joints_is_that_of_their_positions_from_one_motion_to_the_next():

@@ -42,6 +42,9 @@ def test_a_walk_is_scaled_by_the_leg_and_turns_with_the_person(tmp_path):
     np.testing.assert_allclose(asked(motion, "v_x")[middle], 0.6 * load_robot().leg_length / 0.8, atol=1e-6)
     np.testing.assert_allclose(asked(motion, "v_y")[middle], 0.0, atol=1e-6)
     assert motion.walking[middle].all() and motion.command_at(2.5).gait is Gait.WALKING
+    assert motion.walking[-1] and motion.command_at(motion.duration).v_x > 0.2
+    after = motion.command_at(motion.duration + 0.1)
+    assert after.gait is Gait.STANDING and after.v_x == 0.0, "the clip is over"
     np.testing.assert_allclose(motion.allowed[middle], motion.asked[middle], atol=1e-9)
 
 
