@@ -25,7 +25,7 @@ from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.intervals import FEW
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, each_result
-from hugwbc.settings import REPORT_SEED
+from hugwbc.settings import REPORT_SEED, SELECTION_SEED
 from hugwbc.source import short_commit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -410,7 +410,9 @@ def main() -> int:
     )
     parser.add_argument("--workers", type=int, default=2, help="processes that share the episodes")
     parser.add_argument("--cluster", help="address of a Dask scheduler whose workers run the episodes instead")
-    parser.add_argument("--seed", type=int, default=REPORT_SEED)
+    parser.add_argument(
+        "--seed", type=int, help="by default one for reports, or for selection with --quick or --policy"
+    )
     parser.add_argument("--quick", action="store_true", help="few, short episodes; print the tables instead of writing")
     parser.add_argument(
         "--check", action="store_true", help="run nothing; fail if a table is of another commit or command"
@@ -418,6 +420,8 @@ def main() -> int:
     parser.add_argument("--public", help="folder with other people's networks, named as PUBLIC and WHOLE_BODY say")
     parser.add_argument("--policy", help="policy of an H1: print the tables with it as the only controller")
     options = parser.parse_args()
+    if options.seed is None:  # what is looked at while something is changed is not what is published
+        options.seed = SELECTION_SEED if options.quick or options.policy else REPORT_SEED
     if options.check:
         return check({name: TABLES[name] for name in options.only}, options)
     if "+" in short_commit() and not (options.quick or options.policy):

@@ -15,7 +15,7 @@ from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.figures import Figure, judged_fairly
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.store import READ, Store, StoredTable, controller_digest
-from hugwbc.files import noting
+from hugwbc.files import digest_of, noting
 from hugwbc.runtime.controllers import ControllerSpec
 from hugwbc.viz.plots import Panel
 
@@ -190,6 +190,8 @@ def _run_job(job: tuple[Callable[..., Row], Settings, ControllerSpec, str, int, 
     controller = _controller(spec, digest)
     with noting() as read:
         row = episode(controller, settings, plan)
+    if spec.is_own:  # what it reads in its first episode may serve it in all
+        _last.read = {**_last.read, **read}
     if twice := sorted(plan.tags.keys() & row.keys()):
         raise ConfigError(f"an episode's row has {', '.join(twice)}, as its plan's tags do; give it another name")
     return index, {**plan.tags, **row, READ: {**_last.read, **read}}
@@ -208,7 +210,8 @@ _last = _Last()
 
 def _controller(spec: ControllerSpec, digest: str) -> Controller:
     """Return the controller, made once in each thread as long as it and its files stay the same."""
-    if _last.controller is None or _last.key != (spec, digest):
+    changed = spec.is_own and any(digest_of(name) != found for name, found in _last.read.items())
+    if _last.controller is None or _last.key != (spec, digest) or changed:
         with noting() as read:
             _last.key, _last.controller = (spec, digest), spec.build()
         known = set(map(str, spec.files()))  # by the digest of the controller

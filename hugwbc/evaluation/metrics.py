@@ -75,13 +75,13 @@ def frequency_error(trace: Trace, settle: float = SETTLE_S) -> float:
     """Return E_f [Hz]: the mean over complete gait cycles of both feet of |f - 1 / (touch-down to touch-down)|.
 
     Cycles that a foot misses before its first or after its last step have frequency 0. So has a foot that should step
-    but has no complete cycle. NaN if no foot should step.
+    but has no complete cycle, unless the robot fell too early for one. NaN without such feet.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
         downs, (missed, _) = touch_downs(trace, foot, settle), _missed(trace, foot, settle)
         ends, measured = np.r_[downs[1:], missed], np.r_[1.0 / np.diff(downs), 0.0 * missed]
-        if not ends.size:
+        if not ends.size and _had_time(trace, settle):
             ends, measured = trace.time[-1:], np.zeros(1)
         errors.extend(np.abs(_at(trace, ends, _F) - measured))
     return float(np.mean(errors)) if errors else float("nan")
@@ -91,12 +91,12 @@ def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
     """Return E_l [m]: the mean over complete gait cycles of both feet of |l - highest sole clearance of the cycle|.
 
     Cycles that a foot misses before its first or after its last step count likewise. A foot that should step but has no
-    complete cycle is judged by its highest clearance after `settle`.
+    complete cycle, though it had the time for one, is judged by its highest clearance after `settle`.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
         ends, highest = np.hstack((swings(trace, foot, settle), _missed(trace, foot, settle)))
-        if not ends.size:
+        if not ends.size and _had_time(trace, settle):
             ends, highest = trace.time[-1:], trace.clearance[trace.time >= settle, foot].max(keepdims=True)
         errors.extend(np.abs(_at(trace, ends, _L) - highest))
     return float(np.mean(errors)) if errors else float("nan")
@@ -129,6 +129,11 @@ def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
     if not np.any(trace.time >= settle):
         return ()
     return Gait(int(trace.gait[-1])).feet
+
+
+def _had_time(trace: Trace, settle: float) -> bool:
+    """Return whether a complete gait cycle was possible, wherever in its cycle a foot is at `settle` [s]."""
+    return not trace.down or trace.survived_s - settle >= 2.0 / float(_at(trace, trace.survived_s, _F))
 
 
 def _at(trace: Trace, times: np.ndarray | float, column: int) -> np.ndarray:

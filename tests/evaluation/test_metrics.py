@@ -82,6 +82,14 @@ def test_a_foot_that_never_steps_counts_as_frequency_and_height_zero(synthetic_t
     assert metrics.swing_height_error(still) == pytest.approx(0.15)
 
 
+@pytest.mark.parametrize(("end", "error"), [(1.4, None), (1.9, None), (2.1, 2.0)])
+def test_a_foot_without_the_time_for_a_cycle_before_a_fall_has_no_errors(synthetic_trace, end, error):
+    trace = synthetic_trace(Command(gait=Gait.WALKING), duration=end)
+    trace = dataclasses.replace(trace, touch_downs=(np.array([]), np.array([])), fell=True)
+    found = metrics.frequency_error(trace), metrics.swing_height_error(trace)
+    assert math.isnan(sum(found)) if error is None else found[0] == pytest.approx(error)
+
+
 @pytest.mark.parametrize(
     ("first", "last", "missed"),
     [

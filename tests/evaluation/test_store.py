@@ -47,6 +47,24 @@ def measure(controller, settings, plan):
 
 MINE = Experiment("mine", "", CountedSettings, numbered, measure, lambda settings, rows: [])
 """
+LAZY = """
+import functools
+import pathlib
+import numpy as np
+from hugwbc.evaluation.episode import CountedSettings
+from hugwbc.evaluation.experiment import Experiment, numbered
+from hugwbc.runtime import HoldController
+
+class Lazy(HoldController):
+    @functools.cached_property
+    def gain(self):
+        return float(np.loadtxt(pathlib.Path(__file__).parent / "gain.csv"))
+
+def measure(controller, settings, plan):
+    return {"gain": controller.gain}
+
+MINE = Experiment("mine", "", CountedSettings, numbered, measure, lambda settings, rows: [])
+"""
 SCRIPT = "segments: [{label: a, duration: 3, hands: {frame: pelvis, left: {file: hand.csv}}}]"
 
 
@@ -103,6 +121,19 @@ def test_what_only_an_episode_reads_counts_too(tmp_path: pathlib.Path, monkeypat
         (tmp_path / name).write_text(text.format(0.375))
         expected[place] = 0.375
         assert row() == row() == expected, name
+
+
+def test_what_a_controller_reads_in_its_first_episode_counts_for_all(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "lazy.py").write_text(LAZY)
+
+    def rows() -> list[float]:
+        settings, own = CountedSettings(episodes=2, duration=0.2, settle=0.1), f"{tmp_path / 'lazy.py'}:"
+        spec, experiment = ControllerSpec(f"{own}Lazy"), experiment_of(f"{own}MINE")
+        return [row["gain"] for row in run_experiment(experiment, settings, spec, store=Store(tmp_path)).rows]
+
+    for gain in (1.0, 2.0):
+        (tmp_path / "gain.csv").write_text(str(gain))
+        assert rows() == rows() == [gain, gain]
 
 
 def test_a_robots_table_counts_and_its_path_is_no_folder_of_rows(tmp_path: pathlib.Path) -> None:

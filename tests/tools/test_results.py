@@ -117,6 +117,21 @@ def test_tables_that_need_the_networks_of_others_are_not_left_out_silently(tool,
         tool.main()
 
 
+@pytest.mark.parametrize(("words", "seed"), [([], 1100), (["--quick"], 0), (["--policy", "p"], 0)])
+def test_what_is_looked_at_in_between_is_not_what_is_published(tool, monkeypatch, words, seed) -> None:
+    class AskedError(Exception):
+        pass
+
+    def runs_of(table, options):
+        raise AskedError(options.seed)
+
+    monkeypatch.setattr(tool, "runs_of", runs_of)
+    monkeypatch.setattr(tool, "short_commit", lambda: "0123")
+    monkeypatch.setattr(sys, "argv", ["results.py", "--only", "hands", *words])
+    with pytest.raises(AskedError, match=f"^{seed}$"):
+        tool.main()
+
+
 def test_a_command_that_both_controllers_run_is_given_once(tool) -> None:
     options = argparse.Namespace(public=None, policy=None, quick=False, seed=7)
     runs = [tool.Run.of("", f"push --controller {name}", options) for name in ("qp", "learned")]

@@ -22,7 +22,7 @@ from hugwbc.errors import ConfigError
 from hugwbc.evaluation.episode import CountedSettings, Row, ending, simulate
 from hugwbc.evaluation.experiment import Experiment, Section
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, scaled
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, paired_ratio, scaled, single
 from hugwbc.evaluation.plans import Plan
 from hugwbc.gait import Gait
 from hugwbc.runtime.estimation import StateEstimator
@@ -32,13 +32,15 @@ from hugwbc.state import RobotState
 
 RANDOM = {"v_x": (-0.3, 1.0), "v_y": (-0.2, 0.2), "omega": (-0.5, 0.5)}  # [m/s], [rad/s]
 DRIFT_WAY = 20.0  # [m], to which drifts are scaled
-_SHORTEST_WAY = 1.0  # [m]; from less, no drift is scaled
+_SHORTEST_WAY = 0.5  # [m], in the mean; from less, such as that of stands, no drift is scaled
 _WAY_STEP = 0.5  # [s]; a path is measured in steps of this time, which leaves out the sway of a walk
 _SLOW = 0.1  # [s]; the change of a contact is looked for within this time
 DEGREES = 5  # of freedom of the normalised error: roll, pitch, and the velocity
 _EVERY = 5  # samples between two normalised errors, whose covariance takes time to invert
 _ROUNDING = 1e-6  # [s]
-# Figure by field: name and unit in tables, factor from SI units, whether it is an RMS or a mean.
+_DRIFTS = ("drift", "height_drift", "yaw_drift")
+# Figure by field: name and unit in tables, factor from SI units, whether it is an RMS or a mean. Drifts are sums over
+# the sum of the ways.
 COLUMNS = {
     "v_x": ("velocity forward", "m/s", 1.0, True),
     "v_y": ("velocity sideways", "m/s", 1.0, True),
@@ -213,8 +215,6 @@ def _errors(record: Record) -> dict[str, Any]:
     both = [(inferred[:, foot], true[:, foot]) for foot in range(2)]
     downs, lifts = ([d for i, t in both for d in delays(i, t, time, down=down)] for down in (True, False))
     sampled = record["nees"][np.isfinite(record["nees"])]
-    way = _way(record)
-    scale = DRIFT_WAY / way if way >= _SHORTEST_WAY else None
     moved = record["position"][-1] - record["position"][0]
     turned = float(np.unwrap(record["yaw"])[-1] - record["yaw"][0])
     return {
@@ -224,9 +224,9 @@ def _errors(record: Record) -> dict[str, Any]:
         "missed_contact": _share(true & ~inferred, true),
         "touch_down_delay": _mean_of(downs),
         "lift_off_delay": _mean_of(lifts),
-        "drift": None if scale is None else scale * float(np.hypot(moved[0], moved[1])),
-        "height_drift": None if scale is None else scale * abs(float(moved[2])),
-        "yaw_drift": None if scale is None else scale * abs(turned),
+        "drift": float(np.hypot(moved[0], moved[1])),
+        "height_drift": abs(float(moved[2])),
+        "yaw_drift": abs(turned),
     }
 
 
@@ -250,8 +250,12 @@ def _way(record: Record) -> float:
 def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return errors, contacts, drifts and consistency: RMS errors or means over the walks."""
     table, found = f"State estimation, {settings.gait}, {settings.duration:g} s", []
+    walks = rows.filter(pl.col("drift").is_not_null())
+    far = bool(len(walks)) and float(walks["way"].to_numpy().mean()) >= _SHORTEST_WAY
     for name, (label, unit, factor, squared) in COLUMNS.items():
         estimate = bootstrap_rms(rows[name]) if squared else bootstrap_mean(rows[name])
+        if name in _DRIFTS:
+            estimate = scaled(paired_ratio(walks[name], walks["way"]), DRIFT_WAY) if far else single(None)
         found.append(Figure(table, label, unit, scaled(estimate, factor)))
     found.append(Figure(table, "NEES; 1 if it is consistent", "", bootstrap_mean(rows["nees"]), higher_is_better=None))
     return [*found, falls_figure(table, rows["fell"])]
@@ -268,7 +272,7 @@ EXPERIMENT = Experiment(
         "State estimation",
         "What the controllers read: a state estimated from IMU, encoders and joint torques. Walks at random "
         "velocities; RMS errors in the heading frame over walks. NEES: the errors, squared, relative to what the "
-        "estimator believes; 1 if it is consistent. Drifts are scaled to a way of 20 m.",
+        "estimator believes; 1 if it is consistent. Drifts are those of all walks over their ways, for 20 m.",
         lambda: [EstimationSettings(episodes=2, duration=5.0)],
         lambda: [EstimationSettings()],
     ),

@@ -69,7 +69,7 @@ class FaultsSettings(CountedSettings):
     only: tuple[str, ...] = ()
     settle: NotNegative = 3.0  # time from which on the faults start [s]
     duration: Positive = 8.0  # length of an episode [s]
-    varied = frozenset({"faults", "latency"})
+    varied = frozenset(field for change in FAULTS.values() for field in change)
 
     def __post_init__(self) -> None:
         super().__post_init__()

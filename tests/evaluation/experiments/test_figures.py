@@ -297,6 +297,16 @@ def test_the_way_that_drifts_are_scaled_by_is_the_whole_one(samples):
     assert estimation._way(record) == pytest.approx(0.5 * time[-1])
 
 
+def test_drifts_are_those_of_all_walks_over_their_ways():
+    still = dict.fromkeys((*estimation.COLUMNS, "nees"), 0.1) | END
+    rows = [still | {"drift": drift, "way": way} for drift, way in ((0.1, 4.0), (0.1, 0.5), (None, 0.0))]
+    settings = estimation.EstimationSettings(episodes=3)
+    found = by_quantity(estimation.figures(settings, frame_of(rows)))["drift over 20 m"]
+    assert found.value == pytest.approx(20.0 * 0.2 / 4.5) and found.estimate.samples == 2
+    stands = [row | {"way": 0.02} for row in rows]
+    assert by_quantity(estimation.figures(settings, frame_of(stands)))["drift over 20 m"].value is None
+
+
 def test_errors_in_both_engines_and_their_ratio():
     rows = [
         {"command": "walk", "engine": engine, "error_v_x": error, "error_v_y": 0.1, "error_omega": None, **END}
