@@ -255,7 +255,9 @@ def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:
     for name, (label, unit, factor, squared) in COLUMNS.items():
         estimate = bootstrap_rms(rows[name]) if squared else bootstrap_mean(rows[name])
         if name in _DRIFTS:
-            estimate = scaled(paired_ratio(walks[name], walks["way"]), DRIFT_WAY) if far else single(None)
+            estimate = (
+                scaled(paired_ratio(walks[name].to_list(), walks["way"].to_list()), DRIFT_WAY) if far else single(None)
+            )
         found.append(Figure(table, label, unit, scaled(estimate, factor)))
     found.append(Figure(table, "NEES; 1 if it is consistent", "", bootstrap_mean(rows["nees"]), higher_is_better=None))
     return [*found, falls_figure(table, rows["fell"])]
