@@ -23,7 +23,8 @@ _SIMPLE = (_SHAPES.mjGEOM_BOX, _SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE, _S
 def read_description(file: pathlib.Path) -> dict[str, Any]:
     """Return the rows `joints` and `links` of a published URDF or MJCF, and its `frames`: sites and fixed links.
 
-    Fixed links count as parts of those that carry them. Meshes and textures are not read.
+    `coupled` has the names of joints that follow another one, and of those that they follow. Fixed links count as parts
+    of those that carry them. Meshes and textures are not read.
     """
     spec, root = _spec(file), ET.parse(file).getroot()  # noqa: S314  the user's
     if root.tag == "mujoco" and spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
@@ -34,6 +35,9 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
         raise ModelError(f"{file} gives {', '.join(lacking)} no <inertial>, only shapes; give each body its inertia")
     if any(equality.type in _LOOPS for equality in spec.equalities):
         raise ModelError(f"{file} closes loops of links (<connect>, <weld>); give a description that is a tree")
+    coupled = {name for equality in spec.equalities for name in (equality.name1, equality.name2)}
+    coupled |= {row.get("name", "") for row in root.iter("joint") if row.find("mimic") is not None}
+    coupled |= {row.get("joint", "") for row in root.iter("mimic")}
     _keep(spec, [])
     taken = {site.name for site in spec.sites}
     for body in spec.bodies[1:]:
@@ -89,7 +93,7 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
         }
         for i in range(model.nsite)
     }
-    return {"joints": joints, "links": links, "frames": frames}
+    return {"joints": joints, "links": links, "frames": frames, "coupled": coupled}
 
 
 def _roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:
@@ -163,15 +167,14 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     _keep(spec, [geom for geom in spec.geoms if _carrier(geom.parent).name == foot])
     spec.compiler.fusestatic = True
     for mesh in spec.meshes:
-        if found := next(file.parent.rglob(pathlib.Path(mesh.file).name), None):
-            mesh.file = str(found.resolve())
+        mesh.file = str(_mesh(file, spec.meshdir, mesh.file) or mesh.file)
     try:
         model = _compile(spec, file)
     except ModelError as error:
         raise ModelError(
             f"{error}; without meshes, give the field sole: {{x: [heel, toe], y: [right, left], z: height}}"
         ) from error
-    points = [_cloud(model, geom) for geom in range(model.ngeom)]
+    points = [_lowest(model, geom) for geom in range(model.ngeom)]
     if not points:
         raise ModelError(f"{file} has no shape of {foot}; give the field sole: {{x: [heel, toe], y: [right, left], z}}")
     for geom in np.flatnonzero(model.geom_type == _SHAPES.mjGEOM_BOX):
@@ -185,6 +188,28 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     low = cloud[cloud[:, 2] < cloud[:, 2].min() + _SOLE_DEPTH]
     (x0, y0, z), (x1, y1, _) = low.min(0).round(3).tolist(), low.max(0).round(3).tolist()
     return {"x": [x0, x1], "y": [y0, y1], "z": z}
+
+
+def _mesh(file: pathlib.Path, folder: str, name: str) -> pathlib.Path | None:
+    """Return where a mesh of a description is: as it says, or below its folder, with as much of its path as there is.
+
+    None if it is nowhere.
+    """
+    given = [pathlib.Path(row.get("filename", "")) for row in ET.parse(file).iter("mesh")]  # noqa: S314  the user's
+    wanted = next((path for path in given if path.name == name), pathlib.Path(folder, name))
+    if (direct := file.parent / wanted).is_file():
+        return direct.resolve()
+
+    def shared(found: pathlib.Path) -> int:
+        pairs = zip(reversed(found.parts), reversed(wanted.parts), strict=False)
+        return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+    found = sorted(file.parent.rglob(wanted.name), key=shared, reverse=True)
+    best = [path for path in found if shared(path) == shared(found[0])]
+    if len({path.read_bytes() for path in best}) > 1:
+        names = ", ".join(str(path.relative_to(file.parent)) for path in best)
+        raise ModelError(f"{file} names the mesh {name}, and there are {names}; leave the right one alone there")
+    return best[0].resolve() if best else None
 
 
 def _carrier(body: mujoco.MjsBody) -> mujoco.MjsBody:
@@ -203,6 +228,19 @@ def outline(model: mujoco.MjModel, geom: int) -> np.ndarray:
 def _cloud(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return the outline of a shape in its body's frame [m], shape (n, 3)."""
     return outline(model, geom) @ rotations.to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
+
+
+def _lowest(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return the points of a shape that can touch a floor, in its body's frame [m], shape (n, 3).
+
+    A ball and a capsule touch it below their middles, however wide they are.
+    """
+    kind = _SHAPES(int(model.geom_type[geom]))
+    if kind not in (_SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE):
+        return _cloud(model, geom)
+    radius, half, _ = model.geom_size[geom]
+    along = rotations.to_matrix(model.geom_quat[geom])[:, 2] * half * (kind != _SHAPES.mjGEOM_SPHERE)
+    return model.geom_pos[geom] + np.array([along, -along]) - [0.0, 0.0, radius]
 
 
 def collision_boxes(file: pathlib.Path) -> dict[str, dict[str, list[float]]]:

@@ -14,11 +14,11 @@ from pydantic import AfterValidator
 from hugwbc.errors import ModelError, UnknownNameError
 from hugwbc.numeric import frozen
 from hugwbc.robot_check import table_problems
-from hugwbc.robot_tables import DEFAULT_ROBOT, models_dir, robot_names, robot_table, table_file
+from hugwbc.robot_tables import DEFAULT_ROBOT, SHIPPED, models_dir, robot_names, robot_table, table_file
 from hugwbc.rotations import AXIAL_SIGNS
 from hugwbc.settings import refusing
 from hugwbc.state import GRAVITY
-from hugwbc.table_defaults import SIDES as SIDES, other_side, placement
+from hugwbc.table_defaults import SIDES as SIDES, Joints, other_side, placement
 
 FRICTION_SPEED = 0.2  # [rad/s] at which three quarters of the Coulomb friction act
 
@@ -47,6 +47,7 @@ class Robot:
         kp, kd: PD gains of the drives, as the table has them [N*m/rad], [N*m*s/rad], shape (n,).
         nominal: default joint positions [rad], shape (n,).
         axes: joint axes in the joint's own frame, shape (n, 3).
+        base_axes: the same in the base's frame, with all joints at 0.
         armature: inertia of rotors and gears, reflected to the joints [kg*m^2], shape (n,).
         damping: viscous friction of the joints with ideal drives [N*m*s/rad], shape (n,).
         friction: Coulomb friction of the real drives [N*m], shape (n,).
@@ -105,6 +106,7 @@ class Robot:
     kd: np.ndarray
     nominal: np.ndarray
     axes: np.ndarray
+    base_axes: np.ndarray
     armature: np.ndarray
     damping: np.ndarray
     friction: np.ndarray
@@ -240,6 +242,12 @@ class Robot:
         return self.sole_middle - self.ankle_x
 
 
+def _from_the_side(way: np.ndarray, joints: Joints, link: str, roles: Mapping[str, Any]) -> list[float]:
+    """Return a way in a link's frame without its part along the base's y axis, with all joints at 0 [m]."""
+    aside = placement(joints, link, roles["base"])[1][1]
+    return (way - (way @ aside) * aside).tolist()
+
+
 def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
     """Load a robot.
 
@@ -257,7 +265,7 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
 @functools.cache
 def _load_robot(name: str) -> Robot:
     table, file = robot_table(name), table_file(name)
-    own = models_dir() not in file.parents
+    own = models_dir() not in file.parents or file.stem not in SHIPPED
     if own and (found := table_problems(table)):
         raise ModelError(f"{file}: {'; '.join(found)}")
     robot = _robot_of(name, table, file)
@@ -303,6 +311,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         kd=column("kd"),
         nominal=column("nominal"),
         axes=column("axis"),
+        base_axes=frozen([placement(joints, row["child"], roles["base"])[1] @ row["axis"] for row in joints]),
         armature=column("armature"),
         damping=frozen([table["damping"]] * len(joints)),
         friction=column("friction"),
@@ -326,7 +335,7 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
         sole_z=float(table["sole"]["z"]),
         sole_depth=-float(seen_from("ankle_pitch", feet[0])[2] + table["sole"]["z"]),
         ankle_x=-float(seen_from("ankle_pitch", feet[0])[0]),
-        thigh=math.hypot(*seen_from("hip_pitch", links["knee"])[::2].tolist()),
+        thigh=math.hypot(*_from_the_side(seen_from("hip_pitch", links["knee"]), joints, links["hip_pitch"], roles)),
         shank=math.hypot(*seen_from("knee", links["ankle_pitch"])[::2].tolist()),
         shoulder=frozen(placement(joints, links["shoulder_roll"], roles["base"])[0]),
         upper_arm=float(np.linalg.norm(seen_from("shoulder_roll", links["elbow"]))),
@@ -415,6 +424,6 @@ def load_mirror(robot: Robot) -> Mirror:
     A joint about y keeps its sign and a joint about x or z changes it, because the axis is an axial vector.
     """
     index = robot.indices([other_side(name) for name in robot.joint_names])
-    # The mirrored joint's own axis is robot.axes[index]; the reflected axis of this joint is AXIAL_SIGNS * axis.
-    sign = np.sum(AXIAL_SIGNS * robot.axes * robot.axes[index], axis=1)
+    # The mirrored joint's own axis is that at its index; the reflected axis of this joint is AXIAL_SIGNS * axis.
+    sign = np.sum(AXIAL_SIGNS * robot.base_axes * robot.base_axes[index], axis=1)
     return Mirror(index, np.where(sign < 0.0, -1.0, 1.0))  # also of joints in no role that are no mirror images

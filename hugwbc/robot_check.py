@@ -289,6 +289,12 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
         )
     for side in (str, other_side):
         foot, level = side(roles["foot"]), side(ankle)
+        if placement(joints, foot, roles["base"], q=q)[1][2, 2] < 0.0:
+            yield (
+                f"the z axis of {foot} points down in the nominal pose; turn the link's frame in the description, and "
+                "its shapes, inertia and joints with it"
+            )
+            continue
         ends = [placement(joints, foot, roles["base"], [x, 0.0, sole["z"]], q)[0] for x in (heel, toe)]
         if abs(ends[0][2] - ends[1][2]) > _TOUCH:
             fall = ends[0][2] - ends[1][2]

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import functools
 import pathlib
+from collections.abc import Mapping
 from typing import Any
 
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
@@ -11,6 +12,7 @@ from hugwbc.settings_file import load
 from hugwbc.table_defaults import check_roles, complete, complete_drive, describe, other_side
 
 DEFAULT_ROBOT = "h1"
+SHIPPED = ("h1", "g1")  # folders of the tables that come along, with the files that are written from them
 
 
 def models_dir() -> pathlib.Path:
@@ -65,7 +67,7 @@ def _robot_table(name: str) -> dict[str, Any]:
         check_roles(table)
     else:
         describe(table, description)
-    _assign_drives(table)
+    _assign_drives(table, {} if description is None else _read_table(file).get("joints", {}))
     for joint in table["joints"]:
         joint |= {"armature": difference["armature"]} if "armature" in difference else {}
     for kind in ("joints", "links"):
@@ -88,8 +90,8 @@ def _read_table(path: pathlib.Path) -> dict[str, Any]:
     return dataclasses.asdict(table, dict_factory=lambda fields: {key: one for key, one in fields if one is not None})
 
 
-def _assign_drives(table: dict[str, Any]) -> None:
-    """Copy the figures of the drives to their joints."""
+def _assign_drives(table: dict[str, Any], corrected: Mapping[str, Any]) -> None:
+    """Copy the figures of the drives to their joints, but those that a joint or its left one is given by itself."""
     named = [part for drive in table["drives"] for part in drive["joints"]]
     names = [joint["name"] for joint in table["joints"]]
     for part in named:
@@ -100,7 +102,8 @@ def _assign_drives(table: dict[str, Any]) -> None:
     drives = {part: drive for drive in table["drives"] for part in drive["joints"]}
     for joint in table["joints"]:
         drive = drives.get(joint["name"]) or drives.get(other_side(joint["name"]), {})
-        joint.update({key: value for key, value in drive.items() if key != "joints"})
+        own = {*corrected.get(joint["name"], {}), *corrected.get(other_side(joint["name"]), {}), "joints"}
+        joint.update({key: value for key, value in drive.items() if key not in own})
         if lacking := [figure for figure in ("effort", "velocity") if figure not in joint]:
             raise ModelError(f"{joint['name']} lacks {' and '.join(lacking)}; give them under `drives` or `joints`")
         complete_drive(joint)

@@ -149,6 +149,12 @@ def describe(table: dict[str, Any], description: pathlib.Path) -> None:
                 row.update(_image(changes[left], mirrored(rows[left], row) if kind == "joints" else 1.0))
         table[kind] = [{**row, **changes.get(row["name"], {})} for row in read[kind]]
     check_roles(table)
+    left = [name for limb in ("leg", "arm", "waist") for name in table["roles"][limb].values()]
+    if coupled := sorted(read["coupled"] & {*left, *map(other_side, left)}):
+        raise ModelError(
+            f"{', '.join(coupled)} in the roles follow other joints or lead them (<mimic>, <equality>), and in a table "
+            "each joint has a drive of its own; take that out of the description where the robot allows it"
+        )
     for part, carriers in (("imu", ("base", "trunk")), ("camera", ("trunk",)), ("hand", ("hand",))):
         links = [table["roles"][carrier] for carrier in carriers]
         if isinstance(name := table.setdefault(part, links[0]), str):

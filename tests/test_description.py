@@ -4,6 +4,7 @@ import copy
 import itertools
 import math
 import re
+import shutil
 import xml.etree.ElementTree as ET
 
 import mujoco
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hugwbc import load_robot, robot, rotations
+from hugwbc import load_robot, robot, robot_tables, rotations
 from hugwbc.description import measure_sole, read_description
 from hugwbc.errors import ConfigError, ModelError, UnknownNameError
 from hugwbc.mbc.dynamics import Dynamics
@@ -117,8 +118,8 @@ def test_mjcf_has_armatures_efforts_and_the_feets_shapes(tmp_path) -> None:
     np.testing.assert_allclose(mine.armature, G1.armature[order])
     efforts = np.where(np.isin(order, G1.pair("hip_roll")), 100.0, G1.torque_limit[order])
     np.testing.assert_allclose(mine.torque_limit, efforts)
-    # The spheres at the sole's corners stand out by their radius.
-    np.testing.assert_allclose([*mine.sole_x, *mine.sole_y], [*G1.sole_x, *G1.sole_y], atol=0.0051)
+    # The spheres at the sole's corners touch the ground below their middles.
+    np.testing.assert_allclose([*mine.sole_x, *mine.sole_y], [*G1.sole_x, *G1.sole_y], atol=0.0006)
     assert mine.sole_z == G1.sole_z
 
 
@@ -389,6 +390,46 @@ def test_the_sole_may_be_of_a_link_that_is_fixed_to_the_foot(tmp_path) -> None:
     assert measure_sole(tmp_path / "foot.urdf", "foot") == {"x": [-0.07, 0.13], "y": [-0.03, 0.03], "z": -0.035}
 
 
+@pytest.mark.parametrize(
+    ("shape", "height"),
+    [('type="sphere" size="0.02"', -0.05), ('type="capsule" size="0.01 0.02" euler="0 90 0"', -0.04)],
+)
+def test_round_shapes_stand_on_their_middles(tmp_path, shape, height) -> None:
+    geoms = "".join(f'<geom {shape} pos="{x} {y} -0.03"/>' for x in (-0.05, 0.12) for y in (-0.025, 0.025))
+    body = '<body name="foot"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><freejoint/>'
+    (tmp_path / "foot.xml").write_text(f"<mujoco><worldbody>{body}{geoms}</body></worldbody></mujoco>")
+    longer = 0.02 * ("capsule" in shape)
+    expected = {"x": [-0.05 - longer, 0.12 + longer], "y": [-0.025, 0.025], "z": height}
+    found = measure_sole(tmp_path / "foot.xml", "foot")
+    assert found.keys() == expected.keys() and all(found[key] == pytest.approx(expected[key]) for key in expected)
+
+
+def test_the_mesh_of_a_sole_is_the_one_that_the_description_names(tmp_path) -> None:
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    for folder, length in (("visual", 0.2), ("meshes/collision", 0.1)):
+        (tmp_path / folder).mkdir(parents=True)
+        rows = [f"v {length * x} {0.04 * y} {0.02 * z}" for x, y, z in corners]
+        faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+        (tmp_path / folder / "foot.obj").write_text("\n".join([*rows, *(f"f {face}" for face in faces)]))
+    text = (
+        '<mujoco><compiler meshdir="{}"/><asset><mesh name="m" file="{}"/></asset><worldbody><body name="foot">'
+        '<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><freejoint/><geom type="mesh" mesh="m"/></body>'
+        "</worldbody></mujoco>"
+    )
+    for folder, file, length in (
+        (".", "visual/foot.obj", 0.2),
+        ("meshes", "collision/foot.obj", 0.1),
+        ("nowhere", "collision/foot.obj", 0.1),
+    ):
+        (tmp_path / "foot.xml").write_text(text.format(folder, file))
+        assert measure_sole(tmp_path / "foot.xml", "foot")["x"] == [-length, length], file
+    (tmp_path / "foot.xml").write_text(text.format("nowhere", "foot.obj"))
+    with pytest.raises(
+        ModelError, match=r"names the mesh foot\.obj, and there are .*visual.*; leave the right one alone"
+    ):
+        measure_sole(tmp_path / "foot.xml", "foot")
+
+
 @pytest.mark.parametrize("role", ["base", "trunk", "hand"])
 def test_a_role_that_is_missing_is_asked_for(tmp_path, role) -> None:
     roles = {name: part for name, part in TABLE["roles"].items() if name != role}
@@ -424,6 +465,35 @@ def test_postures_of_arms_whose_joints_turn_the_other_way_are_the_same(tmp_path)
                 joint.find("limit").attrib.update(lower=str(-high), upper=str(-low))
     for kind, posture in mine[0].arm_postures.items():
         np.testing.assert_allclose(mine[1].arm_postures[kind] * [-1, 1, 1, 1, 1, 1, 1], posture, err_msg=kind)
+
+
+def test_a_joint_that_is_given_by_itself_keeps_its_figures(tmp_path) -> None:
+    corrected = {"left_knee_joint": {"effort": 99.0}, "left_hip_yaw_joint": {"armature": 0.03}}
+    mine = _robot(tmp_path, {**SHORT, "joints": corrected})
+    assert mine.torque_limit[mine.pair("knee")].tolist() == [99.0, 99.0]
+    assert mine.armature[mine.pair("hip_yaw")].tolist() == [0.03, 0.03]
+
+
+@pytest.mark.parametrize("follower", ["left_wrist_pitch_joint", "waist_roll_joint"])
+def test_coupled_joints_play_no_role(tmp_path, follower) -> None:
+    root = ET.parse(G1.urdf_path).getroot()
+    joint = next(joint for joint in root.findall("joint") if joint.get("name") == follower)
+    ET.SubElement(joint, "mimic", joint="waist_pitch_joint")
+    ET.ElementTree(root).write(tmp_path / "maker.urdf")
+    table = {**SHORT, "description": "maker.urdf"}
+    if follower.startswith("left"):
+        with pytest.raises(ModelError, match=r"^left_wrist_pitch_joint in the roles follow .* take that out"):
+            _robot(tmp_path, table)
+    else:
+        assert problems(_robot(tmp_path, table).name) == [], "it is held, and plays no role"
+
+
+def test_a_table_of_ones_own_among_the_models_is_checked_and_written(tmp_path, monkeypatch) -> None:
+    shutil.copytree(robot.models_dir(), tmp_path / "models")
+    for module in (robot, robot_tables):
+        monkeypatch.setattr(module, "models_dir", lambda: tmp_path / "models")
+    mine = _robot(tmp_path / "models" / "mine", SHORT)
+    assert mine.xml_path.is_file() and mine.xml_path.parent == tmp_path / "models" / "mine"
 
 
 def test_drives_without_friction_stay_so(tmp_path) -> None:

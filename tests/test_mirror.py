@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 
 from hugwbc import load_robot, rotations
-from hugwbc.robot import load_mirror
+from hugwbc.robot import _robot_of, load_mirror
+from hugwbc.robot_tables import robot_table, table_file
 from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 from tests.conftest import QUATERNION_SIGNS
 
@@ -17,6 +18,19 @@ def test_signs_are_the_papers() -> None:
     for name, sign in zip(ROBOT.joint_names, MIRROR.joint_sign, strict=True):
         changes = any(part in name for part in ("yaw", "roll", "torso"))
         assert sign == (-1.0 if changes else 1.0), name
+
+
+def test_joints_of_no_side_may_have_any_frame() -> None:
+    """A waist that turns about the y axis of its frame turns the other way in a mirror, too."""
+    table = robot_table("g1")
+    rows = {row["name"]: row for row in table["joints"]}
+    waist, below = rows["waist_yaw_joint"], rows["waist_roll_joint"]
+    assert waist["axis"] == [0, 0, 1] and below["rpy"] == [0, 0, 0]
+    x, y, z = below["xyz"]
+    waist |= {"rpy": [np.pi / 2, 0.0, 0.0], "axis": [0.0, 1.0, 0.0]}
+    below |= {"rpy": [-np.pi / 2, 0.0, 0.0], "xyz": [x, z, -y]}
+    turned = _robot_of("g1", table, table_file("g1"))
+    np.testing.assert_array_equal(load_mirror(turned).joint_sign, load_mirror(load_robot("g1")).joint_sign)
 
 
 def test_mirror_is_an_involution_on_joints_and_arms() -> None:

@@ -11,9 +11,9 @@ from hugwbc import rotations
 from hugwbc.cli import main
 from hugwbc.errors import ConfigError, ModelError
 from hugwbc.evaluation.installation import check_hands, check_walking
-from hugwbc.robot import load_robot
+from hugwbc.robot import _robot_of, load_robot
 from hugwbc.robot_check import problems, table_problems
-from hugwbc.robot_tables import robot_names, robot_table
+from hugwbc.robot_tables import robot_names, robot_table, table_file
 from hugwbc.table_defaults import placement
 
 G1 = robot_table("g1")
@@ -386,6 +386,19 @@ def test_a_hip_whose_axis_is_tilted_with_its_frame_is_fine() -> None:
         hip["rpy"] = [roll, 0.0, 0.0]
         below["xyz"], below["rpy"] = (back @ below["xyz"]).tolist(), _angles(back @ _axes(*below["rpy"]))
     assert table_problems(table) == []
+    plain, tilted = (_robot_of("g1", one, table_file("g1")) for one in (G1, table))
+    assert tilted.leg_length == pytest.approx(plain.leg_length), "the legs are as long"
+
+
+def test_a_foot_that_is_upside_down_is_named() -> None:
+    table = copy.deepcopy(G1)
+    for side in ("left", "right"):
+        joint, foot = (_row(table, f"{side}_ankle_roll_{part}") for part in ("joint", "link"))
+        joint["rpy"], joint["axis"] = [math.pi, 0.0, 0.0], [1.0, 0.0, 0.0]
+        foot["com"] = [foot["com"][0], -foot["com"][1], -foot["com"][2]]
+    table["sole"] = {**table["sole"], "z": -table["sole"]["z"]}
+    found = table_problems(table)
+    assert any(one.startswith("the z axis of left_ankle_roll_link points down in the nominal pose") for one in found)
 
 
 def test_a_trunk_with_the_imu_that_is_turned_is_named() -> None:
