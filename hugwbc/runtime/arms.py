@@ -156,14 +156,15 @@ class Handover:
 
     def reset(self) -> None:
         """Forget any difference."""
-        self._driven: tuple[bool, bool] | None = None  # from outside; with a wanted stiffness
+        self._driven: tuple[bytes, bool] | None = None  # which from outside; with a wanted stiffness
         self._last: JointCommand | None = None
         self._before = self._offset = np.zeros((len(_VECTORS), self._size))
         self._elapsed = HANDOVER_TIME
 
     def __call__(self, command: JointCommand, upper_body: UpperBody, dt: float) -> JointCommand:
         """Return the command without a jump of the arms where `upper_body` changes what drives them."""
-        driven = upper_body.indicator, upper_body.wrench.stiffness is not None
+        mask = upper_body.mask.tobytes() if upper_body.indicator else b""
+        driven = mask, upper_body.wrench.stiffness is not None
         changes = self._last is not None and self._driven != driven
         self._driven = driven
         if changes or self._elapsed < HANDOVER_TIME:

@@ -26,7 +26,7 @@ from hugwbc.stride import MidStance
 from hugwbc.upper_ik import UpperBodySource
 
 LONGEST_UPDATE = 0.01  # [s] between two updates of the estimator; a longer period of a controller has several
-_ROUNDING = 1e-9  # [s]
+_ROUNDING = 1e-6  # [s]
 
 
 class Due:
@@ -42,8 +42,11 @@ class Due:
 
     def __call__(self, now: float) -> bool:
         """Return whether a period begins now [s], and wait for the next one if so."""
-        if now < self._next - _ROUNDING:
+        late = now - self._next
+        if late < -_ROUNDING:
             return False
+        if abs(late) <= _ROUNDING:
+            self._next = now  # sums of periods and of time steps would part in minutes
         self._next += (math.floor((now - self._next + _ROUNDING) / self.period) + 1) * self.period
         return True
 
@@ -137,8 +140,9 @@ class ControlPeriod:
             driven: whether the controller's last command acts, so that its plan tells of the motion.
             behind: whether a newer reading waits.
         """
+        reading = self._check.admit(reading)
         if self.estimator is None:
-            reading = self.estimate = self._check.admit(reading)
+            self.estimate = reading
         if driven and not self.estimate.coasted:  # what was replaced tells nothing of the motors
             self.motors.see(reading, now, behind=behind)
         if self.estimator is None:
@@ -152,10 +156,15 @@ class ControlPeriod:
     def _joined(self) -> RobotState:
         """Return the mean of what the estimator has not seen, without single readings that cannot be true."""
         newest = self._unseen[-1]
-        if newest.imu_gyro is None or newest.imu_accelerometer is None or newest.torque is None:
+        whole = [
+            one
+            for one in self._unseen
+            if not (one.imu_gyro is None or one.imu_accelerometer is None or one.torque is None)
+        ]
+        if not whole or whole[-1] is not newest:
             self._gyro = newest.imu_gyro
             return newest
-        sound = plausible(self._unseen, self._gyro, self._robot)
+        sound = plausible(whole, self._gyro, self._robot)
         for _ in range(len(self._unseen) - len(sound)):
             self.log.count_of("readings_refused", IMU, f"readings of {IMU} refused and replaced")
         self._gyro = sound[-1].imu_gyro

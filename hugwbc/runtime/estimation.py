@@ -109,8 +109,7 @@ class JointFilter:
         before = self._vv
         self._qq, self._qv, self._vv = noise_q * gain_qq, noise_q * noise_v * cross, noise_v * gain_vv
         self._gains = gain_qq, noise_q * cross, noise_v * cross, gain_vv
-        if np.abs(self._vv - before).max() < _STEADY * noise_v:
-            self._steady = kind
+        self._steady = kind if np.abs(self._vv - before).max() < _STEADY * noise_v else None
 
 
 def joined(readings: Sequence[RobotState], last: RobotState) -> RobotState:
@@ -247,6 +246,9 @@ class StateEstimator:
         if not math.isfinite(sum(float(part.dot(part)) for part in (gyro, accelerometer, torque, state.q, state.dq))):
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
+        if state.time < self._time:  # a clock that began anew
+            self._touch_down = [time - self._time + state.time for time in self._touch_down]
+            self._plans.clear()
         self._time = state.time
         planned = self._planned_at(state, planned)
         self._joints.update(state.q, state.dq, dt, planned)

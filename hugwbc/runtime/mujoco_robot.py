@@ -30,7 +30,7 @@ from hugwbc.upper_ik import UpperBodySource
 
 _FARTHEST, _LEAST_ALIGNED = 0.01, 0.99  # [m] and cosine between a joint's axis in the model and in the description
 _FLAT = 0.005  # [m], height over the lowest point up to which a foot is its sole
-_PAUSE = 0.1  # [s] between two inputs, from which on nobody controlled the robot
+_PAUSE = 0.5  # [s] between two inputs, from which on nobody controlled the robot
 _POSE, _TWIST = 7, 6  # numbers of a free joint: position and quaternion; linear and angular velocity
 # What a body is: left or right foot (0, 1), left or right hand (2, 3), another link, or none of the robot's.
 _HANDS, _LINK, _OBJECT = 2, 4, 5
@@ -76,7 +76,7 @@ class MujocoRobot:
         self.prefix, self._joints = _find_joints(model, described, prefix, joints or {})
         self._root = int(model.body_rootid[model.jnt_bodyid[self._joints[0]]])
         free = int(model.body_jntadr[self._root])
-        if model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
+        if free < 0 or model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
             raise ModelError(f"body '{model.body(self._root).name}' has no free joint; the robot must move freely")
         self._pose = slice(int(model.jnt_qposadr[free]), int(model.jnt_qposadr[free]) + _POSE)
         self._twist = slice(int(model.jnt_dofadr[free]), int(model.jnt_dofadr[free]) + _TWIST)
@@ -118,6 +118,7 @@ class MujocoRobot:
 
     def stand(self, x: float = 0.0, y: float = 0.0, ground: float = 0.0, yaw: float = 0.0) -> None:
         """Place the robot at rest in the nominal pose: on ground of a height [m], with a heading [rad]."""
+        self._hold, self._given_at = 0.0, np.inf  # what moves it next is another run
         data, turn = self._data, rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
         data.qpos[self._pose] = (x, y, ground + self._standing, *turn)
         data.qpos[self._q], data.qvel[self._twist], data.qvel[self._dq] = self.robot.nominal, 0.0, 0.0

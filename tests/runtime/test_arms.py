@@ -64,6 +64,18 @@ def test_the_arm_command_does_not_jump_and_the_rest_is_untouched():
     assert steps.max() < 0.1
 
 
+def test_a_second_arm_that_is_taken_over_does_not_jump():
+    handover, half = Handover(ROBOT.arms), np.arange(8) < 4
+    commands = []
+    for tick in range(60):
+        mask = half if tick < 30 else np.ones(8, dtype=bool)
+        q = ROBOT.nominal.copy()
+        q[ROBOT.arms[mask]] = 0.5
+        commands.append(handover(JointCommand.position(ROBOT, q), UpperBody(np.full(8, 0.5), np.zeros(8), mask), DT))
+    steps = np.abs(np.diff([command.q[ROBOT.arms] for command in commands], axis=0)).max(axis=1)
+    assert steps.max() < 0.1 and commands[-1].q[ROBOT.arms] == pytest.approx(0.5)
+
+
 def test_neither_takeover_nor_hand_back_changes_the_torque_at_once():
     """The servo has other gains and another torque than the controller, and fades in and out."""
     own = JointCommand.position(ROBOT, ROBOT.nominal)

@@ -10,6 +10,7 @@ import torch
 
 from hugwbc import Command, Gait, JointCommand, RobotState, UpperBody, load_robot
 from hugwbc.errors import ConfigError, HugwbcError
+from hugwbc.runtime.control_period import Due
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.estimation import StateEstimator
 from hugwbc.runtime.loop import ControlLoop
@@ -19,6 +20,33 @@ from hugwbc.upper_ik import UpperBodySource
 from tests.conftest import ByHand, Recorder, make_state
 
 ROBOT = load_robot()
+
+
+@pytest.mark.parametrize(("period", "step"), [(0.004, 0.002), (0.01, 0.002), (0.02, 0.002), (0.004, 0.001)])
+def test_periods_keep_in_step_with_the_clock_for_an_hour(period, step):
+    due, now, began = Due(period), 0.0, []
+    for tick in range(round(3600.0 / step)):
+        if due(now):
+            began.append(tick)
+        now += step
+    assert set(np.diff(began)) == {round(period / step)}
+
+
+def test_readings_without_their_parts_do_not_raise():
+    simulation = Simulation()
+    loop = ControlLoop("hold", Command(), simulation, UpperBodySource(load_robot()))
+    loop.reset()
+    sense, count = simulation.sense, iter(range(10**6))
+    odd = [{"imu_gyro": None}, {"torque": None}, {"q": np.zeros(5), "dq": np.zeros(5)}]
+
+    def sometimes():
+        number = next(count)
+        return dataclasses.replace(sense(), **(odd[number // 10 % 3] if number % 10 == 3 else {}))
+
+    simulation.sense = sometimes
+    for _ in range(10):
+        loop.step(loop.decide(simulation.time), loop.period)
+    assert loop.control.estimate.is_usable
 
 
 def test_the_robot_kneels_when_a_motor_is_dead():

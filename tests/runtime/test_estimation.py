@@ -266,6 +266,31 @@ def test_the_loop_tells_the_estimator_what_the_controller_plans():
     assert controller.planned_acceleration is None
 
 
+@pytest.mark.parametrize("odd", [0.004, 0.1, 0.0])
+def test_one_irregular_reading_leaves_the_joint_filter_as_it_was(odd):
+    joints, still = JointFilter(ROBOT), np.zeros(19)
+    gains = []
+    for _ in range(2):
+        for _ in range(3000):
+            joints.update(still, still, 0.002)
+        gains.append(joints._gains[3].copy())
+        joints.update(still, still, odd)
+    np.testing.assert_allclose(gains[1], gains[0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("back", [0.5, 20.0])
+def test_a_clock_that_begins_anew_does_not_end_the_estimate(back):
+    simulation = Simulation()
+    loop = ControlLoop(WholeBodyController(ROBOT), Command(v_x=0.4, gait=Gait.WALKING), simulation)
+    loop.reset()
+    sense = simulation.sense
+    simulation.sense = lambda: dataclasses.replace(sense(), time=sense().time - back * (simulation.time > 1.2))
+    while simulation.time < 2.0 and not simulation.fallen:
+        loop.step(loop.decide(simulation.time), loop.period)
+    estimator = loop.control.estimator
+    assert not simulation.fallen and estimator._P.max() < 0.1
+
+
 @pytest.mark.parametrize("plans", [False, True])
 @pytest.mark.parametrize("joint", [0, ROBOT.waist])
 def test_the_joint_filter_is_a_kalman_filter_of_each_joint(joint, plans):

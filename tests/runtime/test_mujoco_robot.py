@@ -110,7 +110,14 @@ def test_inputs_that_are_kept_for_longer_than_the_period_are_refused() -> None:
         run(WholeBodyController(robot=robot.robot), robot, model, data, 1.0)
     assert data.time == pytest.approx(0.02), "with the second inputs"
     robot.control_period(WholeBodyController(robot=robot.robot), Command())
-    robot.apply(JointCommand.position(robot.robot, robot.robot.nominal))  # no other inputs were kept yet
+    hold = JointCommand.position(robot.robot, robot.robot.nominal)
+    robot.apply(hold)  # no other inputs were kept yet
+    data.time += 0.04
+    robot.stand()
+    robot.apply(hold)  # nor in another run
+    data.time += 0.2
+    with pytest.raises(ConfigError, match="kept for 200 ms"):
+        robot.apply(hold)
 
 
 @pytest.mark.parametrize("ours", [ROBOT, G1], ids=lambda ours: ours.name)
