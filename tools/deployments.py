@@ -79,24 +79,23 @@ def deploy(controller: str, job: str, radio: str, seconds: float, folder: pathli
             [*robot, *RADIOS[radio], *of_robot],
             ["deploy", "--controller", controller, "--duration", f"{seconds:g}", *of_deployment],
         )
-        running = [
-            subprocess.Popen(
-                [sys.executable, "-m", "hugwbc.cli", *each],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-            )
-            for each in words
-        ]
+        running, printed = [], []
+        for name, each in zip(("robot", "deploy"), words, strict=True):
+            printed.append(folder / f"{stem}-{name}.partial")  # a pipe that nobody empties would hold them up
+            with printed[-1].open("w") as file:
+                line = [sys.executable, "-m", "hugwbc.cli", *each]
+                running.append(subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=file, stderr=file))
         try:
-            texts = [process.communicate(timeout=3.0 * seconds + 60.0)[0] for process in running]
+            for process in running:
+                process.wait(timeout=3.0 * seconds + 60.0)
+            texts = [path.read_text() for path in printed]
             if running[0].returncode or running[1].returncode not in (0, ENDED_BY_A_FAULT):
                 raise SystemExit(f"{stem} did not run:\n" + "\n".join(texts))
             texts[1] += FAULT if running[1].returncode else ""
         finally:
-            for process in running:
+            for process, path in zip(running, printed, strict=True):
                 process.kill()
+                path.unlink()
         for path, text in zip(files, texts, strict=True):
             write_whole(path, text)
     robot_text, deploy_text = (path.read_text() for path in files)

@@ -20,6 +20,7 @@ from hugwbc.deploy.recording import Recorder, Recording, replay
 from hugwbc.deploy.relay import RIVAL, Settings
 from hugwbc.deploy.remote import OF_KEY, Request, Sticks, listen
 from hugwbc.deploy.robot_side import RobotSide
+from hugwbc.deploy.telling import Aside
 from hugwbc.deploy.transport import Endpoint, release_modes
 from hugwbc.deploy.watchdogs import Limits
 from hugwbc.errors import ConfigError, DeploymentError
@@ -124,13 +125,19 @@ def _deploy(
         side.run()
     finally:
         _tell(summary(side, time.perf_counter() - begin))
+        _aside().finish()
     return FAULT if pilot.machine.faulty or side.fault is not None else 0
 
 
 def _tell(event: object) -> None:
-    """Print what happens; a terminal that is gone, or a full disk, must not end the control."""
-    with contextlib.suppress(OSError):
-        say(str(event))
+    """Print what happens."""
+    _aside()(str(event))
+
+
+@functools.cache
+def _aside() -> Aside:
+    """Return what prints, once in each process."""
+    return Aside(say)
 
 
 def _await_robot(endpoint: DdsEndpoint, robot: Robot, net: str) -> None:
@@ -209,6 +216,7 @@ def _replay(options: DeployOptions, path: pathlib.Path) -> int:
     _check_replay(options, recording.header)
     robot, pilot, age = _build(recording.header)
     result = replay(recording, pilot, Messages(robot), age)
+    _aside().finish()
     if not result.decisions:
         raise ConfigError(f"{path} has no commands to compare: it was cut off; record it again with --record")
     same = "all equal bit for bit" if not result.different else f"{result.different} differ, first at {result.first} s"

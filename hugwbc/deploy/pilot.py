@@ -198,5 +198,6 @@ class Pilot:
             self.control.log.ask("source_failures", "steer of the source", lambda: (steer(message.remote, time),))
         self._world.advance(time)
         self._last = self.control.decide(time - self._run_start)
+        self.machine.faulty |= self.control.kneels
         periods, self._decided = round((time - self._decided) / self.control.period), time
         return Decision(time, self._last, new=True, skipped=max(periods - 1, 0))

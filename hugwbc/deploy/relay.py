@@ -8,8 +8,8 @@ import contextlib
 import dataclasses
 import functools
 import math
+import os
 import select
-import signal
 import struct
 import threading
 import time
@@ -187,12 +187,11 @@ class Line:
     def publish(self, now: float) -> None:
         """Send what is due now [s]."""
         message = self._outlet.take(now, self.timing)
+        if message is not None and not self.settings.dry_run:
+            self._endpoint.send(message)
+            self.sent += 1
+            self._record(recording.PUBLISHED, message, now)
         self._tell_fault()
-        if message is None or self.settings.dry_run:
-            return
-        self._endpoint.send(message)
-        self.sent += 1
-        self._record(recording.PUBLISHED, message, now)
 
 
 class Relay(Line):
@@ -273,7 +272,8 @@ class Relay(Line):
 
 def relay(connect: Callable[[], Endpoint], setup: LineSetup, link: Connection, records: bool) -> None:
     """Run a relay with a connection of its own, as a process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the pilot's process, which damps first
+    # Keys of the terminal, such as Ctrl-C and Ctrl-Z, are for the pilot's process, which this one outlives.
+    os.setsid()
     keep_apart(last=False)
     endpoint = connect()
     try:

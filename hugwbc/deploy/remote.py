@@ -130,7 +130,7 @@ class Sticks:
 
 
 def listen(act: Callable[[str], None]) -> None:
-    """Call `act` with each line that is typed, stripped, from a thread that ends with the process.
+    """Call `act` with each line that is typed, stripped, from a thread that ends with the process; Ctrl-D is empty.
 
     Without a terminal nothing is read: a service's standard input is not an operator.
     """
@@ -139,5 +139,9 @@ def listen(act: Callable[[str], None]) -> None:
 
 
 def _read(act: Callable[[str], None]) -> None:
-    for line in sys.stdin:
+    line = "\n"
+    while line or sys.stdin.isatty():  # after Ctrl-D a terminal goes on
+        before, line = line, sys.stdin.readline()
+        if not (before or line):  # it is gone
+            return
         act(line.strip())

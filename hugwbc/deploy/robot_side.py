@@ -8,9 +8,10 @@ import contextlib
 import math
 import multiprocessing
 import queue
+import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from hugwbc.deploy import recording
 from hugwbc.deploy.capture import GRIPS, OBJECTS, Capture, text_of_grips
@@ -72,7 +73,7 @@ class RobotSide(Line):
         super().__init__(endpoint, self._setup, recorder)
         self.pilot, self._connect = pilot, connect
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        self._end = threading.Event()
+        self._end, self._last = threading.Event(), math.inf  # when it ends by the wall clock [s]
         self._failure: BaseException | None = None
         self._start: float | None = None
         self._fade: float | None = None
@@ -91,9 +92,9 @@ class RobotSide(Line):
         return self.intake.unpacked(raw)
 
     def ask(self, request: Request) -> None:
-        """Pass on what the operator asks for; a second stop ends the program."""
+        """Pass on what the operator asks for; a second stop ends the program, after some more damping."""
         if request is Request.STOP and self.pilot.mode is Mode.DAMPING:
-            self._end.set()
+            self._last = min(self._last, time.perf_counter() + FADE * self.settings.slower)
         self._requests.put(request)
 
     def run(self) -> None:
@@ -177,24 +178,25 @@ class RobotSide(Line):
         if self._connect is not None:
             self._far.close()  # so that this side sees when the other process is gone
             self._endpoint.stop_receiving()
-        self._apart, last = True, self._deadline()
+        self._apart, self._last = True, min(self._last, self._deadline())
         control = threading.Thread(target=self._control, name="control")
         control.start()
         try:
-            while not self._end.wait(POLL) and time.perf_counter() < last:
+            while not self._end.wait(POLL) and time.perf_counter() < self._last:
                 pass
         except KeyboardInterrupt as interrupt:
             self._failure = interrupt
-        if not self._end.is_set():  # Ctrl-C, or the end by the wall clock: damp first
-            self.ask(Request.STOP)
-            last = time.perf_counter() + FADE * self.settings.slower
-            while (left := last - time.perf_counter()) > 0.0 and not self._end.is_set():
-                with contextlib.suppress(KeyboardInterrupt):  # another one does not cut it short
-                    self._end.wait(left)
-        self._end.set()
-        control.join()
-        self._finish()
-        worker.join(_PATIENCE)
+        with _uninterrupted():  # another one does not cut it short
+            if not self._end.is_set():  # Ctrl-C, or the end by the wall clock: damp first
+                self._requests.put(Request.STOP)
+                last = time.perf_counter() + FADE * self.settings.slower
+                while (left := last - time.perf_counter()) > 0.0 and not self._end.is_set():
+                    with contextlib.suppress(KeyboardInterrupt):  # one that was on its way
+                        self._end.wait(left)
+            self._end.set()
+            control.join()
+            self._finish()
+            worker.join(_PATIENCE)
 
     def _control(self) -> None:
         """Let the pilot decide until the end; a defect ends the deployment and is raised in the main thread."""
@@ -251,16 +253,16 @@ class RobotSide(Line):
             pass
 
     def _run_lockstep(self) -> None:
-        last = math.inf
+        silent = math.inf
         try:
-            while not self._end.is_set() and time.perf_counter() < last:
+            while not self._end.is_set() and time.perf_counter() < min(silent, self._last):
                 if self.answer(POLL) and self._start is not None:
-                    last = time.perf_counter() + _PATIENCE
-            if not self._end.is_set():
+                    silent = time.perf_counter() + _PATIENCE
+            if not self._end.is_set() and time.perf_counter() < self._last:
                 self._miss_robot()
         except KeyboardInterrupt as interrupt:  # damp, then end
             self._failure = interrupt
-            self.ask(Request.STOP)
+            self._requests.put(Request.STOP)
             end = time.perf_counter() + FADE
             while time.perf_counter() < end:
                 self.answer(POLL)
@@ -309,3 +311,19 @@ class RobotSide(Line):
             self._record(recording.PUBLISHED, message, self._now)
         self.timing.answered((time.perf_counter() - begin) / self.settings.slower, self.pilot.control.period)
         return True
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ignore what ends a program meanwhile, such as a second Ctrl-C; only a main thread hears of it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {
+        number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

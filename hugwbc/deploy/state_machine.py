@@ -50,7 +50,7 @@ class StateMachine:
         self._robot, self._tell = robot, tell
         self.mode = Mode.IDLE
         self.events: list[Event] = []  # all so far
-        self.faulty = False  # whether a fault, and not the operator, has led to damping
+        self.faulty = False  # whether a fault, and not the operator, has led to damping, or made the robot kneel
         self._from, self._since = robot.nominal, 0.0
 
     def enter(self, mode: Mode, reason: str, state: RobotState) -> None:

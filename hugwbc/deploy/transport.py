@@ -83,15 +83,18 @@ def release_modes(endpoint: Endpoint, *, required: bool) -> str:
     released: list[str] = []
     for attempt in range(_TRIES):
         code, data = endpoint.call(CHECK_MODE, "{}", _TIMEOUT)
-        if code != DONE:
-            outcome = "does not answer" if code == UNREACHABLE else f"answers with error {code}"
+        name = _active(data)
+        if code != DONE or name is None:
+            outcome = f"answers {one_line(data)!r}, which names no mode"
+            if code != DONE:
+                outcome = "does not answer" if code == UNREACHABLE else f"answers with error {code}"
             if required:
                 raise DeploymentError(
                     f"the robot's motion switcher {outcome}; check network and domain, or give --no-release if the "
                     "robot is in its debug mode"
                 )
             return f"the motion switcher {outcome}"
-        if not (name := _active(data)):
+        if not name:
             return f"released {', '.join(released)}" if released else "no motion mode is active"
         if name not in released:
             released.append(name)
@@ -102,13 +105,15 @@ def release_modes(endpoint: Endpoint, *, required: bool) -> str:
     )
 
 
-def _active(data: str) -> str:
-    """Return the name of the active mode in an answer; empty if none is."""
+def _active(data: str) -> str | None:
+    """Return the name of the active mode in an answer; empty if none is, None for an answer of another form."""
     try:
         content = json.loads(data)
     except (ValueError, RecursionError):
-        return ""
-    return one_line(str(content.get("name") or "")) if isinstance(content, dict) else ""
+        return None
+    if not isinstance(content, dict) or not isinstance(content.get("name", 0), str | None):
+        return None
+    return one_line(content["name"] or "")
 
 
 class SimulatedSwitcher:

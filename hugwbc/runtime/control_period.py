@@ -170,6 +170,11 @@ class ControlPeriod:
         self._gyro = sound[-1].imu_gyro
         return joined(sound, newest)
 
+    @property
+    def kneels(self) -> bool:
+        """Whether the robot is let down onto its knees, or has been."""
+        return self._lowering.begun
+
     def look(self, t: float) -> View:
         """Return what is seen at time t of the run [s]; each time has one view."""
         return self._source.look(t, self.estimate)

@@ -1,6 +1,7 @@
 """The guard around a controller: whatever the controller does, there is a joint command, and its plan can be read."""
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable
 
@@ -44,6 +45,7 @@ class Guard:
         self._begun = False  # whether the controller has been reset
         self._last = JointCommand.position(self.robot, q.copy())
         self._missing_s = self.last_tick_s = 0.0
+        self._time = math.inf  # of the last call [s]
 
     def reset(self, state: RobotState) -> None:
         """Start the controller from this state."""
@@ -58,8 +60,11 @@ class Guard:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the controller's joint command within all limits, or the last good one, or damping."""
         self.last_tick_s = 0.0
+        passed, self._time = state.time - self._time, state.time
         output = self._output(state, command, upper_body)
         if output is None:
+            # Periods may have been left out.
+            self._missing_s += passed if 1.5 * self.period < passed < math.inf else self.period
             return self._fallback(state)
         self._missing_s = 0.0
         self._last = self._limit(override_arms(output, upper_body, self.robot))
@@ -108,7 +113,6 @@ class Guard:
         return self._missing_s > HOLD_TIME
 
     def _fallback(self, state: RobotState) -> JointCommand:
-        self._missing_s += self.period
         if not self.damps:
             self._log.count("held", f"no joint command from {self.name}: holding the last one, then damping")
             return self._last

@@ -55,6 +55,16 @@ def test_stop_damps_from_every_mode(pilot, standing, mode) -> None:
     assert pilot.mode is Mode.DAMPING and decision.command is not None and not np.any(decision.command.kp)
 
 
+def test_a_robot_that_kneels_down_has_a_fault(pilot, standing) -> None:
+    bring_to(Mode.RUN, pilot, standing)
+    pilot.observe(standing.next())
+    assert not pilot.control.kneels and not pilot.machine.faulty
+    pilot.control.motors.dead = "left_knee_joint"
+    for _ in range(10):
+        pilot.observe(standing.next())
+    assert pilot.mode is Mode.RUN and pilot.control.kneels and pilot.machine.faulty
+
+
 def test_a_robot_that_was_restarted_is_estimated_anew(pilot, standing) -> None:
     standing.tick = 10_000
     bring_to(Mode.ZERO_TORQUE, pilot, standing)

@@ -3,13 +3,14 @@
 import io
 import struct
 import threading
+import types
 
 import numpy as np
 import pytest
 
 from hugwbc import Gait, load_robot
 from hugwbc.commands import Command, command_ranges, default_command
-from hugwbc.deploy.remote import BUTTONS, ButtonPresses, Remote, Request, Sticks, listen
+from hugwbc.deploy.remote import BUTTONS, ButtonPresses, Remote, Request, Sticks, _read, listen
 
 
 @pytest.mark.parametrize(("bit", "name"), list(enumerate(BUTTONS)))
@@ -114,7 +115,14 @@ def test_each_line_of_a_terminal_is_passed_on(monkeypatch) -> None:
             done.set()
 
     listen(act)
-    assert done.wait(10.0) and lines == ["s", "r", "", "q"]
+    assert done.wait(10.0) and lines[:4] == ["s", "r", "", "q"]
+
+
+def test_ctrl_d_stops_and_the_next_keys_are_heard(monkeypatch) -> None:
+    typed, lines = iter(["s\n", "", "q\n", "", ""]), []
+    monkeypatch.setattr("sys.stdin", types.SimpleNamespace(isatty=lambda: True, readline=lambda: next(typed)))
+    _read(lines.append)
+    assert lines == ["s", "", "q", ""], "an empty line is a stop"
 
 
 @pytest.mark.parametrize("stdin", [None, io.StringIO("s\n")])

@@ -49,8 +49,17 @@ def test_a_mode_that_stays_is_an_error(monkeypatch) -> None:
         release_modes(client, required=True)
 
 
-@pytest.mark.parametrize("data", ["", "[", "[]", "null", '{"form": "0"}', '{"name": null}', "[" * 10_000])
-def test_an_answer_without_a_mode_means_none(data) -> None:
+@pytest.mark.parametrize("data", ['{"form": "0", "name": ""}', '{"name": null}'])
+def test_an_empty_name_means_that_no_mode_is_active(data) -> None:
     robot, client = local_pair()
     robot.serve(lambda number, parameter: (0, data))
     assert release_modes(client, required=True) == "no motion mode is active"
+
+
+@pytest.mark.parametrize("data", ["", "[", "[]", "null", '{"form": "0"}', '{"data": {"name": "ai"}}', "[" * 10_000])
+def test_an_answer_of_another_form_says_nothing_of_the_modes(data) -> None:
+    robot, client = local_pair()
+    robot.serve(lambda number, parameter: (0, data))
+    with pytest.raises(DeploymentError, match=r"answers '.*, which names no mode; check .* give --no-release"):
+        release_modes(client, required=True)
+    assert "which names no mode" in release_modes(client, required=False)

@@ -54,6 +54,15 @@ def test_a_bad_state_holds_the_last_command_then_damps_then_recovers(guarded):
     assert (report.bad_states, report.held, report.damped) == (7, 6, 1)
 
 
+@pytest.mark.parametrize(("apart", "calls"), [(0.02, 6), (0.06, 2), (0.09, 2)])
+def test_the_last_command_is_held_for_a_time_however_seldom_the_controller_is_asked(guarded, apart, calls):
+    recorder, guard, _ = guarded
+    guard.act(make_state(time=1.0), Command(), UpperBody.none())
+    recorder.answer = RuntimeError("no solution")
+    held = [guard.act(make_state(time=1.0 + apart * i), Command(), UpperBody.none()) for i in range(1, calls + 1)]
+    assert [bool(command.kp.any()) for command in held] == [True] * (calls - 1) + [False]
+
+
 def test_a_controller_that_fails_from_the_start_leaves_the_robot_where_it_was(guarded):
     recorder, guard, _ = guarded
     recorder.answer = RuntimeError("no solution")

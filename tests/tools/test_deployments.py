@@ -10,7 +10,8 @@ def test_a_run_of_another_length_or_of_other_code_is_not_taken_for_this_one(load
 
     def popen(words, **options):
         started.append(words)
-        return types.SimpleNamespace(communicate=lambda timeout: ("said", None), returncode=0, kill=lambda: None)
+        options["stdout"].write("said")
+        return types.SimpleNamespace(wait=lambda timeout: 0, returncode=0, kill=lambda: None)
 
     monkeypatch.setattr(tool.subprocess, "Popen", popen)
     monkeypatch.setattr(tool, "versions", dict)
@@ -34,7 +35,8 @@ def test_a_run_that_did_not_start_or_was_killed_is_no_measurement(
 
     def popen(words, **options):
         code = robot if "simulate-robot" in words else deployment
-        return types.SimpleNamespace(communicate=lambda timeout: ("why", None), returncode=code, kill=lambda: None)
+        options["stdout"].write("why")
+        return types.SimpleNamespace(wait=lambda timeout: code, returncode=code, kill=lambda: None)
 
     monkeypatch.setattr(tool.subprocess, "Popen", popen)
     monkeypatch.setattr(tool, "versions", dict)
