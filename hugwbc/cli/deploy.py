@@ -81,6 +81,8 @@ def run(words: Sequence[str]) -> int:
     settings = options.settings
     if options.net != LOOPBACK and (settings.lockstep or settings.slower != 1.0):
         raise ConfigError(f"--lockstep and --slower are for a simulated robot on {LOOPBACK}; a real one does not wait")
+    if options.record is not None and options.record.is_file():
+        raise ConfigError(f"{options.record} is there already; recordings are never overwritten: give a new file")
     if options.task is None and options.seed != DeployOptions.seed:
         raise ConfigError("--seed is of the objects of a task; give --task, or leave it out")
     if options.task is not None and options.script is not None:

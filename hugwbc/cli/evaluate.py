@@ -2,15 +2,13 @@
 
 import contextlib
 import dataclasses
-import functools
 import pathlib
-import sys
 from collections.abc import Sequence
 from typing import Any
 
 import tyro
 
-from hugwbc.cli.output import check_writable, option_names, output_folder, parse, progress, say, write_json
+from hugwbc.cli.output import check_writable, option_names, output_folder, parse, progress, remark, say, write_json
 from hugwbc.errors import ConfigError
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result
@@ -93,8 +91,13 @@ def measured(entries: Sequence[Entry], place: ExecutionOptions) -> list[Result]:
     results = contextlib.nullcontext() if place.results is None else output_folder(place.results)
     what = f"{', '.join(entry.label or entry.spec.label for entry in entries)}, {experiment.name}"
     with results, progress(what) as advance, execution:
-        tell = functools.partial(print, f"{what}:", file=sys.stderr)
-        return run_study(entries, execution=execution, store=store, on_progress=advance, tell=tell)
+        return run_study(
+            entries,
+            execution=execution,
+            store=store,
+            on_progress=advance,
+            tell=lambda text: remark(f"{what}: {text}"),
+        )
 
 
 def notes(entries: Sequence[Entry], results: Sequence[Result]) -> list[str]:

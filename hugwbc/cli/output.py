@@ -142,6 +142,11 @@ def say_arena(arena: "Arena", json_path: pathlib.Path | None = None) -> None:
         say(f"arena: {arena.remark}, which is not the default (docs/arena.md)", json_path)
 
 
+def remark(text: str) -> None:
+    """Print what is no result to standard error."""
+    _print(text, sys.stderr)
+
+
 def _print(text: str, stream: TextIO) -> None:
     """Print as long as the stream has a reader, so that `| head` does not stop the work that writes files."""
     try:
@@ -273,7 +278,7 @@ def _lines(label: str) -> Iterator[Advance]:
         while not over.wait(_LINE_INTERVAL):
             if done > told:
                 told, percent = done, f"{100.0 * done:.{0 if done > 0.1 else 1}f} %"
-                print(f"{label}: {', '.join(filter(None, (percent, pace.left)))}", file=sys.stderr, flush=True)
+                remark(f"{label}: {', '.join(filter(None, (percent, pace.left)))}")
 
     def advance(fraction: float) -> None:
         nonlocal done
@@ -289,7 +294,7 @@ def _lines(label: str) -> Iterator[Advance]:
         teller.join()
     elapsed = time.monotonic() - start
     if elapsed >= _QUIET:
-        print(f"{label}: took {elapsed:.1f} s", file=sys.stderr, flush=True)
+        remark(f"{label}: took {elapsed:.1f} s")
 
 
 def _duration(seconds: float) -> str:

@@ -84,7 +84,8 @@ class PlayOptions:
     listen: int | None = None  # Follow another program's messages on this UDP port of this machine; 0 for any
     scene: str | None = None  # Objects around the robot: name of a shipped scene, or a file (.yaml)
     seed: int = 0  # Seed of the sensors' errors, and of what varies in the scene
-    duration: Positive | None = None  # Stop after this time [s]; by default at the end of the script, or on Ctrl-C
+    # Stop after this time [s]; by default at the end of the script, else on Ctrl-C, or after 10 s without a viewer
+    duration: Positive | None = None
     # live: drive from the live page (extra [live]); meshcat: watch; none: run as fast as possible. auto: live if
     # nothing else commands the robot, otherwise meshcat.
     viewer: Literal["auto", "live", "meshcat", "none"] = "auto"

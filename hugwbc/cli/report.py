@@ -1,13 +1,11 @@
 """`hugwbc report`: the tables and figures of the paper, for any controllers, as a page and CSV."""
 
 import dataclasses
-import functools
 import pathlib
-import sys
 from collections.abc import Sequence
 from typing import Literal
 
-from hugwbc.cli.output import output_folder, parse, progress, say
+from hugwbc.cli.output import output_folder, parse, progress, remark, say
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.store import DEFAULT_FOLDER, Store
 from hugwbc.settings import REPORT_SEED
@@ -42,8 +40,9 @@ def run(words: Sequence[str]) -> int:
     execution, store = Execution(options.workers, cluster=options.cluster), Store(options.results, fresh=options.fresh)
     with output_folder(options.out), output_folder(options.results):
         with progress(f"report, {options.profile}") as advance, execution:
-            tell = functools.partial(print, "report:", file=sys.stderr)
-            report = plan.run(execution=execution, store=store, on_progress=advance, tell=tell)
+            report = plan.run(
+                execution=execution, store=store, on_progress=advance, tell=lambda text: remark(f"report: {text}")
+            )
         paths = report.write(options.out)
     say(report.summary)
     say(f"\nwrote {', '.join(map(str, paths))}")

@@ -71,7 +71,7 @@ def run(words: Sequence[str]) -> int:
         ancestor = f", after {before} iterations, {trainer.begin['steps']:.3g} steps of another run" if before else ""
         own = f"{trainer.iteration - before} iterations, {trainer.run_steps:.3g} steps{ancestor}"
         say(f"stopped after {own}; saved in {config.out}")
-    return 0
+    return INTERRUPTED if trainer.stop.requested else 0
 
 
 def _train_together(processes: int, words: Sequence[str]) -> int:

@@ -194,7 +194,8 @@ def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
         for trace in traces:
             kept = (trace.time >= begin - 1e-9) & (trace.time < end - 1e-9)
             if not kept.any():
-                row += [f"fell at {trace.survived_s:.1f} s", None, None, None][: len(parts)]
+                over = trace.fell and trace.survived_s <= begin + 1e-9
+                row += [f"fell at {trace.survived_s:.1f} s" if over else None, None, None, None][: len(parts)]
                 continue
             fell = trace.fell and begin <= trace.survived_s < end
             errors = metrics.command_errors(trace)[kept].mean(axis=0)

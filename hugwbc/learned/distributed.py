@@ -138,7 +138,7 @@ class Stop:
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Iterator[Stop]:
-    """Let SIGINT and SIGTERM ask for a stop instead of ending the process.
+    """Let SIGINT, SIGTERM and SIGHUP ask for a stop instead of ending the process.
 
     When a signal comes again, it does what it did before, which usually ends the process. Within a moment it is the
     same request, since a launcher that is killed sends one for each of its threads. SIGTERM after SIGINT is no
@@ -157,7 +157,9 @@ def stopped_by_signals() -> Iterator[Stop]:
             signal.raise_signal(number)
 
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_IGN:  # as of a program that is to outlive its terminal
+                continue
             previous[number] = signal.signal(number, request)
     try:
         yield stop

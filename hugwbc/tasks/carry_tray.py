@@ -19,27 +19,37 @@ TURN = math.radians(80.0)
 STANDS = 0.3  # [rad], lean of a cup that still stands; it tips over at 0.45
 
 
+def held(record: TaskRecord) -> np.ndarray:
+    """Return whether both hands hold the tray, shape (T,), bool."""
+    return (record.held == record.scene.body_names.index("tray")).all(axis=1)
+
+
+def carried(record: TaskRecord) -> slice:
+    """Return the samples from when the tray is held on."""
+    return slice(int(np.argmax(held(record))) if held(record).any() else len(record.time) - 1, None)
+
+
 def way(record: TaskRecord) -> float:
-    """Return the length of the way of the tray, in straight pieces of a second [m]."""
-    path = record.poses["tray"][::50, :2]
+    """Return the length of the way of the tray since it is held, in straight pieces of a second [m]."""
+    path = record.poses["tray"][carried(record)][::50, :2]
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def turn(record: TaskRecord) -> float:
-    """Return the largest change of the robot's heading since the start [rad]."""
-    yaw = np.unwrap(np.asarray(rotations.yaw_of(record.pelvis[:, 3:])))
+    """Return the largest change of the robot's heading since the tray is held [rad]."""
+    yaw = np.unwrap(np.asarray(rotations.yaw_of(record.pelvis[carried(record), 3:])))
     return float(np.abs(yaw - yaw[0]).max())
 
 
 def cup_stands(record: TaskRecord) -> bool:
-    """Return whether the cup never leaned far, and is on the tray at the end."""
+    """Return whether the cup never leaned far, nothing held it, and it is on the tray at the end."""
     above = record.poses["tray/cup"][:, :3] - record.poses["tray"][:, :3]
     on_tray = np.linalg.norm(above[-1, :2]) < 0.25 and 0.0 < above[-1, 2] < 0.15
-    return bool(record.tilt("tray/cup").max() < STANDS and on_tray)
+    return bool(record.tilt("tray/cup").max() < STANDS and on_tray and "tray/cup" not in record.gripped)
 
 
 MILESTONES = (
-    happened(lambda record: bool((record.held >= 0).all(axis=1).any()), "the hands did not get hold of the tray"),
+    happened(lambda record: bool(held(record).any()), "the hands did not get hold of the tray"),
     lifted("tray", "the tray was not lifted", 0.03),
     happened(cup_stands, "the cup fell over"),
     Milestone("the tray was not carried 3 m", lambda record: way(record) / WAY),

@@ -248,6 +248,7 @@ class _Watch:
         for grip in action.grips:
             usual = BREAKING_FORCE * stature(self._simulation.robot) ** 3
             strength = float(np.clip(grip.breaking_force / usual, 1.0, _STRONGEST))
+            strength *= -1.0 if grip.hook else 1.0
             self._grip[SIDES.index(grip.side)] = strength if grip.name is not None else 0.0
         if self._open is not None:
             self.actions.append(action_vector(self._open, action, self._grip))

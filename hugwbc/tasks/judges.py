@@ -15,6 +15,7 @@ from hugwbc.tasks.verdict import Milestone, at_end
 UPRIGHT = 0.175  # [rad], 10 degrees
 AT_REST = 0.03  # [m/s]
 LIFTED = 0.05  # [m]
+TIPPED = 0.4  # [rad], lean of what is tipped over, not lifted
 
 
 def about(body: str, missed: str, progress: Callable[[TaskRecord], float]) -> Milestone:
@@ -43,10 +44,16 @@ def touched(body: str, missed: str) -> Milestone:
 
 
 def lifted(body: str, missed: str, height: float = LIFTED) -> Milestone:
-    """Return the milestone that a body rises by a height [m] at some time."""
+    """Return the milestone that a body rises by a height [m] at some time, and not only as it is tipped over."""
     if not (number(height) or 0.0) > 0.0:
         raise ConfigError(f"height is {height!r}; give a number above 0 in metres, such as {LIFTED}")
-    return about(body, missed, lambda record: rise(record, body).max() / height)
+    return about(body, missed, lambda record: rise(record, body)[~_tipped(record, body)].max() / height)
+
+
+def _tipped(record: TaskRecord, body: str) -> np.ndarray:
+    """Return whether a body leans so far that its middle rises over its edge, shape (T,), bool; not at the start."""
+    tilt = record.tilt(body)
+    return tilt > tilt[0] + TIPPED
 
 
 def rise(record: TaskRecord, body: str) -> np.ndarray:

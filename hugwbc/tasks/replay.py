@@ -45,15 +45,15 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
 
     Args:
         view: now.
-        wanted: whether the left and the right gripper should hold something, shape (2,): above 0.5. Above 1, its grip
-            breaks at so many times the default force, that of a hand of the robot's size.
+        wanted: whether the left and the right gripper should hold something, shape (2,): above 0.5 in size. Above 1,
+            its grip breaks at so many times the default force, that of a hand of the robot's size. Negative for a hook.
         took: whether each has held something since it was asked to; updated.
         nearest: finds what a gripper closes on.
     """
     requests = []
     for hand, side in enumerate(SIDES):
         held = view.held[hand]
-        if wanted[hand] <= 0.5:
+        if abs(wanted[hand]) <= 0.5:
             took[hand] = False
             if held is not None:
                 requests.append(Grip(side, None))
@@ -63,8 +63,8 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
             name, jointed = found
             # A second hand on an object may turn, and so may one on a thing that moves in a joint: an arm has four
             # joints, and its weld would fight the other one.
-            hook = jointed or name in (*view.held, *(asked.name for asked in requests))
-            force = BREAKING_FORCE * stature(view.robot) ** 3 * max(float(wanted[hand]), 1.0)
+            hook = wanted[hand] < 0.0 or jointed or name in (*view.held, *(asked.name for asked in requests))
+            force = BREAKING_FORCE * stature(view.robot) ** 3 * max(abs(float(wanted[hand])), 1.0)
             requests.append(Grip(side, name, hook, force))
     return tuple(requests)
 

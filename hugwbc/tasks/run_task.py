@@ -75,7 +75,7 @@ def run_task(
             "robot) and the simulation its scene, or name the robot in the scene if that is made for it"
         )
     source = BehaviourSource(behaviour or task.behaviour_in(simulation.scene))
-    watch, ended = TaskWatch(simulation), math.inf
+    watch, ended, stopped = TaskWatch(simulation), math.inf, False
 
     def sample(snapshot: Snapshot) -> None:
         watch.sample(simulation.time, snapshot.gait)
@@ -85,10 +85,11 @@ def run_task(
             on_snapshot(snapshot)
 
     def over() -> bool:
-        nonlocal ended
+        nonlocal ended, stopped
         if source.status is not Status.RUNNING:
             ended = min(ended, simulation.time)
-        return stop() or simulation.time >= ended + AFTERWARDS
+        stopped = stop()
+        return stopped or simulation.time >= ended + AFTERWARDS
 
     trace = rollout(
         controller,
@@ -104,12 +105,13 @@ def run_task(
         strict=strict,
     )
     # A fall in the period in which the behaviour ended comes before `over`.
-    ending = _ending(source, min(ended, simulation.time), fell=trace.fell)
+    why = "" if trace.fell else "it was stopped " if stopped else "the time was over "
+    ending = _ending(source, min(ended, simulation.time), why)
     record = dataclasses.replace(watch.record(ending), fell=trace.down)
     return TaskRun(trace, record, task.judge(record))
 
 
-def _ending(source: BehaviourSource, time: float, *, fell: bool) -> Ending:
+def _ending(source: BehaviourSource, time: float, why: str) -> Ending:
     if source.status is Status.RUNNING:
-        return Ending(False, f"{'' if fell else 'the time was over '}during {source.doing}")
+        return Ending(False, f"{why}during {source.doing}")
     return Ending(source.status is Status.SUCCESS, source.reason, time)

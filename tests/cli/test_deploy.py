@@ -81,8 +81,10 @@ def test_another_robot_and_none_are_told(kind, message, monkeypatch) -> None:
 def test_a_deployment_that_cannot_begin_leaves_the_last_recording(tmp_path, capsys) -> None:
     path = tmp_path / "run.bin"
     path.write_text("what was recorded before")
-    assert main(["deploy", "--controller", "hold", "--net", "eth77", "--record", str(path)]) == 2
+    for net in ("eth77", "lo"):
+        assert main(["deploy", "--controller", "hold", "--net", net, "--record", str(path)]) == 2
     assert path.read_text() == "what was recorded before"
+    assert "recordings are never overwritten: give a new file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -141,6 +141,9 @@ def test_a_row_for_each_segment(reaching):
     assert stand[0] == "stand (0 to 4 s)" and stand[1] == "forward speed 0.20 m/s"
     assert "fell at 3.0 s" in stand[5] and stand[4] == pytest.approx(2.0)
     assert walk[5] == "fell at 3.0 s" and walk[6:] == [None, None, None]
+    blip = dataclasses.replace(WALK.segments[0], label="blip", duration=0.005, ramp=0.0)
+    short = Script("short", (WALK.segments[0], blip, WALK.segments[1]))
+    assert segment_table(short, [reaching(time=reaching().time + 0.01)]).rows[1][1:] == [None] * 4, "it has no sample"
     assert walk[2] == pytest.approx(1.0, abs=0.01) and walk[3] == pytest.approx(30.0)
 
 

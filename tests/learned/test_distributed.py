@@ -17,7 +17,7 @@ from hugwbc.learned import distributed
 from hugwbc.learned.distributed import Stop, StoppedError, stopped_by_signals
 from hugwbc.learned.policy import checkpoint, load_policy
 
-NUMBERS = (signal.SIGINT, signal.SIGTERM)
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # What every process runs: its share of the stored samples, one update, one move of the curricula.
 LEARN = """
 import sys

@@ -148,17 +148,21 @@ def test_a_gripper_stays_asked_until_it_is_let_go():
 
 def test_a_strong_grip_is_recorded_and_closes_as_strong_again():
     def hang(view):
-        view = yield Action(grips=(Grip("left", "box", breaking_force=300.0), Grip("right", "box", breaking_force=9.0)))
+        hook = Grip("right", "box", breaking_force=9.0, hook=True)
+        view = yield Action(grips=(Grip("left", "box", breaking_force=300.0), hook))
         for _ in range(3):
             view = yield Action()
         return view
 
     found = told(hang)
-    assert found.action[0, [NUMBER["left_hand.grip"], NUMBER["right_hand.grip"]]].tolist() == [2.0, 1.0]
+    assert found.action[0, [NUMBER["left_hand.grip"], NUMBER["right_hand.grip"]]].tolist() == [2.0, -1.0]
     view = View(0.0, make_state(ROBOT.nominal, position=(0.0, 0.0, 1.0)), np.zeros((2, 3)))
     _, wanted = recorded_action(found.action[0], view)
     left, right = grips(view, wanted, [False, False], lambda side: ("box", False))
     assert (left.breaking_force, right.breaking_force) == (300.0, 150.0)
+    for wanted, hook in ((2.0, False), (-2.0, True)):
+        (left,) = grips(view, np.array([wanted, 0.0]), [False, False], lambda side: ("box", False))
+        assert (left.breaking_force, left.hook) == (300.0, hook)
     smaller = dataclasses.replace(view, robot=load_robot("g1"))
     (left,) = grips(smaller, np.array([2.0, 0.0]), [False, False], lambda side: ("box", False))
     assert left.breaking_force == pytest.approx(120.2, abs=0.1), "what its task asks for in place of 300 N"

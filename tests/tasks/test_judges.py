@@ -77,6 +77,9 @@ def test_a_box_that_is_fetched(made_up):
     assert verdict_of("fetch_box", far).reason == "the box stands more than 10 cm off its place"
     fallen = moved(still, "box", path(start, start + up, [0.5, 1.0, 0.11]))
     assert verdict_of("fetch_box", fallen).reason == "the box was dropped"
+    lying = rotations.from_yaw_pitch_roll(0, 0, math.pi / 2)
+    tipped = moved(still, "box", path(start, start, start + [0.0, 0.0, 0.08]), lying)
+    assert verdict_of("fetch_box", tipped).reason == "the box was not lifted"
     held = moved(still, "box", path(start, start + up, goal + up))
     assert verdict_of("fetch_box", held).reason == "the box does not stand on the other table"
     on_its_side = moved(
@@ -88,7 +91,7 @@ def test_a_box_that_is_fetched(made_up):
     grasped = dataclasses.replace(moved(still, "box", path(start, start + up, goal + up, goal)), hand_force=pressing)
     assert verdict_of("fetch_box", grasped).success  # a hand on the robot's own thigh
     grasped = dataclasses.replace(grasped, hand_touches=np.abs(pressing).any(axis=2))
-    assert verdict_of("fetch_box", grasped).reason == "a hand still held the box at the end"
+    assert verdict_of("fetch_box", grasped).reason == "a hand still touched something at the end"
 
 
 def test_a_box_on_a_table_does_not_stand_on_another_one_that_is_as_high(made_up):
@@ -193,6 +196,13 @@ def test_a_tray_that_is_carried(made_up):
     pelvis[700:, 3:] = rotations.from_yaw_pitch_roll(1.5, 0.0, 0.0)
     carried = moved(moved(dataclasses.replace(still, held=held, pelvis=pelvis), "tray", way), "tray/cup", cup)
     assert verdict_of("carry_tray", carried).success
+    by_the_cup = held.copy()
+    by_the_cup[:, 1] = names.index("tray/cup")
+    steadied = dataclasses.replace(carried, held=by_the_cup)
+    assert verdict_of("carry_tray", steadied).reason == "the hands did not get hold of the tray"
+    late = held.copy()
+    late[:900] = -1
+    assert not verdict_of("carry_tray", dataclasses.replace(carried, held=late)).success, "pushed, and turned before"
     straight = dataclasses.replace(carried, pelvis=still.pelvis)
     assert verdict_of("carry_tray", straight).reason == "the robot did not turn the corner"
     tipped = moved(carried, "tray/cup", cup, rotations.from_yaw_pitch_roll(0.0, 0.5, 0.0))
