@@ -78,7 +78,7 @@ def test_a_box_that_is_fetched(made_up):
     fallen = moved(still, "box", path(start, start + up, [0.5, 1.0, 0.11]))
     assert verdict_of("fetch_box", fallen).reason == "the box was dropped"
     lying = rotations.from_yaw_pitch_roll(0, 0, math.pi / 2)
-    tipped = moved(still, "box", path(start, start, start + [0.0, 0.0, 0.08]), lying)
+    tipped = moved(still, "box", path(start, start, start + 0.4 * np.array(up)), lying)
     assert verdict_of("fetch_box", tipped).reason == "the box was not lifted"
     held = moved(still, "box", path(start, start + up, goal + up))
     assert verdict_of("fetch_box", held).reason == "the box does not stand on the other table"
