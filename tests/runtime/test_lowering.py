@@ -48,7 +48,8 @@ def test_rolls_about_opposite_axes_on_the_right_go_outwards_too():
     axes, lower, upper, nominal = H1.axes.copy(), H1.lower.copy(), H1.upper.copy(), H1.nominal.copy()
     axes[right], nominal[right] = -axes[right], -nominal[right]
     lower[right], upper[right] = -H1.upper[right], -H1.lower[right]
-    turned = dataclasses.replace(H1, axes=axes, lower=lower, upper=upper, nominal=nominal)
+    base_axes = np.where(np.isin(np.arange(H1.kp.size), right)[:, None], -1.0, 1.0) * H1.base_axes
+    turned = dataclasses.replace(H1, axes=axes, base_axes=base_axes, lower=lower, upper=upper, nominal=nominal)
     lowering, state = Lowering(turned), dataclasses.replace(STILL, q=nominal)
     q = [lowering.command(state, PERIOD).q for _ in range(400)]
     np.testing.assert_allclose(q[-1], load_mirror(turned).joints(q[-1]), atol=1e-9)
