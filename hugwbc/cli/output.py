@@ -86,8 +86,11 @@ def parse_settings(settings: type[Options], words: Sequence[str], verb: str, **g
     ]
     short = dataclasses.make_dataclass(settings.__name__, folded, bases=(settings,), frozen=True)
     short.__module__ = settings.__module__  # where tyro looks for the comments beside the fields
+    shown = {"description": given.get("description", inspect.getdoc(settings))}
+    if (default := given.get("default")) is not None:
+        shown["default"] = short(**{field.name: getattr(default, field.name) for field in dataclasses.fields(settings)})
     try:
-        parse(short, words, verb, description=given.get("description", inspect.getdoc(settings)))
+        parse(short, words, verb, **shown)
     except SystemExit as finished:
         if not finished.code:
             _print(_list_groups(groups, f"hugwbc {verb} {HELP_ALL}"), sys.stdout)

@@ -37,6 +37,16 @@ def test_a_refused_training_leaves_no_folder(tmp_path, capsys):
         assert not any(tmp_path.iterdir())
 
 
+def test_help_shows_the_defaults_of_a_file(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(
+        "from hugwbc.learned.config import TrainConfig\nCONFIG = TrainConfig(steps=123456.0, seed=2077)\n"
+    )
+    with pytest.raises(SystemExit):
+        main(["train", "--config", str(tmp_path / "mine.py"), "--help"])
+    shown = capsys.readouterr().out
+    assert "(default: 123456.0)" in shown and "(default: 2077)" in shown and "--env.*" in shown
+
+
 def test_help_shows_the_common_options_and_lists_the_groups(capsys):
     with pytest.raises(SystemExit) as info:
         main(["train", "--help"])
