@@ -15,12 +15,13 @@ from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiment import Experiment, Result, frame_of, run_experiment, stored_episodes
 from hugwbc.evaluation.figures import Difference, Figure
-from hugwbc.evaluation.intervals import FEW, Estimate, exact_test, paired_difference
+from hugwbc.evaluation.intervals import FEW, Estimate, exact_test, paired_difference, wilson_of
 from hugwbc.evaluation.store import Store
 from hugwbc.runtime.controllers import ControllerSpec
 
 TELLING = 6  # episodes that must differ, all in the same way, for an exact p below 0.05
 _ROUNDING = 1e-9  # relative
+_SHARE = "% of episodes"
 Values = dict[tuple[str, str], dict[str, float]]
 """What each episode alone would give, by table and quantity of a figure, and by the episode's plan."""
 
@@ -107,7 +108,9 @@ def _with_differences(entries: Sequence[Entry], results: Sequence[Result]) -> li
     """Return the results, those of all but the first controller with the differences of their figures from its."""
     keys, first, found = [(entry.experiment.name, repr(entry.settings)) for entry in entries], {}, []
     for key, entry, result in zip(keys, entries, results, strict=True):
-        figures = result.figures
+        same = [other for other, of_key in zip(results, keys, strict=True) if of_key == key]
+        figures = [*result.figures, *_never_happened(result, same)]
+        result = dataclasses.replace(result, figures=figures)
         if keys.count(key) > 1:
             values = values_alone(entry.experiment, result)
             if key in first:
@@ -118,13 +121,37 @@ def _with_differences(entries: Sequence[Entry], results: Sequence[Result]) -> li
     return found
 
 
+def _never_happened(result: Result, others: Sequence[Result]) -> list[Figure]:
+    """Return 0 % for what happened in episodes of other controllers alone, such as a reason of failures."""
+    own = {(figure.table, figure.quantity) for figure in result.figures}
+    counts = {
+        f.table: f.estimate.samples for f in reversed(result.figures) if f.unit == _SHARE and f.estimate is not None
+    }
+    found = {}
+    for figure in (figure for other in others for figure in other.figures):
+        key = figure.table, figure.quantity
+        if figure.unit == _SHARE and key not in own and figure.table in counts:
+            estimate = wilson_of(0, counts[figure.table])
+            found[key] = dataclasses.replace(figure, estimate=estimate, controller=result.controller, difference=None)
+    return list(found.values())
+
+
 def values_alone(experiment: Experiment[Any], result: Result) -> Values:
-    """Return the figures of each episode alone: where a figure is a mean over episodes, what it is the mean of."""
-    rows, found = frame_of(result.rows), Values()
+    """Return the figures of each episode alone: where a figure is a mean over episodes, what it is the mean of.
+
+    What only the episodes have in which it happened is 0 in the others.
+    """
+    rows, found, plans = frame_of(result.rows), Values(), dict[str, dict[str, float]]()
     for number, plan in enumerate(result.plans):
         for figure in experiment.figures(result.settings, rows[number : number + 1]):
+            plans.setdefault(figure.table, {})[repr(plan)] = 0.0
             if figure.estimate is not None and figure.estimate.value is not None:
                 found.setdefault((figure.table, figure.quantity), {})[repr(plan)] = figure.estimate.value
+    for figure in result.figures:
+        alone, every = found.get((figure.table, figure.quantity), {}), plans.get(figure.table, {})
+        counted = figure.unit == _SHARE and figure.estimate is not None and figure.estimate.samples == len(every)
+        if counted and {*alone.values()} <= {100.0}:
+            found[figure.table, figure.quantity] = every | alone
     return found
 
 

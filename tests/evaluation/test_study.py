@@ -11,7 +11,7 @@ from hugwbc.evaluation.conditions import Conditions
 from hugwbc.evaluation.episode import CountedSettings
 from hugwbc.evaluation.experiment import Experiment, Result
 from hugwbc.evaluation.figures import Figure, falls_figure
-from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, single
+from hugwbc.evaluation.intervals import bootstrap_mean, bootstrap_rms, single, wilson_of
 from hugwbc.evaluation.plans import Plan
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, remarks, run_study
@@ -77,6 +77,19 @@ def test_differences_are_over_the_episodes_that_both_have(longer):
     assert found["falls"].estimate.value == pytest.approx(25.0) and found["falls"].p == 0.5
     assert found["worst"] is None, "no mean of episodes"
     assert not remarks([dataclasses.replace(results[0])])
+
+
+def test_what_happened_with_one_controller_alone_is_zero_with_the_other(longer):
+    def with_reasons(settings, rows):
+        late = int((rows["time"].fill_null(0.0) > 14.5).sum())
+        reasons = [Figure("T", "late", "% of episodes", wilson_of(late, len(rows)))] if late else []
+        return [falls_figure("T", rows["fell"]), *reasons]
+
+    experiment, settings = dataclasses.replace(MINE, figures=with_reasons), CountedSettings(episodes=8)
+    found = run_study([Entry(experiment, settings, spec) for spec in (longer, ControllerSpec("hold"))])
+    late, never = (next(figure for figure in result.figures if figure.quantity == "late") for result in found)
+    assert late.value == 12.5 and (never.value, never.estimate.samples, never.controller) == (0.0, 8, "hold")
+    assert never.difference.estimate.value == -12.5 and never.difference.p == 1.0
 
 
 def test_too_few_episodes_are_said(longer):
