@@ -10,6 +10,7 @@ table belongs to other commands, or to another commit than the last one that cha
 
 import argparse
 import dataclasses
+import itertools
 import pathlib
 import re
 import shlex
@@ -21,10 +22,12 @@ from hugwbc.cli.evaluate import parse_entry
 from hugwbc.cli.output import progress
 from hugwbc.evaluation.execution import Execution
 from hugwbc.evaluation.experiments.forces import ENDED
+from hugwbc.evaluation.experiments.intervention import DISPLACEMENT
 from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.intervals import FEW
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, each_result
+from hugwbc.learned.policy import POLICY_FILE
 from hugwbc.settings import REPORT_SEED, SELECTION_SEED
 from hugwbc.source import short_commit
 
@@ -70,6 +73,7 @@ QUICK = {  # by experiment, what it takes instead with --quick; one episode of e
     "engines": "--episodes 1 --duration 8",
     "boxes": "--episodes 1 --masses 2 6",
     "intervention": "--episodes 24 --duration 4",
+    "disturbance": "--rollouts 1 --first 100 --resolution 0.5 --duration 3",
 }
 BOTH = {"QP": "qp", "learned": "learned"}
 PUBLIC = {  # other projects' policies, each with its contract and its file in the folder of --public
@@ -86,6 +90,10 @@ WHOLE_BODY = BOTH | {  # what moves a G1 while its arms are moved from outside
     name.upper(): f"tools/public_controllers.py:{name} --policy {{public}}/{name.lower()}-g1.onnx"
     for name in ("Homie", "Falcon")
 }
+POLICIES = "models/h1/policies"
+STANDS = "72 --duration 21"  # episodes of the ablation, 20 s as the paper's after the settling time
+PATHS = tuple(f"{DISPLACEMENT.format(name)}{part}" for name in "hpw" for part in ("", ", creep in it"))
+ABLATION = ("h1-noise", "h1-motion", "h1-none", "h1-plain")  # what moved the arms in training; plain: no symmetry
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,6 +125,11 @@ def _tracking(*gaits: str, further: str = "") -> dict[str, str]:
 def _both(words: str) -> dict[str, str]:
     """Return runs for each controller, whose name takes the place of {}."""
     return {label: words.format(name) for label, name in BOTH.items()}
+
+
+def _ablation(words: str) -> dict[str, str]:
+    """Return runs of an experiment for each policy of the ablation."""
+    return {policy: f"{words} --controller {policy}" for policy in ABLATION}
 
 
 def _g1(words: str, *gaits: str) -> dict[str, str]:
@@ -194,6 +207,14 @@ TABLES = {
         ("success",),
         tall=True,
     ),
+    **{
+        f"ablation-{gait}": Table(RESULTS, _ablation(f"intervention --gait {gait} --episodes {size}"), (*ERRORS, FALLS))
+        for gait, size in {"standing": STANDS, "walking": 192, "jumping": 192}.items()  # eight of each cell
+    },
+    "foot-displacement": Table(
+        RESULTS, _ablation(f"intervention --gait standing --episodes {STANDS}"), (*PATHS, FALLS)
+    ),
+    "disturbance": Table(RESULTS, _ablation("disturbance")),
     "response": Table(RESULTS, _both("response --controller {}"), tall=True),
     "hands": Table(
         RESULTS,
@@ -279,7 +300,8 @@ def of_policy(table: Table) -> Table:
 def cell(figure: Figure | None) -> str:
     """Return value, half of its 95 % interval, and for falls their number; in italics if worse than the paper's.
 
-    Of few samples their number takes the place of the interval, which is too narrow.
+    Of few samples their number takes the place of the interval, which is too narrow. A search has both ends of its
+    bracket, whose lower one is the value.
     """
     if figure is None or figure.value is None:
         return ""
@@ -291,8 +313,11 @@ def cell(figure: Figure | None) -> str:
     digits = 0 if abs(figure.value) >= 100.0 else 1 if abs(figure.value) >= 10.0 else 3
     text = f"{figure.value:.{digits}f}"
     if estimate is not None and low is not None and high is not None:
-        few = estimate.samples < FEW
-        text += f" (n = {estimate.samples})" if few else f" ± {(high - low) / 2.0:.{digits}f}"
+        if figure.value == low < high:
+            text = f"{low:.3g} to {high:.3g}"
+        else:
+            few = estimate.samples < FEW
+            text += f" (n = {estimate.samples})" if few else f" ± {(high - low) / 2.0:.{digits}f}"
     worse = figure.against_paper in (Comparison.WORSE, Comparison.UNCLEAR_WORSE)
     return f"*{text}*" if worse else text
 
@@ -307,10 +332,9 @@ def entry(figure: Figure) -> tuple[str, str]:
 
 def short_titles(figures: Sequence[Figure]) -> dict[str, str]:
     """Return the titles of figures without what all of them begin with; a single one tells nothing and is empty."""
-    titles = list(dict.fromkeys(figure.table for figure in figures))
-    heads = {title.partition(", ")[0] for title in titles}
-    shared = f"{heads.pop()}, " if len(heads) == 1 else ""
-    return {title: title.removeprefix(shared) if len(titles) > 1 else "" for title in titles}
+    parts = {figure.table: figure.table.split(", ") for figure in figures}
+    shared = sum(1 for _ in itertools.takewhile(lambda each: len(set(each)) == 1, zip(*parts.values(), strict=False)))
+    return {title: ", ".join(each[shared:]) for title, each in parts.items()}
 
 
 def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
@@ -325,17 +349,19 @@ def lay_out(table: Table, found: dict[str, list[Figure]]) -> list[list[str]]:
         short = short_titles(figures)
         for figure in figures:
             quantity, text = entry(figure)
-            # The papers of other controllers have rows of the same names.
-            if figure.published is not None or (table.quantities and quantity not in table.quantities):
+            # What only papers have would take the place of what ran: their rows have the same names.
+            if figure.estimate is None or (table.quantities and quantity not in table.quantities):
                 continue
             known = quantity in (*ERRORS, FALLS, FAILED) or not figure.unit
             name, title = quantity if known else f"{quantity} [{figure.unit}]", short[figure.table]
             if table.tall:
                 name, title = ": ".join(filter(None, (title, name))), ""
             if figure.paper is not None:
-                kind = label if ", " in label else figure.table  # ends with the gait, or with the arm motion
+                kind = (
+                    label if ", " in label else "" if figure.reference else figure.table
+                )  # ends with gait or arm motion
                 paper = ", ".join(filter(None, ("paper", kind.rpartition(", ")[2], figure.reference)))
-                rows.setdefault(("", paper), {})[name] = f"{figure.paper:.3f}"
+                rows.setdefault((title if figure.reference else "", paper), {})[name] = f"{figure.paper:.3f}"
             row = rows.setdefault((title, label), {})
             row[name] = f"{row[name]}; {text}" if quantity == FAILED and name in row else text
     order = list(dict.fromkeys(name for row in rows.values() for name in row))
@@ -383,6 +409,16 @@ def replaced(text: str, name: str, body: str, commit: str) -> str:
             generated = f"<!-- results: {name} {commit} -->\n{body}\n<!-- end -->"
             return text[: part.start()] + generated + text[part.end() :]
     raise SystemExit(f"no place for the table {name}: write '<!-- results: {name} -->' and '<!-- end -->'")
+
+
+def check_policies(tables: dict[str, Table]) -> None:
+    """Refuse tables of the ablation whose policies are not there."""
+    needed = [policy for policy in ABLATION if any(policy in table.runs for table in tables.values())]
+    lacking = [f"{POLICIES}/{policy}" for policy in needed if not (ROOT / POLICIES / policy / POLICY_FILE).is_file()]
+    if lacking:
+        raise SystemExit(
+            f"no {POLICY_FILE} in {', '.join(lacking)}; put the policies there, or choose other tables with --only"
+        )
 
 
 def check(tables: dict[str, Table], options: argparse.Namespace) -> int:
@@ -440,6 +476,7 @@ def main() -> int:
             replaced((ROOT / document).read_text(), name, "", "")
     if options.policy:
         tables = {name: table for name, each in tables.items() if (table := of_policy(each)).runs}
+    check_policies(tables)
     runs = {name: runs_of(table, options) for name, table in tables.items()}
     begin, entries = time.monotonic(), [run.entry for part in runs.values() for run in part]
     with Execution(options.workers, cluster=options.cluster) as execution, progress("results") as advance:

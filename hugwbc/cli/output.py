@@ -79,7 +79,8 @@ def parse_settings(settings: type[Options], words: Sequence[str], verb: str, **g
         return parse(settings, ["--help"], verb, **given)
     if not {"-h", "--help"} & set(words):
         return parse(settings, words, verb, **given)
-    groups = [field for field in dataclasses.fields(settings) if _group(field)]  # pyright: ignore[reportArgumentType]
+    fields = dataclasses.fields(settings)  # pyright: ignore[reportArgumentType]
+    groups = [field for field in fields if _group(field)]
     folded = [
         (each.name, Annotated[each.type, tyro.conf.Suppress], dataclasses.field(default_factory=each.default_factory))
         for each in groups
@@ -88,7 +89,7 @@ def parse_settings(settings: type[Options], words: Sequence[str], verb: str, **g
     short.__module__ = settings.__module__  # where tyro looks for the comments beside the fields
     shown = {"description": given.get("description", inspect.getdoc(settings))}
     if (default := given.get("default")) is not None:
-        shown["default"] = short(**{field.name: getattr(default, field.name) for field in dataclasses.fields(settings)})
+        shown["default"] = short(**{field.name: getattr(default, field.name) for field in fields})
     try:
         parse(short, words, verb, **shown)
     except SystemExit as finished:

@@ -5,8 +5,11 @@ import dataclasses
 import pathlib
 import sys
 
+import polars as pl
 import pytest
 
+from hugwbc.evaluation.conditions import INTERVENTIONS
+from hugwbc.evaluation.experiments import intervention
 from hugwbc.evaluation.figures import Figure
 from hugwbc.evaluation.intervals import Estimate
 
@@ -37,6 +40,9 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
         Figure(title, "touch-down speed, median", "m/s", Estimate(0.9, None, None, 16)),
     ]
     assert tool.cell(Figure(title, "sag of the hands", "cm", Estimate(0.14, 0.05, 0.2, 4))) == "0.140 (n = 4)"
+    force = Figure("Tolerated force, constant", "0°", "N", Estimate(87.5, 87.5, 90.6, 16))
+    assert tool.cell(force) == "87.5 to 90.6", "the bracket of a search"
+    assert tool.cell(dataclasses.replace(force, estimate=Estimate(800.0, 800.0, None, 16))) == "800"
     table = tool.Table((), {}, ("E_omega", "E_vy", "falls"))
     assert tool.lay_out(table, {"learned": figures}) == [
         ["", "E_omega", "E_vy", "falls"],
@@ -45,10 +51,14 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
     ]
     motion = tool.lay_out(table, {"learned, noise": figures, "learned, motion": figures})
     assert [row[0] for row in motion[1:]] == ["paper, noise", "learned, noise", "paper, motion", "learned, motion"]
+    figures = [dataclasses.replace(figure, reference="trained with noise") for figure in figures]
+    moved = tool.lay_out(table, {"learned, noise": figures, "learned, motion": figures})
+    assert [row[0] for row in moved[1::2]] == [f"paper, {kind}, trained with noise" for kind in ("noise", "motion")]
     tall = tool.lay_out(tool.Table((), {}, tall=True), {"learned": figures})
     assert tall[-1] == ["touch-down speed, median [m/s]", "", "0.900"]
     two = tool.lay_out(
-        tool.Table((), {}, ("falls",), tall=True), {"QP": [*figures, Figure("Stops", "falls", "%", None)]}
+        tool.Table((), {}, ("falls",), tall=True),
+        {"QP": [*figures, Figure("Stops", "falls", "%", Estimate(0.0, 0.0, 20.0, 16))]},
     )
     assert [row[0] for row in two] == ["", f"{title}: falls", "Stops: falls"]
 
@@ -70,6 +80,44 @@ def test_the_reasons_of_failures_share_a_column(tool) -> None:
     assert [row[0] for row in cells[1:]] == [
         f"{task}: {label}" for task in ("carry_tray", "open_door") for label in ("QP", "learned")
     ]
+
+
+def test_a_policy_of_the_ablation_stands_below_the_papers_of_its_training(tool) -> None:
+    rows = [{"intervention": arms, "command": name} for arms in INTERVENTIONS for name in ("h", "p", "w")]
+    frame = pl.DataFrame(rows).with_columns(error=0.05, fell=False, arm_error=0.0, foot_travel=0.02, foot_creep=0.01)
+    found = {
+        policy: intervention.figures(
+            intervention.InterventionSettings(gait="standing", duration=21.0, training=training), frame
+        )
+        for policy, training in zip(tool.ABLATION, ("noise", "motion", "none", "noise"), strict=True)
+    }
+    cells = tool.lay_out(tool.TABLES["ablation-standing"], found)
+    assert cells[0] == ["", "E_h", "E_p", "E_w", "falls"]
+    noise = [row for row in cells if row[0].startswith("arms moved by noise: ")]
+    assert "; ".join(row[0].partition(": ")[2] for row in noise) == (
+        "paper, trained with noise; h1-noise; paper, trained with motions; h1-motion; "
+        "paper, trained without intervention; h1-none; h1-plain"
+    )
+    assert noise[0][1:] == ["0.029", "0.066", "0.060", ""] and noise[4][1:4] == ["0.193", "0.405", "0.228"]
+    assert [row[1] for row in noise[1::2]] == ["*0.050*", "*0.050*", "0.050"] and noise[6][1] == "*0.050*"
+    assert len(cells) == 1 + 3 * 7
+    feet = tool.lay_out(tool.TABLES["foot-displacement"], found)
+    assert feet[0][1:3] == [f"foot displacement, h commanded{part} [m in 20 s]" for part in ("", ", creep in it")]
+    assert [row[:3] for row in feet if row[0].startswith("arms moved by noise: ")][:2] == [
+        ["arms moved by noise: paper, trained with noise", "0.034", ""],
+        ["arms moved by noise: h1-noise", "0.020", "0.010"],
+    ]
+
+
+def test_tables_of_the_ablation_need_its_policies(tool, monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(tool, "POLICIES", tmp_path)
+    for policy in tool.ABLATION[:3]:
+        (tmp_path / policy).mkdir()
+        (tmp_path / policy / "policy.safetensors").touch()
+    monkeypatch.setattr(sys, "argv", ["results.py", "--quick", "--only", "hands", "disturbance"])
+    with pytest.raises(SystemExit, match=rf"^no policy\.safetensors in {tmp_path}/h1-plain;"):
+        tool.main()
+    tool.check_policies({name: tool.TABLES[name] for name in ("single-commands", "hands")})
 
 
 def test_a_table_takes_the_place_of_the_last_one(tool) -> None:
