@@ -1,5 +1,8 @@
 """One table of several controllers for a paper: intervals, paired differences, as LaTeX, CSV and a picture."""
 
+import dataclasses
+import itertools
+import math
 import pathlib
 import re
 from collections.abc import Sequence
@@ -24,7 +27,8 @@ PAIRED_NOTE = (
     "have none."
 )
 PAPER_FILES = "table.tex", "figures.csv", "figure.svg"
-_PAGE = 40  # rows
+# Of a page in lines, of a table's heading and rules likewise, and of a line of labels and of the caption in letters.
+_PAGE, _HEADING, _LABEL, _CAPTION = 45, 2, 22, 90
 # Of the picture: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
 _LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
 Bars = Sequence[Estimate | None]
@@ -44,14 +48,36 @@ def tex_table(tables: Sequence[Table], notes: Sequence[str]) -> str:
     a page goes on in another table.
     """
     columns = list(dict.fromkeys(column for table in tables for column in table.columns[1:]))
-    pages: list[list[Table]] = []
-    for table in tables:
-        if not pages or sum(len(one.rows) for one in (*pages[-1], table)) > _PAGE:
-            pages.append([])
-        pages[-1].append(table)
-    captions = [" ".join(notes).rstrip("."), *["Continued"] * len(pages)]
-    parts = [_tex_page(page, columns, caption) for page, caption in zip(pages, captions, strict=False)]
+    caption = " ".join(notes).rstrip(".")
+    pages = _pages(tables, _PAGE - math.ceil(len(caption) / _CAPTION))
+    captions = [caption, *["Continued"] * len(pages)]
+    parts = [_tex_page(page, columns, each) for page, each in zip(pages, captions, strict=False)]
     return "\n".join([r"% \usepackage{array,booktabs,graphicx} in the preamble", *parts]) + "\n"
+
+
+def _pages(tables: Sequence[Table], left: int) -> list[list[Table]]:
+    """Return what comes onto each page, on the first of which so many lines are left; longer tables are cut.
+
+    What is indented stays with the row above it.
+    """
+    pages: list[list[Table]] = [[]]
+    for table in tables:
+        if pages[-1] and _HEADING + _lines(table.rows) > left:
+            pages, left = [*pages, []], _PAGE
+        rows: list[Sequence[Cell]] = []
+        for number, row in enumerate(table.rows):
+            below = itertools.takewhile(lambda one: str(one[0]).startswith(" "), table.rows[number + 1 :])
+            if rows and not str(row[0]).startswith(" ") and _HEADING + _lines([*rows, row, *below]) > left:
+                pages[-1].append(dataclasses.replace(table, rows=rows))
+                pages, left, rows = [*pages, []], _PAGE, []
+            rows = [*rows, row]
+        pages[-1].append(dataclasses.replace(table, rows=rows))
+        left -= _HEADING + _lines(rows)
+    return pages
+
+
+def _lines(rows: Sequence[Sequence[Cell]]) -> int:
+    return sum(max(math.ceil(len(str(row[0])) / _LABEL), 1) for row in rows)
 
 
 def _tex_page(tables: Sequence[Table], columns: Sequence[str], caption: str) -> str:

@@ -7,8 +7,8 @@ from hugwbc.evaluation.episode import Settings
 from hugwbc.evaluation.experiment import Result
 from hugwbc.evaluation.figures import Difference, Figure
 from hugwbc.evaluation.intervals import Estimate
-from hugwbc.evaluation.tables import figure_tables
-from hugwbc.report.paper_table import tex_table, tex_text, write_paper
+from hugwbc.evaluation.tables import Table, figure_tables
+from hugwbc.report.paper_table import _pages, tex_table, tex_text, write_paper
 
 PAIR = Difference("qp", Estimate(-0.0123, -0.02, -0.004, 8))
 SHARE = Difference("qp", Estimate(-37.5, None, None, 8), 0.25)
@@ -57,6 +57,18 @@ def test_the_latex_is_balanced_and_every_row_has_every_cell():
     pages = tex_table(TABLES * 30, ["Many."]).split(r"\begin{table}")[1:]
     assert len(pages) > 2 and all(r"\end{table}" in page and page.count(r" \\") < 60 for page in pages)
     assert tex_text("-0.5 to x-ray_1 <") == r"$-$0.5 to x-ray\_1 $<$"
+
+
+def test_long_tables_and_long_labels_go_on_on_the_next_page():
+    label = "speed at the ground, at most [m/s]"  # two lines
+    rows = [[name, float(number)] for number in range(50) for name in (f"{number} {label}", "  minus qp")]
+    pages = _pages([Table("faults", ["", "qp"], rows), Table("short", ["", "qp"], rows[:2])], 40)
+    assert [row for page in pages for table in page for row in table.rows] == [*rows, *rows[:2]], "nothing is lost"
+    assert len(pages) > 3 and all(not table.rows[0][0].startswith(" ") for page in pages for table in page)
+    for number, page in enumerate(pages):
+        lines = sum(2 + sum(1 + (len(row[0]) > 22) for row in table.rows) for table in page)
+        assert lines <= (45 if number else 40)
+    assert [table.title for table in pages[-1]] == ["faults", "short"]
 
 
 def test_what_is_written(tmp_path):
