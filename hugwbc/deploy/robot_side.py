@@ -73,7 +73,7 @@ class RobotSide(Line):
         super().__init__(endpoint, self._setup, recorder)
         self.pilot, self._connect = pilot, connect
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        self._end, self._last = threading.Event(), math.inf  # when it ends by the wall clock [s]
+        self._end = threading.Event()
         self._failure: BaseException | None = None
         self._start: float | None = None
         self._fade: float | None = None
@@ -94,8 +94,11 @@ class RobotSide(Line):
     def ask(self, request: Request) -> None:
         """Pass on what the operator asks for; a second stop ends the program, after some more damping."""
         if request is Request.STOP and self.pilot.mode is Mode.DAMPING:
-            self._last = min(self._last, time.perf_counter() + FADE * self.settings.slower)
+            self._end_after_damping()
         self._requests.put(request)
+
+    def _end_after_damping(self) -> None:
+        threading.Timer(FADE * self.settings.slower, self._end.set).start()
 
     def run(self) -> None:
         """Control the robot until the duration is over, or the operator ends it.
@@ -178,11 +181,11 @@ class RobotSide(Line):
         if self._connect is not None:
             self._far.close()  # so that this side sees when the other process is gone
             self._endpoint.stop_receiving()
-        self._apart, self._last = True, min(self._last, self._deadline())
+        self._apart, last = True, self._deadline()
         control = threading.Thread(target=self._control, name="control")
         control.start()
         try:
-            while not self._end.wait(POLL) and time.perf_counter() < self._last:
+            while not self._end.wait(POLL) and time.perf_counter() < last:
                 pass
         except KeyboardInterrupt as interrupt:
             self._failure = interrupt
@@ -216,7 +219,7 @@ class RobotSide(Line):
         except BaseException as error:
             self._failure = self._failure or error
             # The relay damps, since the states are no longer answered.
-            threading.Timer(FADE * self.settings.slower, self._end.set).start()
+            self._end_after_damping()
 
     def _damp(self) -> None:
         """Damp the joints for a while in the place of a relay that is gone."""
@@ -253,12 +256,12 @@ class RobotSide(Line):
             pass
 
     def _run_lockstep(self) -> None:
-        silent = math.inf
+        last = math.inf
         try:
-            while not self._end.is_set() and time.perf_counter() < min(silent, self._last):
+            while not self._end.is_set() and time.perf_counter() < last:
                 if self.answer(POLL) and self._start is not None:
-                    silent = time.perf_counter() + _PATIENCE
-            if not self._end.is_set() and time.perf_counter() < self._last:
+                    last = time.perf_counter() + _PATIENCE
+            if not self._end.is_set():
                 self._miss_robot()
         except KeyboardInterrupt as interrupt:  # damp, then end
             self._failure = interrupt
