@@ -166,8 +166,11 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     spec = _spec(file)
     _keep(spec, [geom for geom in spec.geoms if _carrier(geom.parent).name == foot])
     spec.compiler.fusestatic = True
+    # MuJoCo leaves the folders of a URDF's meshes out.
+    given = {pathlib.Path(row.get("filename", "")) for row in ET.parse(file).iter("mesh")}  # noqa: S314  the user's
     for mesh in spec.meshes:
-        mesh.file = str(_mesh(file, spec.meshdir, mesh.file) or mesh.file)
+        wanted = next((path for path in given if path.name == mesh.file), pathlib.Path(spec.meshdir, mesh.file))
+        mesh.file = str(_mesh(file, wanted) or mesh.file)
     try:
         model = _compile(spec, file)
     except ModelError as error:
@@ -190,13 +193,11 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
     return {"x": [x0, x1], "y": [y0, y1], "z": z}
 
 
-def _mesh(file: pathlib.Path, folder: str, name: str) -> pathlib.Path | None:
+def _mesh(file: pathlib.Path, wanted: pathlib.Path) -> pathlib.Path | None:
     """Return where a mesh of a description is: as it says, or below its folder, with as much of its path as there is.
 
     None if it is nowhere.
     """
-    given = [pathlib.Path(row.get("filename", "")) for row in ET.parse(file).iter("mesh")]  # noqa: S314  the user's
-    wanted = next((path for path in given if path.name == name), pathlib.Path(folder, name))
     if (direct := file.parent / wanted).is_file():
         return direct.resolve()
 
@@ -204,11 +205,12 @@ def _mesh(file: pathlib.Path, folder: str, name: str) -> pathlib.Path | None:
         pairs = zip(reversed(found.parts), reversed(wanted.parts), strict=False)
         return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
 
-    found = sorted(file.parent.rglob(wanted.name), key=shared, reverse=True)
-    best = [path for path in found if shared(path) == shared(found[0])]
+    found = sorted(file.parent.rglob(wanted.name))
+    most = max(map(shared, found), default=0)
+    best = [path for path in found if shared(path) == most]
     if len({path.read_bytes() for path in best}) > 1:
         names = ", ".join(str(path.relative_to(file.parent)) for path in best)
-        raise ModelError(f"{file} names the mesh {name}, and there are {names}; leave the right one alone there")
+        raise ModelError(f"{file} names the mesh {wanted.name}, and there are {names}; leave the right one alone there")
     return best[0].resolve() if best else None
 
 

@@ -209,11 +209,14 @@ def points_of(view: View, hands: HandTargets) -> np.ndarray:
 
 def hands_in(view: View, frame: HandFrame) -> np.ndarray:
     """Return the hand targets in a frame, or else the hand positions [m], shape (2, 3)."""
-    measured, last = points_in(view, view.hands, frame), view.last.hands
-    if last is None:
-        return measured
-    points = in_frame(view, last, frame).array()
-    return np.where(np.isfinite(points), points, measured)
+    points = last_targets(view, frame).array()
+    return np.where(np.isfinite(points), points, points_in(view, view.hands, frame))
+
+
+def last_targets(view: View, frame: HandFrame) -> HandTargets:
+    """Return the last targets of the hands in a frame; none of joints, which have no places."""
+    last = view.last.hands
+    return HandTargets(None, None, frame) if last is None or last.joints is not None else in_frame(view, last, frame)
 
 
 def with_points(hands: HandTargets, points: np.ndarray) -> HandTargets:

@@ -32,7 +32,7 @@ from hugwbc.behaviours.hands import (
     frame_of,
     glide,
     hands_in,
-    in_frame,
+    last_targets,
     move,
     one_hand,
     sent_orientation,
@@ -85,7 +85,7 @@ def reach(
         timeout: after which it fails [s].
     """
     check_frame(view, frame)
-    sent, others = frame_of(frame), view.last.hands
+    sent = frame_of(frame)
     checked = HandTargets.of(
         left,
         right,
@@ -96,8 +96,7 @@ def reach(
         left_orientation=left_orientation,
         right_orientation=right_orientation,
     )
-    # What a hand without a point keeps.
-    stays = None if others is None or others.joints is not None else in_frame(view, others, sent)
+    stays = last_targets(view, sent)  # what a hand without a point keeps
     turns = {"": sent_point, "_direction": sent_vector, "_orientation": sent_orientation}
 
     def aim(now: View) -> HandTargets:
@@ -105,7 +104,7 @@ def reach(
         for side, point in zip(SIDES, (left, right), strict=True):
             for part, turn in turns.items():
                 name = side + part
-                hands[name] = getattr(stays, name, None) if point is None else turn(now, frame, getattr(checked, name))
+                hands[name] = getattr(stays, name) if point is None else turn(now, frame, getattr(checked, name))
         return HandTargets(**hands, frame=sent, together=together, whole_body=whole_body)  # type: ignore[arg-type]
 
     check_near(view, aim(view))
@@ -201,10 +200,8 @@ def wipe(view: View, path: np.ndarray, hand: Hand = "right", *, force: Force = 1
     if path.ndim != 2 or path.shape[1] != 3 or not len(path) or not np.isfinite(path).all():
         raise ConfigError(f"path has shape {path.shape}; give finite points x, y, z, shape (n, 3)")
     row, others, begin = SIDES.index(hand), hands_in(view, "world"), view.time
-    last = view.last.hands
-    stays = HandTargets(None, None) if last is None or last.joints is not None else last
     free = {f"{hand}_direction": None, f"{hand}_orientation": None}
-    stays = dataclasses.replace(in_frame(view, stays, "world"), together=False, whole_body=False, **free)
+    stays = dataclasses.replace(last_targets(view, "world"), together=False, whole_body=False, **free)
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     pressing = Pressing(view, row, normal=np.array([0.0, 0.0, 1.0]), force=force)
     while (way := (view.time - begin) * speed) < along[-1] + 0.05:

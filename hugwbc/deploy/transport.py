@@ -83,11 +83,9 @@ def release_modes(endpoint: Endpoint, *, required: bool) -> str:
     released: list[str] = []
     for attempt in range(_TRIES):
         code, data = endpoint.call(CHECK_MODE, "{}", _TIMEOUT)
-        name = _active(data)
-        if code != DONE or name is None:
-            outcome = f"answers {one_line(data)!r}, which names no mode"
-            if code != DONE:
-                outcome = "does not answer" if code == UNREACHABLE else f"answers with error {code}"
+        if code != DONE or (name := _active(data)) is None:
+            said = {DONE: f"answers {one_line(data)!r}, which names no mode", UNREACHABLE: "does not answer"}
+            outcome = said.get(code, f"answers with error {code}")
             if required:
                 raise DeploymentError(
                     f"the robot's motion switcher {outcome}; check network and domain, or give --no-release if the "

@@ -190,11 +190,12 @@ def _run_job(job: tuple[Callable[..., Row], Settings, ControllerSpec, str, int, 
     controller = _controller(spec, digest)
     with noting() as read:
         row = episode(controller, settings, plan)
+    read = {**_last.read, **read}
     if spec.is_own:  # what it reads in its first episode may serve it in all
-        _last.read = {**_last.read, **read}
+        _last.read = read
     if twice := sorted(plan.tags.keys() & row.keys()):
         raise ConfigError(f"an episode's row has {', '.join(twice)}, as its plan's tags do; give it another name")
-    return index, {**plan.tags, **row, READ: {**_last.read, **read}}
+    return index, {**plan.tags, **row, READ: read}
 
 
 class _Last(threading.local):
@@ -210,8 +211,10 @@ _last = _Last()
 
 def _controller(spec: ControllerSpec, digest: str) -> Controller:
     """Return the controller, made once in each thread as long as it and its files stay the same."""
-    changed = spec.is_own and any(digest_of(name) != found for name, found in _last.read.items())
-    if _last.controller is None or _last.key != (spec, digest) or changed:
+    same = _last.key == (spec, digest)
+    if spec.is_own:
+        same = same and all(digest_of(name) == found for name, found in _last.read.items())
+    if _last.controller is None or not same:
         with noting() as read:
             _last.key, _last.controller = (spec, digest), spec.build()
         known = set(map(str, spec.files()))  # by the digest of the controller

@@ -63,14 +63,16 @@ def _pages(tables: Sequence[Table], left: int) -> list[list[Table]]:
     pages: list[list[Table]] = [[]]
     for table in tables:
         if pages[-1] and _HEADING + _lines(table.rows) > left:
-            pages, left = [*pages, []], _PAGE
+            pages.append([])
+            left = _PAGE
         rows: list[Sequence[Cell]] = []
         for number, row in enumerate(table.rows):
             below = itertools.takewhile(lambda one: str(one[0]).startswith(" "), table.rows[number + 1 :])
             if rows and not str(row[0]).startswith(" ") and _HEADING + _lines([*rows, row, *below]) > left:
                 pages[-1].append(dataclasses.replace(table, rows=rows))
-                pages, left, rows = [*pages, []], _PAGE, []
-            rows = [*rows, row]
+                pages.append([])
+                left, rows = _PAGE, []
+            rows.append(row)
         pages[-1].append(dataclasses.replace(table, rows=rows))
         left -= _HEADING + _lines(rows)
     return pages

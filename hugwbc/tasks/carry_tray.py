@@ -25,8 +25,8 @@ def held(record: TaskRecord) -> np.ndarray:
 
 
 def carried(record: TaskRecord) -> slice:
-    """Return the samples from when the tray is held on."""
-    return slice(int(np.argmax(held(record))) if held(record).any() else len(record.time) - 1, None)
+    """Return the samples from when the tray is held on; the last one if it never is."""
+    return slice(next(iter(np.flatnonzero(held(record))), -1), None)
 
 
 def way(record: TaskRecord) -> float:

@@ -253,11 +253,12 @@ def figures(settings: EstimationSettings, rows: pl.DataFrame) -> list[Figure]:
     walks = rows.filter(pl.col("drift").is_not_null())
     far = bool(len(walks)) and float(walks["way"].to_numpy().mean()) >= _SHORTEST_WAY
     for name, (label, unit, factor, squared) in COLUMNS.items():
-        estimate = bootstrap_rms(rows[name]) if squared else bootstrap_mean(rows[name])
-        if name in _DRIFTS:
-            estimate = (
-                scaled(paired_ratio(walks[name].to_list(), walks["way"].to_list()), DRIFT_WAY) if far else single(None)
-            )
+        if name not in _DRIFTS:
+            estimate = bootstrap_rms(rows[name]) if squared else bootstrap_mean(rows[name])
+        elif far:
+            estimate = scaled(paired_ratio(walks[name].to_list(), walks["way"].to_list()), DRIFT_WAY)
+        else:
+            estimate = single(None)
         found.append(Figure(table, label, unit, scaled(estimate, factor)))
     found.append(Figure(table, "NEES; 1 if it is consistent", "", bootstrap_mean(rows["nees"]), higher_is_better=None))
     return [*found, falls_figure(table, rows["fell"])]

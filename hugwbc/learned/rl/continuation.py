@@ -18,7 +18,7 @@ from hugwbc.learned.policy.network_files import SNAPSHOT_FILE
 from hugwbc.learned.policy.records import settings_record
 from hugwbc.robot_tables import robot_table
 
-_NAMED = ("schedules.", "env.terms.", "env.randomizers.", "env.curriculum.rules.")
+_NAMED = ("schedules.", "env.terms.", "env.curriculum.rules.")
 OF_A_SESSION = ("resume", "hours", "threads", "device", "save_interval")  # settings without which a run is the same
 # Settings of the environment without which a policy moves differently: its clock, its drives and its feed-forward.
 _OF_THE_MOTION = (
