@@ -3,7 +3,9 @@
 Each robot does the whole task in the same ten seconds, so the slower one is played faster; the caption says how much.
 """
 
+import json
 import pathlib
+import sys
 
 import imageio.v2 as imageio
 import numpy as np
@@ -21,6 +23,9 @@ COLOURS = 192  # few, because the size of the file grows with them
 
 def frames(folder: str) -> list[Image.Image]:
     """Return the frames of one video, its middle cut out, with a caption below."""
+    outcomes = json.loads((VIDEOS / folder / "summary.json").read_text())["controllers"].values()
+    if not all(outcome["verdict"]["success"] for outcome in outcomes):
+        sys.exit(f"the robot in out/animation/{folder} did not do the task; choose another seed")
     reader = imageio.get_reader(VIDEOS / folder / "compare.mp4")
     about = reader.get_meta_data()
     count, seconds = round(LENGTH * FPS), about["duration"]

@@ -1,6 +1,8 @@
 """Make the README's picture of both controllers from frames of `hugwbc compare`'s video; `make picture` runs both."""
 
+import json
 import pathlib
+import sys
 
 import imageio.v2 as imageio
 import numpy as np
@@ -14,6 +16,9 @@ MOMENTS = (4.5, 7.4, 16.5)  # [s], while reaching, walking and squatting
 
 def main() -> None:
     """Write the frames side by side into one picture."""
+    outcomes = json.loads(VIDEO.with_name("summary.json").read_text())["controllers"]
+    if fallen := [name for name, outcome in outcomes.items() if outcome["fell"]]:
+        sys.exit(f"{' and '.join(fallen)} fell")
     reader = imageio.get_reader(VIDEO)
     fps = reader.get_meta_data()["fps"]
     frames = [np.asarray(reader.get_data(round(moment * fps))) for moment in MOMENTS]
