@@ -437,7 +437,7 @@ def test_a_role_that_is_missing_is_asked_for(tmp_path, role) -> None:
         _robot(tmp_path, {**SHORT, "roles": roles})
 
 
-def test_a_hand_may_be_long_along_any_axis_of_its_link(tmp_path) -> None:
+def test_a_hand_may_be_long_along_any_axis_of_its_link() -> None:
     table, hands = copy.deepcopy(TABLE), ("left_wrist_yaw_link", "right_wrist_yaw_link")
     for row in table["links"]:
         if row["name"] in hands:  # as if the frame of the hand were turned about y: x becomes z

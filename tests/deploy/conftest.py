@@ -1,7 +1,10 @@
 """Fixtures of a robot that stands, as messages."""
 
 import dataclasses
-import os
+import fcntl
+import pathlib
+import tempfile
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -34,9 +37,17 @@ def pilot() -> Pilot:
 
 
 @pytest.fixture
-def free_domain() -> int:
-    """A DDS domain that no other process of the tests uses at the same time."""
-    return 100 + os.getpid() % 100
+def free_domain() -> Iterator[int]:
+    """A DDS domain that no other test on this machine uses at the same time."""
+    for domain in range(100, 200):
+        with open(pathlib.Path(tempfile.gettempdir()) / f"hugwbc-domain-{domain}", "w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    pytest.fail("all DDS domains of the tests are in use")
 
 
 @pytest.fixture

@@ -126,6 +126,7 @@ def test_a_hand_has_arrived_once_it_was_there_until_its_target_jumps(reaching):
     found = hand_travel(run)
     assert found["travelling"] == pytest.approx(0.3) and found["travel_time"] == pytest.approx(2.0)
     assert found["arrived"] == pytest.approx((250 * 0.01 + 50 * 0.07 - 0.06) / 300, abs=1e-3)
+    assert found["arrived_p95"] == pytest.approx(0.07)
     assert hand_travel(run, run.time < 1.0)["arrived"] is None
     run.hand_error[:, 1] = np.nan
     assert hand_travel(run)["travel_time"] == pytest.approx(2.0), "of the hand that has targets"

@@ -120,6 +120,7 @@ def test_an_evaluation_in_physx_runs_in_physx():
     conditions = Conditions(engine="physx", payload=4.0, robot="h1-2023", ground="firm")
     simulation = conditions.simulation(1.0, (0,))
     assert simulation.engine == "physx" and simulation.robot.name == "h1-2023"
+    assert sum(link.mass for link in simulation._links.values()) == pytest.approx(simulation.robot.mass + 4.0)
     state = simulation.step(JointCommand.position(simulation.robot, simulation.robot.nominal), 0.3)
     assert not simulation.fallen and state.foot_force is not None
 

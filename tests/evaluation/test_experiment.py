@@ -43,17 +43,6 @@ def figures(settings, rows):
     return [Figure("Places", "x", "m", bootstrap_mean(place[0] for place in rows["place"]))]
 
 
-OWN = """from hugwbc.behaviours import stand
-from hugwbc.evaluation.episode import CountedSettings
-from hugwbc.evaluation.experiment import Experiment, numbered
-
-
-def still(view):
-    return (yield from stand(view, 1.0))
-
-
-"""
-OWN_EXPERIMENT = "MINE = Experiment('mine', '', CountedSettings, numbered, measure, lambda settings, rows: [])\n"
 WAISTS = Experiment("waists", "turn the waist", CountedSettings, plan, measure, figures)
 
 
@@ -109,11 +98,13 @@ def test_episodes_that_are_none_or_say_two_things_are_refused():
         run_experiment(twice, SETTINGS, HOLD)
 
 
-def test_two_processes_give_the_numbers_of_one(tmp_path):
-    settings = RandomCommandsSettings(episodes=5, duration=0.3, settle=0.1, conditions=Conditions(timestep=0.005))
-    alone = run_experiment(EXPERIMENT, settings, HOLD)
+@pytest.mark.parametrize("name", ["hold", "qp", "learned"])
+def test_two_processes_give_the_numbers_of_one(tmp_path, name):
+    controller = ControllerSpec(name)
+    settings = RandomCommandsSettings(episodes=5, duration=0.3, settle=0.1)
+    alone = run_experiment(EXPERIMENT, settings, controller)
     with Execution(2) as execution:
-        assert run_experiment(EXPERIMENT, settings, HOLD, execution=execution, store=Store(tmp_path)) == alone
+        assert run_experiment(EXPERIMENT, settings, controller, execution=execution, store=Store(tmp_path)) == alone
 
 
 def test_a_table_is_of_one_experiment_controller_setting_file_and_commit(tmp_path, monkeypatch):

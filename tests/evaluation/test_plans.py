@@ -11,7 +11,6 @@ from hugwbc.sim import Force
 
 WALK = Command(gait=Gait.WALKING, v_x=1.0)
 RAMP = Schedule((Knot(0.0, Command()), Knot(1.0, WALK, ramp=2.0), Knot(4.0, Command(w=0.5))))
-PLAN = Plan(7, RAMP, {"command": "v_x"}, (Force((1.0, 2.0, 3.0), 0.1, 0.2),), Conditions(payload=3.0, friction=0.5))
 
 
 def test_a_schedule_steps_and_ramps():

@@ -97,7 +97,7 @@ def test_a_changed_file_that_a_scenes_file_names_runs_again(tmp_path: pathlib.Pa
     assert main(command) == 0 and len(played) == 1 + len(texts)
 
 
-def test_what_only_an_episode_reads_counts_too(tmp_path: pathlib.Path, monkeypatch) -> None:
+def test_a_changed_file_that_only_an_episode_reads_makes_it_run_again(tmp_path: pathlib.Path, monkeypatch) -> None:
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "mine.py").write_text(MEASURE)
     (tmp_path / "script.yaml").write_text(SCRIPT)

@@ -2,6 +2,7 @@ import contextlib
 import os
 import pathlib
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -58,10 +59,16 @@ with distributed.process_group():
 """
 
 
-def learn(*words: object, rank: int = 0, processes: int = 1) -> subprocess.Popen[str]:
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def learn(*words: object, rank: int = 0, processes: int = 1, port: int = 0) -> subprocess.Popen[str]:
     """Start `LEARN` as one of several processes, as torchrun would."""
     place = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": processes, "MASTER_ADDR": "127.0.0.1"}
-    place |= {"MASTER_PORT": 20000 + os.getpid() % 20000, "OMP_NUM_THREADS": 1}
+    place |= {"MASTER_PORT": port, "OMP_NUM_THREADS": 1}
     environment = os.environ | {name: str(value) for name, value in place.items()}
     return subprocess.Popen([sys.executable, "-c", LEARN, *map(str, words)], env=environment)
 
@@ -87,7 +94,8 @@ def test_two_processes_learn_as_one(tmp_path: pathlib.Path) -> None:
     samples["tracking"] = torch.full((horizon, count, 2), 0.8)
     samples["tracking"][:, ::2] = 0.3
     save_file(samples, tmp_path / "samples")
-    workers = [learn(tmp_path / "samples", tmp_path / "two", rank=rank, processes=2) for rank in range(2)]
+    port = free_port()
+    workers = [learn(tmp_path / "samples", tmp_path / "two", rank=rank, processes=2, port=port) for rank in range(2)]
     workers.append(learn(tmp_path / "samples", tmp_path / "one"))
     assert not any([worker.wait(300.0) for worker in workers])
     one = load_file(tmp_path / "one-0")

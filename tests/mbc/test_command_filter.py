@@ -28,6 +28,13 @@ def _after(ticks, command, gait=None, commands=None):
     return result
 
 
+def test_on_slippery_ground_the_whole_velocity_is_scaled():
+    command = Command(v_x=0.8, v_y=0.6, omega=0.4, gait=Gait.WALKING)  # 1 m/s
+    for fastest, share in ((0.5, 0.5), (0.3, 0.3), (1.1, 1.0)):
+        smooth = _after(2000, command, GaitState(running=Gait.WALKING, fastest=fastest))
+        assert (*smooth.velocity, smooth.omega) == pytest.approx((0.8 * share, 0.6 * share, 0.4 * share))
+
+
 def test_posture_arrives_within_its_rates_and_without_overshoot():
     history = _history(Command(h=-0.2, p=0.4, w=-1.0), 4.0)
     for name, target, (rate, quickness) in (

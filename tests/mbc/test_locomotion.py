@@ -274,7 +274,7 @@ def test_pushed_in_a_full_squat_it_steps_and_squats_again():
 
 
 @pytest.mark.parametrize("push", [(1.0, 0.0, 0.0), (0.0, -0.95, 0.0)])
-def test_walking_it_takes_the_long_and_the_early_steps_that_a_push_asks_for(push):
+def test_walking_it_survives_pushes_that_ask_for_a_long_and_for_an_early_step(push):
     """The first needs a step of 0.75 m, for which the pelvis comes down; the second a foot that lands sooner."""
     run = Run(Command(v_x=0.5, gait=WALKING), 3.0, push=push)
     assert run.good

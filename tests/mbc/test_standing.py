@@ -99,3 +99,17 @@ def test_before_a_hop_the_weight_moves_onto_its_foot(stand, gait, foot):
     assert over.com.servo.tolist() == [1.0, 0.0]
     assert not over.ready, "the robot itself has not moved"
     assert over._plan.mode is Mode.SHIFTING
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "gap", "ready"),
+    [(0.5, 0.011, True), (0.5, 0.013, False), (0.4, 0.0, False), (1.4, 0.013, False), (2.0, 0.023, True),
+     (4.0, 0.047, True), (60.0, 0.049, False)],
+)  # fmt: skip
+def test_a_hop_begins_near_its_foot_and_later_less_near(stand, elapsed, gap, ready):
+    shifted, dynamics = stand(gait=Gait.HOPPING_LEFT, elapsed=PARAMS.hop_shift_time)
+    pendulum = Pendulum.about(0.5 * (feet.pivot(dynamics, 0, 0.0) + feet.pivot(dynamics, 1, 0.0)), dynamics)
+    away = TO_HEADING @ (shifted.com.target - pendulum.dcm)
+    for side in (-gap, gap):
+        velocity = (away + np.array([0.0, side])) * pendulum.omega
+        assert stand(velocity, gait=Gait.HOPPING_LEFT, elapsed=elapsed)[0].ready == ready

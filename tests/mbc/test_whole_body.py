@@ -158,18 +158,20 @@ def test_it_counts_force_plans_that_failed(controller, standing_state, monkeypat
 
 @pytest.mark.parametrize("gait", [Gait.WALKING, Gait.JUMPING, Gait.HOPPING_LEFT], ids=lambda gait: gait.label)
 def test_a_second_episode_begins_as_the_first_one_did(standing_state, gait):
-    """After a walk, a jump or the shift for a hop, by the clock, with arms taken over, and a push to catch."""
-    used = WholeBodyController(load_robot())
+    """After a walk, a jump or the shift for a hop, by the clock, arms taken over, a push to catch, loads and slips."""
+    load, used = np.array([[0.0, 0.0, 290.0]] * 2), WholeBodyController(load_robot())
     used.reset(standing_state)
     arms = UpperBody.targets(np.full(8, 0.3))
     for tick in range(500):
-        pushed = dataclasses.replace(standing_state, velocity=np.array([0.0, 1.5 * (tick > 300), 0.0]))
+        velocity, pull = np.array([0.0, 1.5 * (tick > 300), 0.0]), np.full((2, 3), 30.0)
+        pushed = dataclasses.replace(standing_state, velocity=velocity, foot_force=load, hand_force=pull)
         used.act(pushed, Command(v_x=0.3, h=-0.1, w=0.5, gait=gait), arms)
+    assert gait is not Gait.WALKING or used.diagnostics.friction < 0.7, "there is something to forget"
+    loaded = dataclasses.replace(standing_state, foot_force=load, hand_force=np.zeros((2, 3)))
     outputs = []
     for controller in (WholeBodyController(load_robot()), used):
-        controller.reset(standing_state)
-        taus = [controller.act(standing_state, Command(gait=Gait.WALKING), NONE).tau for _ in range(150)]
-        outputs.append(np.array(taus))
+        controller.reset(loaded)
+        outputs.append(np.array([controller.act(loaded, Command(gait=Gait.WALKING), NONE).tau for _ in range(150)]))
     assert np.array_equal(*outputs)
 
 

@@ -137,7 +137,7 @@ def test_a_folder_without_a_policy_is_told_from_a_damaged_policy(tmp_path, monke
         ControllerSpec("balancer")
 
 
-def test_paths(tmp_path, theirs):
+def test_a_policy_is_loaded_by_folder_or_file_and_other_paths_are_refused(tmp_path, theirs):
     shutil.copytree(policy_file("h1").parent, tmp_path / "mine")
     for path in (tmp_path / "mine", tmp_path / "mine" / "policy.safetensors"):
         assert ControllerSpec(str(path)).build().name == "learned"

@@ -312,3 +312,46 @@ def test_the_joint_filter_is_a_kalman_filter_of_each_joint(joint, plans):
         x = x + gain @ (np.array([q[joint], dq[joint]]) - x)
         covariance = covariance - gain @ covariance
         np.testing.assert_allclose([joints.q[joint], joints.dq[joint]], x, rtol=0.0, atol=1e-9)
+
+
+def test_the_covariance_is_that_of_the_pelvis_it_gives():
+    """By finite differences of what the filter corrects: orientation, velocity and the bias of the gyro."""
+    estimator, rng = StateEstimator(load_robot()), np.random.default_rng(0)
+    reading = _at_rest(rotations.from_yaw_pitch_roll(2.0, 0.1, -0.05), 0.4)
+    estimator.reset(reading)
+    speeds = np.zeros(19)
+    speeds[ROBOT.waist] = 0.4
+    turning = dataclasses.replace(reading, imu_gyro=np.array([0.3, -0.2, 0.5]), dq=speeds)
+    for tick in range(1, 6):
+        estimator.update(dataclasses.replace(turning, time=0.002 * tick))
+
+    def pelvis(change):
+        kept = estimator._R, estimator._rows.copy(), estimator.gyro_bias
+        turn = pin.exp3(change[:3])
+        estimator._R, estimator._rows[:] = turn @ estimator._R, estimator._rows @ turn.T
+        estimator._v += change[3:6]
+        estimator.gyro_bias = estimator.gyro_bias + change[estimation._GYRO_BIAS]
+        orientation, _, _, velocity = estimator._pelvis()
+        estimator._R, estimator._rows[:], estimator.gyro_bias = kept
+        estimator._pelvis()
+        return rotations.to_matrix(orientation), velocity
+
+    size, step = estimation._SIZE, 1e-6
+    jacobian = np.zeros((6, size))
+    for column, change in enumerate(step * np.eye(size)):
+        (turned, faster), (back, slower) = pelvis(change), pelvis(-change)
+        jacobian[:, column] = np.concatenate((pin.log3(turned @ back.T), faster - slower)) / (2.0 * step)
+    root = rng.normal(size=(size, size))
+    estimator._P = root @ root.T
+    expected, arm = jacobian @ estimator._P @ jacobian.T, jacobian[3:, estimation._GYRO_BIAS]
+    expected[3:, 3:] += estimation._GYRO_NOISE**2 * arm @ arm.T
+    np.testing.assert_allclose(estimator.covariance(), expected, atol=1e-6)
+
+
+def test_at_rest_the_bias_of_the_gyro_is_found():
+    bias, estimator = np.array([0.005, -0.004, 0.003]), StateEstimator(load_robot())
+    reading = dataclasses.replace(_at_rest(rotations.from_yaw_pitch_roll(2.0, 0.1, -0.05)), imu_gyro=bias)
+    estimator.reset(dataclasses.replace(reading, imu_gyro=np.zeros(3)))
+    for tick in range(1, 1501):
+        estimator.update(dataclasses.replace(reading, time=0.002 * tick))
+    np.testing.assert_allclose(estimator.gyro_bias, bias, atol=1e-3)

@@ -7,7 +7,7 @@ import pytest
 
 from hugwbc import load_robot
 from hugwbc.robot import load_mirror
-from hugwbc.runtime.lowering import Lowering
+from hugwbc.runtime.lowering import _PLANT_TIME, _STANDING, _SWINGING, Lowering
 from hugwbc.sim import Simulation
 
 H1 = load_robot()
@@ -54,3 +54,15 @@ def test_rolls_about_opposite_axes_on_the_right_go_outwards_too():
     q = [lowering.command(state, PERIOD).q for _ in range(400)]
     np.testing.assert_allclose(q[-1], load_mirror(turned).joints(q[-1]), atol=1e-9)
     assert q[-1][H1.pair("hip_roll")] == pytest.approx([-0.15, -0.15])
+
+
+@pytest.mark.parametrize("loaded", [0, 1])
+def test_it_begins_where_the_joints_are_and_stands_on_the_loaded_leg(loaded):
+    bent, load = H1.nominal + 0.1, np.zeros((2, 3))
+    load[loaded, 2] = 500.0
+    lowering, state = Lowering(H1), dataclasses.replace(STILL, q=bent, foot_force=load)
+    np.testing.assert_allclose(lowering.command(state, 1e-6).q, bent, atol=1e-3)
+    planted = lowering.command(state, _PLANT_TIME).q[lowering._legs]
+    expected = np.stack((_STANDING, _SWINGING) if loaded == 0 else (_SWINGING, _STANDING), axis=1)
+    expected[3, 1] *= -1.0  # rolls are outwards
+    np.testing.assert_allclose(planted, expected, atol=1e-3)

@@ -32,6 +32,19 @@ def test_a_dead_motor_is_found_within_a_tenth_of_a_second():
     assert watched(0.0, asked=-25.0, speed=13.9).dead == "left_knee_joint", "at any speed it could brake"
 
 
+@pytest.mark.parametrize(("asked", "seconds"), [(7.05, 0.048), (12.0, 0.030), (20.0, 0.020), (40.0, 0.020)])
+def test_a_dead_motor_is_found_once_what_it_owes_adds_up(asked, seconds):
+    """0.3 N m s, of which 20 N m count at most: 43 ms at 7 N m, 15 ms from 20 N m on, after the delay of a command."""
+    assert watched(0.0, asked=asked, seconds=seconds).dead == "left_knee_joint"
+    assert watched(0.0, asked=asked, seconds=seconds - 0.004).dead == ""
+
+
+def test_what_a_motor_owes_fades_between_short_requests():
+    assert watched(0.0, asked=6.9, seconds=3.0).dead == "", "less than 7 N m is never asked for enough"
+    for every, dead in ((0.7, ""), (0.1, "left_knee_joint")):
+        assert watched(0.0, asked=lambda t: 12.0 * (t % every < 0.02), seconds=3.0 * every + 0.7).dead == dead  # noqa: B023
+
+
 @pytest.mark.parametrize(
     "case",
     [

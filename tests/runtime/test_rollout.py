@@ -12,6 +12,7 @@ from hugwbc.evaluation import metrics
 from hugwbc.runtime import Constant, rollout
 from hugwbc.runtime.controllers import HoldController
 from hugwbc.runtime.loop import ControlLoop
+from hugwbc.runtime.trace import TouchDownWatch
 from hugwbc.sim import Actuators, Arena, Ground, Simulation
 from hugwbc.sim.faults import Fault
 from hugwbc.sim.scenes import Box, Scene, Uniform
@@ -191,6 +192,22 @@ def test_touch_downs_are_timed_and_bounces_ignored(simulation):
     assert left.size == 1 and 0.3 < left[0] < 0.7
     assert right.size == 0
     assert trace.clearance[trace.time < 0.35, 0].max() > 0.03
+
+
+def test_touch_downs_speeds_and_peaks_of_a_foot_by_hand():
+    """It bounces for 40 ms, then swings twice for 60 ms; its stances press with 900, 300 and 600 N."""
+    watch, dt = TouchDownWatch(0.01), 0.01
+    normal = [500.0] * 5 + [0.0] * 4 + [900.0] * 5 + [0.0] * 6 + [300.0] * 5 + [0.0] * 6 + [600.0] * 5
+    for tick, force in enumerate(normal, start=1):
+        feet, velocity = np.zeros((2, 3)), np.zeros((2, 3))
+        feet[0, 2], velocity[0, 2] = force, -0.01 * tick
+        watch.update(dt * tick, feet, velocity)
+    found = watch.record()
+    left, right = found["touch_downs"]
+    np.testing.assert_allclose(left, [0.21, 0.32])
+    assert not right.size
+    np.testing.assert_allclose(found["touch_down_velocity"][0][:, 2], [-0.20, -0.31])
+    np.testing.assert_allclose(found["stance_peak"][0], [300.0, 600.0])
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])

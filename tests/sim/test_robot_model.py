@@ -97,19 +97,24 @@ def test_contacts_with_the_ground_have_the_friction(friction, terrain):
     np.testing.assert_allclose(contacts[:, :2], friction)
 
 
-def test_gain_and_strength_act_on_the_torque():
+ENGINES = pytest.mark.parametrize("engine", [Simulation, PhysxSimulation])
+
+
+@ENGINES
+def test_gain_and_strength_act_on_the_torque(engine):
     command = JointCommand(
         ROBOT.nominal + 0.01, np.full(19, 0.2), np.full(19, 100.0), np.full(19, 1.0), np.full(19, 2.0)
     )
     # tau + kp 0.01 + kd 0.2 at the first step from rest
     for variation, torque in ((Variation(gain=1.5), 2.0 + 1.5 * 1.2), (Variation(strength=0.5), 0.5 * 3.2)):
-        simulation = Simulation(timestep=1e-5, variation=variation)
+        simulation = engine(timestep=1e-5, variation=variation)
         simulation.step(command, 1e-5)
         np.testing.assert_allclose(simulation.torque, torque, rtol=0.01)
 
 
-def test_weak_motors_have_a_lower_limit():
-    simulation = Simulation(variation=Variation(strength=0.5))
+@ENGINES
+def test_weak_motors_have_a_lower_limit(engine):
+    simulation = engine(variation=Variation(strength=0.5))
     strong = JointCommand.position(ROBOT, ROBOT.nominal + 10.0)
     simulation.step(strong, 0.002)
     np.testing.assert_allclose(simulation.torque, 0.5 * ROBOT.torque_limit)

@@ -66,7 +66,7 @@ BY_HANDS = ["arrive", "behaviours", "boxes", "carry", "hands", "press", "pull", 
 
 
 @pytest.mark.parametrize("name", BY_HANDS)
-def test_hands_move_by_the_robot_that_is_told(name, monkeypatch):
+def test_arm_inverse_kinematics_uses_the_robot_named_by_told(name, monkeypatch):
     def ask(conditions):
         raise LookupError(conditions.told)
 

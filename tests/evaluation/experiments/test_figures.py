@@ -291,7 +291,7 @@ def test_delays_of_inferred_contacts_and_the_root_mean_square():
 
 
 @pytest.mark.parametrize("samples", [2500, 2501, 100, 1])
-def test_the_way_that_drifts_are_scaled_by_is_the_whole_one(samples):
+def test_drift_is_divided_by_the_length_of_the_whole_path(samples):
     time = 0.002 * np.arange(samples)
     record = {"time": time, "true_position": np.outer(time, [0.3, -0.4, 0.0])}
     assert estimation._way(record) == pytest.approx(0.5 * time[-1])

@@ -131,7 +131,7 @@ def test_a_malformed_contract_is_refused_with_its_line(tmp_path, old, new, place
     assert message in str(caught.value)
 
 
-def test_a_contract_that_is_not_there_is_refused(tmp_path):
+def test_a_contract_that_is_not_there_is_refused():
     with pytest.raises(UnknownNameError, match="Did you mean 'unitree-h1'"):
         load_contract("unitree-h2")
 

@@ -62,7 +62,7 @@ def test_the_exported_policy_gives_the_joint_targets_of_the_policy(exported_h1):
     assert worst < 1e-5, worst  # [rad]
 
 
-def test_it_is_a_controller_by_its_path(exported_h1, capsys):
+def test_it_is_a_controller_by_its_path(exported_h1):
     spec = ControllerSpec(str(exported_h1))
     assert spec.label == "h1" and spec.training == load_policy().training["config"]["env"]["intervention"]
     assert spec.build().name == "learned" and ControllerSpec("learned", str(exported_h1)).build().period == 0.02

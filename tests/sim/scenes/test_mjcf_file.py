@@ -84,10 +84,12 @@ def test_masses_joints_and_contacts_are_those_of_the_file_alone(name: str, tmp_p
                 continue
             other = getattr(here, kind)(f"k/{one.name}")
             for field in ("mass", "inertia", "range", "limited", "stiffness", "friction", "solref", "solimp", "condim",
-                          "priority", "margin", "gap", "size", "gravcomp", "gear", "biasprm"):  # fmt: skip
+                          "priority", "margin", "gap", "size", "gravcomp", "gear", "biasprm", "quat", "axis", "ipos",
+                          "iquat", "armature", "damping", "frictionloss", "qpos_spring"):  # fmt: skip
                 # A scene's contacts are those of its ground where a file says nothing (docs/scenes.md).
                 if hasattr(one, field) and not (field == "solref" and one.solref[0] == 0.02):
-                    np.testing.assert_allclose(getattr(other, field), getattr(one, field), rtol=1e-9, err_msg=field)
+                    found, wanted = getattr(other, field), getattr(one, field)
+                    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9, err_msg=field)
     added = here.neq - alone.neq, here.ntendon - alone.ntendon, here.npair - alone.npair
     grips = 4 * sum(alone.body_jntnum[1:] > 0)  # a weld and a hook to each hand
     assert added == (grips, 0, mujoco.MjModel.from_xml_path(str(Simulation().robot.xml_path)).npair)
