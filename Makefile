@@ -36,7 +36,7 @@ help:
 	@echo "make results        run what the tables of the documents show, and write them; hours, goes on after a kill"
 	@echo "make response       draw how both controllers answer commands, docs/comparison.md"
 	@echo "make curve          draw the training curve of docs/results.md, with RUN=FOLDER that of a run"
-	@echo "make clean          remove .venv, caches, site and out"
+	@echo "make clean          remove .venv, caches, site and out, with the episodes of make results"
 	@echo 'Options go in ARGS: make evaluate ARGS="--controller qp --gait standing"'
 
 install: $(STAMP)

@@ -32,7 +32,7 @@ def main(duration: float = 4.0, show: bool = False) -> None:
     for index, side in enumerate(("left", "right")):
         verdict = "within reach" if trace.reachable[-1, index] else "out of reach"
         print(f"{side} hand: {100 * trace.hand_error[-1, index]:.1f} cm from its target, which is {verdict}")
-    print(f"The robot reached with both hands and {trace.fate}.")
+    print(f"The robot {trace.fate}.")
 
 
 if __name__ == "__main__":

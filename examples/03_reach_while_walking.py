@@ -42,7 +42,7 @@ def main(duration: float = 6.0, show: bool = False) -> None:
     )
     error = 1000 * np.mean(trace.hand_error[trace.gait == Gait.WALKING])
     print(f"mean hand error {error:.1f} mm, walked {trace.qpos[-1, 0]:.2f} m")
-    print(f"The hands followed their paths while the robot walked, and it {trace.fate}.")
+    print(f"The robot {trace.fate}.")
 
 
 if __name__ == "__main__":

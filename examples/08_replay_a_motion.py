@@ -16,12 +16,12 @@ from hugwbc.scripts import Script, Segment, generate_motions, load_motion
 from hugwbc.viz.show import run_script, watch
 
 
-def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = False) -> None:
+def main(file: pathlib.Path | None = None, duration: float | None = None, show: bool = False) -> None:
     """Replay.
 
     Args:
         file: motion file (.npz or .csv).
-        duration: how long to run [s].
+        duration: how long to run [s]; that of the motion, if not given.
         show: show the robot live in the browser.
     """
     robot = load_robot()
@@ -30,6 +30,7 @@ def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = F
             file = pathlib.Path(folder) / "generated.npz"
             generate_motions(robot, seed=0, count=1, duration=5.0)[0].save(file)
         motion = load_motion(file, robot)
+    duration = motion.duration if duration is None else duration
     controller = load_controller("qp")
     script = Script(motion.name, (Segment("replay", duration, motion=motion, ramp=0.0),))
     hands = UpperBodySource(robot)
@@ -37,7 +38,7 @@ def main(file: pathlib.Path | None = None, duration: float = 5.0, show: bool = F
 
     error = np.abs(trace.qpos[:, 7 + robot.arms] - trace.arm_target)[len(trace.time) // 2 :].mean()
     print(f"{motion.name}: {motion.duration:.1f} s, arm joints {error:.3f} rad from their targets")
-    print(f"The arms followed the motion while the robot stood, and it {trace.fate}.")
+    print(f"The robot {trace.fate}.")
 
 
 if __name__ == "__main__":

@@ -16,10 +16,9 @@ from hugwbc.runtime import Force, Simulation
 from hugwbc.state import GRAVITY
 from hugwbc.viz.show import run_script, watch
 
-LEG = 0.4  # [m], thigh and shank each
 STEEPEST = 0.85  # [rad] that the shank can lean ahead with flat feet: the range of the ankle
 SPEED = np.array([0.2, 0.8])  # [m/s], [rad/s] at which height and waist follow their commands
-HEEL, TOE = -0.08, 0.18  # [m] from the ankle, where the ground can push
+EDGE = 0.02  # [m] of the sole at heel and toe where the ground does not push
 
 
 class Squatter:
@@ -45,9 +44,11 @@ class Squatter:
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return the posture for the height and the waist, and the ankle torques for the balance."""
         self.now += np.clip(np.array([command.h, command.w]) - self.now, -SPEED * self.period, SPEED * self.period)
-        q, tau = self.robot.nominal.copy(), np.zeros(19)
+        q, tau = self.robot.nominal.copy(), np.zeros_like(self.robot.nominal)
         # Thigh and shank lean alike, so that the hip stays above the ankle.
-        lean = np.arccos(np.clip(np.cos(q[self.knees] / 2.0) + self.now[0] / (2.0 * LEG), np.cos(STEEPEST), 1.0))
+        lean = np.arccos(
+            np.clip(np.cos(q[self.knees] / 2.0) + self.now[0] / (2.0 * self.robot.thigh), np.cos(STEEPEST), 1.0)
+        )
         q[self.hips], q[self.knees], q[self.ankles], q[self.robot.waist] = -lean, 2.0 * lean, -lean, self.now[1]
 
         self.kinematics.update(state)
@@ -57,9 +58,10 @@ class Squatter:
         v = 0.0 if state.velocity is None else (ahead @ state.velocity)[0]
         capture = x + v * np.sqrt(max(z, 0.1) / GRAVITY)
         # Pressure beyond the capture point drives it back over the middle of the soles.
-        pressure = np.clip(np.mean(self.robot.sole_x) + 2.0 * capture, HEEL, TOE)
+        heel, toe = self.robot.sole_x  # [m] ahead of the ankles
+        pressure = np.clip((heel + toe) / 2.0 + 2.0 * capture, heel + EDGE, toe - EDGE)
         tau[self.ankles] = 0.5 * self.robot.weight * pressure
-        return override_arms(JointCommand(q, np.zeros(19), self.kp, self.kd, tau), upper_body, self.robot)
+        return override_arms(JointCommand(q, np.zeros_like(q), self.kp, self.kd, tau), upper_body, self.robot)
 
 
 def main(h: float = -0.1, w: float = 0.5, push: float = 40.0, duration: float = 6.0, show: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Run a policy that `hugwbc export` wrote with onnxruntime and MuJoCo alone: a pattern for other simulators and robots.
+"""Run an H1's policy that `hugwbc export` wrote with onnxruntime and MuJoCo alone: a pattern for other simulators.
 
 Nothing of hugwbc is imported. The file holds the network and, as JSON in its metadata, a contract: observations,
 scales, gains, the pose at action 0 (docs/evaluation.md). This script walks ahead; drives are ideal.
@@ -72,6 +72,8 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
     """Walk ahead at v_x [m/s] for a time [s], and return the robot at the end, or where it fell."""
     session = onnxruntime.InferenceSession(policy, providers=["CPUExecutionProvider"])
     contract = json.loads(session.get_modelmeta().custom_metadata_map["contract"])
+    if contract["robot"] != "h1":
+        raise ValueError(f"the policy is for a robot '{contract['robot']}'; the lengths in this script are an H1's")
     if [model.actuator(i).name for i in range(model.nu)] != contract["joints"]:
         raise ValueError("the model's actuators are not the joints of the contract, in its order")
     # MuJoCo's position actuators are the PD law tau = kp (target - q) - kd dq.

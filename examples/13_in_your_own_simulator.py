@@ -76,7 +76,8 @@ def main(controller: str = "learned", duration: float = 20.0) -> None:
 
     x, y, z = data.body("lamp").xpos - data.site("lab/left_hand").xpos
     print(f"The left hand is {100 * np.hypot(np.hypot(x, y), z):.1f} cm from the lamp after {data.time:.1f} s.")
-    print(f"The behaviour is {behaviour.ending}; torques that the motors could not give: {robot.clipped.total()}.")
+    print(f"The behaviour is {behaviour.ending}.")
+    print(f"{robot.clipped.total()} times a motor could not give the torque that was asked of it.")
 
 
 if __name__ == "__main__":

@@ -92,6 +92,8 @@ def deploy(controller: str, job: str, radio: str, seconds: float, folder: pathli
             if running[0].returncode or running[1].returncode not in (0, ENDED_BY_A_FAULT):
                 raise SystemExit(f"{stem} did not run:\n" + "\n".join(texts))
             texts[1] += FAULT if running[1].returncode else ""
+        except subprocess.TimeoutExpired:
+            raise SystemExit("\n".join([f"{stem} did not end:", *(path.read_text() for path in printed)])) from None
         finally:
             for process, path in zip(running, printed, strict=True):
                 process.kill()

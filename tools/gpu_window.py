@@ -119,7 +119,7 @@ def measure(out: pathlib.Path, counts: list[int], seconds: float, device: str, s
 
 
 def physics(count: int, device: str, steps: int, *, graph: bool) -> dict[str, object]:
-    """Return the time of a control step of physics alone, robots marching in place."""
+    """Return the time of a control step of physics alone, with robots that stand and shake."""
     import torch
 
     from hugwbc.sim.warp_batch import WarpBatch

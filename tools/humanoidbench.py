@@ -8,7 +8,7 @@
 
 Robot `h1` under position control at 50 Hz, the benchmark's own returns and bars. Each task is a script of at most
 twenty lines that knows where goals, poles and walls are. Rows that are there already are not played again, unless the
-code, the policy or this file has changed; the table leaves out the rows from before.
+code, the policy, this file, the packages or the benchmark have changed; the table leaves out the rows from before.
 """
 
 import argparse

@@ -25,7 +25,6 @@ FRICTION = 0.7
 HIGHEST = 2000.0  # [N], of a point
 POINTS = ("left_heel", "left_toe", "right_heel", "right_toe")
 SOLES = ("left_sole", "right_sole")
-GRAVITY = 9.81
 
 
 def states(path: pathlib.Path) -> None:
@@ -67,7 +66,7 @@ def ours(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
 
     from hugwbc.mbc.dynamics import Dynamics
     from hugwbc.mbc.params import ControllerParams
-    from hugwbc.mbc.qp import WholeBodyQp
+    from hugwbc.mbc.qp import QpStatus, WholeBodyQp
     from hugwbc.mbc.tasks import TaskTerms
 
     dynamics = Dynamics(robot)
@@ -99,6 +98,8 @@ def ours(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
                 terms.append(_terms(TaskTerms, point.jacobian[:3], point.drift[:3], np.zeros(3), CONTACT))
         terms.append(_terms(TaskTerms, posture, np.zeros(len(posture)), wished[9:], POSTURE))
         solution = qp.solve(dynamics, terms, contact)
+        if solution.status is not QpStatus.SOLVED:
+            raise SystemExit(f"ours: {solution.status.value}")
         times.append(time.perf_counter() - begin)
         ordered = np.empty(len(posture))
         ordered[dynamics.columns - 6] = solution.torque
@@ -161,6 +162,8 @@ def placo_s(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
         speeds = v[6:] + wished[9:]
         joints.set_joints_velocities(dict(zip(names, speeds.tolist(), strict=True)))
         result = solver.solve(False)
+        if not result.success:
+            raise SystemExit("placo's solver failed")
         times.append(time.perf_counter() - begin)
         torques.append(np.array(result.tau)[6:])
     return np.array(torques), np.array(times)

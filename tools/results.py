@@ -27,6 +27,7 @@ from hugwbc.evaluation.figures import FALLS, Comparison, Figure
 from hugwbc.evaluation.intervals import FEW
 from hugwbc.evaluation.store import Store
 from hugwbc.evaluation.study import Entry, each_result
+from hugwbc.files import write_whole
 from hugwbc.learned.policy import POLICY_FILE
 from hugwbc.settings import REPORT_SEED, SELECTION_SEED
 from hugwbc.source import short_commit
@@ -476,6 +477,8 @@ def main() -> int:
             replaced((ROOT / document).read_text(), name, "", "")
     if options.policy:
         tables = {name: table for name, each in tables.items() if (table := of_policy(each)).runs}
+        if not tables:
+            raise SystemExit("none of these tables has the learned controller of an H1; choose others with --only")
     check_policies(tables)
     runs = {name: runs_of(table, options) for name, table in tables.items()}
     begin, entries = time.monotonic(), [run.entry for part in runs.values() for run in part]
@@ -491,7 +494,7 @@ def main() -> int:
                     print(f"\n{document}: {name}\n\n{body}", flush=True)
                 else:
                     path = ROOT / document
-                    path.write_text(replaced(path.read_text(), name, body, short_commit()))
+                    write_whole(path, replaced(path.read_text(), name, body, short_commit()))
     print(f"{len(tables)} tables at commit {short_commit()} in {(time.monotonic() - begin) / 3600.0:.2f} hours")
     return 0
 

@@ -1,7 +1,7 @@
 """Two parts of `make soak`: ticks of the QP behind its guard at states that make no sense, and memory over a long run.
 
 Absurd states have numbers up to 1e7, any orientation, and NaN or infinity in every tenth. In hard ones every joint is
-anywhere in its range, and joints and a leaning pelvis move fast. A tick should take less than 2 ms.
+anywhere in its range, and joints and a leaning pelvis move fast. Ticks that take longer than a period are counted.
 
 In the long run, controller and simulation stay, as in a user's program, while each gait moves in episodes of 20 s with
 random commands. The first episode fills caches; memory that grows by more than 5 % from there is a failure, and so is
@@ -27,7 +27,7 @@ from hugwbc.runtime.safety import SafetyFilter, StateCheck
 from hugwbc.runtime.safety_report import SafetyLog
 from hugwbc.settings import REPORT_SEED
 
-PERIOD_MS, STATES_PER_RESET, EPISODE_S = 2.0, 5, 20.0
+STATES_PER_RESET, EPISODE_S = 5, 20.0
 GROWTH = 0.05  # of the memory, as a part of that after the first episode
 FIELDS = ("q", "dq", "orientation", "angular_velocity", "position", "velocity")
 
@@ -89,9 +89,10 @@ def strange_states(ticks: int, seed: int) -> None:
             outputs[controller.diagnostics.status.value if guard.last_tick_s else "kept from it"] += 1
         median, p99, longest = np.percentile(times, [50.0, 99.0, 100.0])
         where = ", ".join(f"{name} {count}" for name, count in sorted(outputs.items()))
+        period = 1e3 * controller.period  # [ms]
         print(
             f"{kind} states: median {median:.2f} ms, 99 % {p99:.2f} ms, longest {longest:.2f} ms, "
-            f"{(times > PERIOD_MS).sum()} of {ticks} above {PERIOD_MS:g} ms; {where}"
+            f"{(times > period).sum()} of {ticks} above {period:g} ms; {where}"
         )
 
 

@@ -1,7 +1,8 @@
 #!/bin/sh
 # Try what hugwbc can do by commands, each as small as it goes, and print which ones work. An hour on two cores.
 #
-#     tools/try_all.sh [FOLDER [PATTERN]]    # outputs go to FOLDER (out/try); PATTERN chooses by name, such as 'play*'
+#     tools/try_all.sh [FOLDER [PATTERN]]    # outputs go to FOLDER (out/try); PATTERN chooses by name, such as 'play*',
+#                                            # together with what makes the files that they read, such as 'deploy*'
 #
 # What needs an extra (PhysX, onnxruntime, Dask, rsl_rl, stable-baselines3, the live page) is said to be skipped where
 # the extra is missing, and does not count as working.
@@ -78,7 +79,8 @@ try report $HUGWBC report --controllers hold --experiments single-command --out 
 
 # Evaluate
 try single-command $EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS
-try single-command-resumed $EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS
+try single-command-resumed sh -c "$EVALUATE single-command --controller learned --episodes 8 --duration 3 $RESULTS 2>&1 \
+    | grep 'all 8 episodes are stored'"
 try two-workers $EVALUATE single-command --controller qp --episodes 8 --duration 3 --workers 2 $RESULTS
 try intervention $EVALUATE intervention --controller learned --episodes 24 --duration 2.5 $RESULTS
 try disturbance $EVALUATE disturbance --controller learned --rollouts 1 --first 200 --limit 200 --duration 3 $RESULTS
