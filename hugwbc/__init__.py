@@ -1,7 +1,7 @@
 """Whole-body control of humanoids: one command interface, a learned policy, a whole-body QP and hand IK.
 
-The package root loads neither torch nor Pinocchio nor placo; they live in `hugwbc.learned`, `hugwbc.mbc` and
-`hugwbc.upper_ik`.
+The package root loads neither torch nor Pinocchio nor placo. The modules that need them do, such as those of
+`hugwbc.learned`, `hugwbc.mbc` and `hugwbc.upper_ik`.
 """
 
 from hugwbc.commands import COMMAND_NAMES, Command, CommandRange, command_ranges

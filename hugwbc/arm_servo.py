@@ -1,4 +1,4 @@
-"""The servo of the arms: gains and feed-forward torque for arms under external control, equal for every controller.
+"""The servo of the arms: gains and feed-forward torque for arms under external control, the same for every controller.
 
 A feed-forward torque from the equation of motion makes the arm follow without the sag and lag of a PD law alone:
 
@@ -6,7 +6,7 @@ A feed-forward torque from the equation of motion makes the arm follow without t
 
 with RNEA the recursive Newton-Euler algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008) of the whole robot
 at the commanded positions, velocities and accelerations of the arms. This is the usual computed-torque feed-forward of
-a manipulator; teleoperation of the same robot by its maker has the same form (`xr_teleoperate`, `H1_ArmController`).
+a manipulator; Unitree's own teleoperation of the H1 has the same form (`xr_teleoperate`, `H1_ArmController`).
 
 Forces f on the hands (`HandWrench`) are fed forward as torques -J^T f with the hand's Jacobian J over the arm's joints:
 the weight of what a hand carries, and the force that it should meet. A wanted stiffness k of the hand [N/m] makes the
@@ -32,9 +32,9 @@ from hugwbc.numeric import changed
 from hugwbc.robot import SIDES, Robot
 from hugwbc.state import RobotState
 
-_STIFFEST = 1e-4  # [m/N], added to the compliance of pressing hands across their forces
-_SOLVABLE = 1e-8  # [m/N], likewise, so that the compliance of a stretched arm can be inverted
-_BALANCED = 0.02  # two forces whose sum is a smaller part of their lengths than this squeeze something
+_STIFFEST = 1e-4  # [m/N], added to the compliance of pressing hands before it is inverted: they get at most 1e4 N/m
+_SOLVABLE = 1e-8  # [m/N], added to the compliance of a stretched arm so that it can be inverted
+_BALANCED = 0.02  # two forces squeeze something if their sum is a smaller part than this of the sum of their lengths
 
 # [N*m/rad] of every joint of an arm whose hand has a stiffness, besides that of the hand: it holds the elbow, which may
 # turn about the line from shoulder to hand.
@@ -81,17 +81,18 @@ class ArmServo:
     def __call__(self, upper_body: UpperBody, state: RobotState, dt: float) -> UpperBody:
         """Return the targets with the servo's gains and feed-forward torque.
 
-        The torque of the targets themselves is added, and that against the wrench on the hands. The positions lead by
-        half a control period: the command is held for the whole period, and is right in its middle.
+        Two torques are added to it: that of the targets (`UpperBody.tau`), and the one against the wrench on the hands.
+        The positions lead by half a control period: the command is held for the whole period, and is right in its
+        middle.
 
         Args:
-            upper_body: targets of the arms; joints that are not taken over are left as they are.
+            upper_body: targets of the arms; joints outside of its mask count as moving as they were measured.
             state: the robot now, which must be usable (`RobotState.is_usable`).
             dt: control period [s].
         """
         if not upper_body.indicator:
             return upper_body
-        if not upper_body.mask.all():  # the others have no targets, and are where they are
+        if not upper_body.mask.all():  # joints outside of the mask have no targets
             given = ((upper_body.q, state.q[self._arms]), (upper_body.dq, state.dq[self._arms]), (upper_body.ddq, 0.0))
             q, dq, ddq = (np.where(upper_body.mask, *each) for each in given)
             upper_body = changed(upper_body, q=q, dq=dq, ddq=ddq)
@@ -101,7 +102,7 @@ class ArmServo:
             loads, released, kp = self._loads(upper_body, state)
             tau = tau + loads
         tau = np.minimum(np.maximum(tau + upper_body.tau, -self._limit), self._limit)
-        # The springs' own torques are taken away at their targets: as torques they might exceed the limits.
+        # The springs' torques are taken away by shifting their targets: as torques they might exceed the limits.
         q = upper_body.q + 0.5 * dt * upper_body.dq + released / kp
         return changed(upper_body, q=q, tau=tau, kp=kp, kd=self.robot.arm_kd)
 
@@ -118,7 +119,7 @@ class ArmServo:
         )
 
     def _loads(self, upper_body: UpperBody, state: RobotState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the torques against the wrench, those that free pressing hands, and the drives' stiffness, (k,)."""
+        """Return torques against the wrench, those that free pressing hands [N*m], and the drives' kp, each (k,)."""
         wrench, jacobians = upper_body.wrench, self.jacobians(upper_body.q, state)
         error = np.where(upper_body.mask, upper_body.q - state.q[self._arms], 0.0)
         springs = np.diag(self.robot.arm_kp)
@@ -137,18 +138,19 @@ class ArmServo:
         r"""Return the forces at both hands that take the springs away along the free directions [N], shape (6,).
 
         With the hands' stiffness :math:`S = (J K^{-1} J^T)^{-1}`, their distance x from the targets and the projector
-        P across the free directions, the springs pull by S x, and they should pull by P S P x.
+        P across the free directions, the springs pull by S x, and they should pull by P S P x. Hands that are farther
+        than `GIVE` from their targets along a free direction are pulled back along it.
 
         Args:
             jacobian: of both hands, shape (6, k).
             springs: stiffness of the joints [N*m/rad], shape (k, k).
             error: distance of the joints to their targets [rad], shape (k,).
-            free: directions in which the hands give way, orthonormal, shape (k, 6).
+            free: directions in which the hands give way, orthonormal, shape (m, 6).
         """
         compliance, unit = jacobian @ np.linalg.solve(springs, jacobian.T), np.eye(len(jacobian))
         away = jacobian @ error
-        # What the springs do is taken away exactly. What takes its place must stay small for a stretched arm, whose
-        # hand is nearly rigid along it.
+        # The springs' pull is taken away exactly. The pull in its place must stay small for a stretched arm, which
+        # holds its hand nearly rigidly along its length.
         pulled = np.linalg.solve(compliance + _SOLVABLE * unit, away)
         stiffness = np.linalg.inv(compliance + _STIFFEST * unit)
         along = free @ away
@@ -201,7 +203,7 @@ class ArmServo:
 
 
 def _free_directions(force: np.ndarray) -> np.ndarray:
-    """Return the directions in which hands give way: unit vectors for the left and the right hand, shape (k, 6).
+    """Return the m directions in which hands give way: unit vectors of both hands together, shape (m, 6).
 
     Each hand with a force, world axes [N], shape (2, 3), gives way along it. Two hands whose forces balance each other
     give way against each other only: their middle is held, or what they squeeze would drift off.

@@ -16,7 +16,7 @@ COMMAND_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "f": "Hz", "l": "
 VELOCITY_NAMES = ("v_x", "v_y", "omega")
 MEASURED_NAMES = (*VELOCITY_NAMES, "h", "p", "w")
 """The commands that are measured at all times, in the order of the columns of a record; f and l take whole steps."""
-COMMAND_SIGNS = np.array([-1.0 if name in ("v_y", "omega", "w") else 1.0 for name in COMMAND_NAMES])  # of a reflection
+COMMAND_SIGNS = np.array([-1.0 if name in ("v_y", "omega", "w") else 1.0 for name in COMMAND_NAMES])  # in a mirror
 # [m Hz^2], largest l f^2: the reaction of a swing grows with it, and the narrow feet cannot hold more.
 SWING_REACTION = 1.9
 
@@ -46,11 +46,11 @@ _PAPER = {
 _GROWTH = {"v_x": 0.5, "v_y": 0.5, "l": 1.0, "h": 1.0}
 
 
-@functools.lru_cache(maxsize=64)  # the robots of an evaluation may be drawn
+@functools.lru_cache(maxsize=64)  # an evaluation may draw robots at random
 def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, CommandRange]:
     """Return the ranges of the eight commands in a gait, by name.
 
-    One that does not travel has zero velocities only. In hops, the paper commands velocities and height alone.
+    A gait that does not travel has zero velocities only. In hops, the paper commands velocities and height alone.
 
     Args:
         gait: the gait.
@@ -73,7 +73,7 @@ def command_ranges(gait: Gait, robot: Robot | None = None) -> Mapping[str, Comma
 
 
 def highest_swing(robot: Robot) -> float:
-    """Return the highest l that knee and ankle of a robot allow at h = 0 [m]; a squat takes away what it lowers."""
+    """Return the highest l that a robot's legs allow at h = 0 [m]: the paper's, scaled. A squat takes -h from it."""
     return _scaled(robot, "l")["finishing"][1]
 
 
@@ -160,7 +160,7 @@ class Command:
         return dataclasses.replace(default_command(gait, robot), **values)
 
     def validate(self, robot: Robot | None = None) -> "Command":
-        """Return this command if every value is finite and within the gait's finishing range, for a robot."""
+        """Return this command; raise a `CommandError` if a value is outside the gait's finishing range."""
         for name, limits in command_ranges(self.gait, robot).items():
             value = getattr(self, name)
             low, high = limits.finishing

@@ -47,7 +47,7 @@ class JointCommand:
 
     @functools.cached_property
     def is_finite(self) -> bool:
-        """Whether all five vectors hold finite numbers only."""
+        """Whether all numbers are finite and can be squared."""
         together = np.concatenate((self.q, self.dq, self.kp, self.kd, self.tau))
         return math.isfinite(together.dot(together))  # squares do not cancel
 
@@ -143,7 +143,7 @@ class UpperBody:
         return bool(self.mask.any())
 
 
-_LARGEST_SQUARE = 1e12  # beyond it, the torques of such targets overflow
+_LARGEST_SQUARE = 1e12  # sum of the squares of all numbers; larger ones are no targets
 _JOINT_VECTORS: dict[str, Shape] = {field.name: JOINTS for field in dataclasses.fields(JointCommand)}
 _OPTIONAL = ("ddq", "tau", "kp", "kd")
 _ARM_NUMBERS: dict[str, Shape] = dict.fromkeys(("q", "dq", *_OPTIONAL), JOINTS)

@@ -12,8 +12,8 @@ import numpy as np
 from hugwbc import rotations
 from hugwbc.errors import ModelError
 
-_SOLE_DEPTH = 0.01  # [m], of the foot's lowest part that counts as its sole
-_TILTED = 5.0  # [degrees], of a box in the foot, above which it is no sole in the link's axes
+_SOLE_DEPTH = 0.01  # [m], height of the foot's lowest part, which counts as its sole
+_TILTED = 5.0  # [degrees], tilt of a box in the foot above which its sole is not level with the link's axes
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))  # of a cube
 _SHAPES = mujoco.mjtGeom
 _LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
@@ -24,7 +24,7 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
     """Return the rows `joints` and `links` of a published URDF or MJCF, and its `frames`: sites and fixed links.
 
     `coupled` has the names of joints that follow another one, and of those that they follow. Fixed links count as parts
-    of those that carry them. Meshes and textures are not read.
+    of those that carry them. Meshes and textures are not read. A description of another form raises a `ModelError`.
     """
     spec, root = _spec(file), ET.parse(file).getroot()  # noqa: S314  the user's
     if root.tag == "mujoco" and spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
@@ -97,14 +97,14 @@ def read_description(file: pathlib.Path) -> dict[str, Any]:
 
 
 def _roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:
-    """Return URDF's angles of a rotation [rad]; with a pitch of a right angle, any yaw will do and roll fits to it."""
+    """Return a rotation as URDF's roll, pitch, yaw [rad]; with a pitch of 90 degrees, yaw is free and roll fits it."""
     yaw = float(rotations.yaw_of(quaternion))
     axes = rotations.rotation_z(-yaw) @ rotations.to_matrix(quaternion)
     return [math.atan2(-axes[1, 2], axes[1, 1]), math.atan2(-axes[2, 0], axes[0, 0]), yaw]
 
 
 def _effort(model: mujoco.MjModel, j: int) -> float:
-    """Return what a joint or its actuator limits its torque to [N m]; 0 if neither does."""
+    """Return the torque limit of a joint, the least of its own and those of its actuators [N m]; 0 if none."""
     limits = [float(model.jnt_actfrcrange[j, 1])]
     for i in np.flatnonzero((model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == j)):
         gear = abs(float(model.actuator_gear[i, 0]))
@@ -138,13 +138,13 @@ def _spec(file: pathlib.Path) -> mujoco.MjSpec:
 
 
 def _keep(spec: mujoco.MjSpec, kept: list[mujoco.MjsGeom]) -> None:
-    """Remove all shapes but these, and what may need the others."""
+    """Remove all shapes but those to keep, and everything that may refer to the others."""
     used = {geom.meshname for geom in kept}
     shapes = [geom for geom in spec.geoms if geom not in kept]
     meshes = [mesh for mesh in spec.meshes if mesh.name not in used]
     for part in (*spec.geoms, *spec.sites, *spec.tendons):
         part.material = ""
-    looks = (*spec.materials, *spec.textures)  # whose files may be missing as those of the meshes
+    looks = (*spec.materials, *spec.textures)  # whose files may be missing, too
     for part in (*shapes, *meshes, *looks, *spec.keys, *spec.sensors, *spec.excludes, *spec.pairs):
         spec.delete(part)
 
@@ -162,7 +162,7 @@ def _compile(spec: mujoco.MjSpec, file: pathlib.Path) -> mujoco.MjModel:
 
 
 def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
-    """Return extent and height of the lowest part of a foot's shapes in a description, to a millimetre [m]."""
+    """Return the lowest part of a foot's shapes: x and y ranges and least z in its link, to a millimetre [m]."""
     spec = _spec(file)
     _keep(spec, [geom for geom in spec.geoms if _carrier(geom.parent).name == foot])
     spec.compiler.fusestatic = True
@@ -194,9 +194,9 @@ def measure_sole(file: pathlib.Path, foot: str) -> dict[str, Any]:
 
 
 def _mesh(file: pathlib.Path, wanted: pathlib.Path) -> pathlib.Path | None:
-    """Return where a mesh of a description is: as it says, or below its folder, with as much of its path as there is.
+    """Return the path of a mesh: as the description says, or else the best match below its folder.
 
-    None if it is nowhere.
+    The best match shares most of the path from its end. None if there is no file of that name.
     """
     if (direct := file.parent / wanted).is_file():
         return direct.resolve()
@@ -215,12 +215,12 @@ def _mesh(file: pathlib.Path, wanted: pathlib.Path) -> pathlib.Path | None:
 
 
 def _carrier(body: mujoco.MjsBody) -> mujoco.MjsBody:
-    """Return the body that carries another one, which is a part of it: the next one above that a joint moves."""
+    """Return the body itself if a joint moves it, else the next one above that a joint moves."""
     return body if body.joints or not body.parent else _carrier(body.parent)
 
 
 def outline(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the vertices of a mesh, or the corners around another shape, in its own frame [m], shape (n, 3)."""
+    """Return the vertices of a mesh, or the corners of the box around another shape, in its frame [m], (n, 3)."""
     if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
         first, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
         return model.mesh_vert[first : first + count]
@@ -235,7 +235,7 @@ def _cloud(model: mujoco.MjModel, geom: int) -> np.ndarray:
 def _lowest(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return the points of a shape that can touch a floor, in its body's frame [m], shape (n, 3).
 
-    A ball and a capsule touch it below their middles, however wide they are.
+    A ball and the ends of a capsule touch a floor only below their centres, however wide they are.
     """
     kind = _SHAPES(int(model.geom_type[geom]))
     if kind not in (_SHAPES.mjGEOM_SPHERE, _SHAPES.mjGEOM_CAPSULE):
@@ -246,7 +246,7 @@ def _lowest(model: mujoco.MjModel, geom: int) -> np.ndarray:
 
 
 def collision_boxes(file: pathlib.Path) -> dict[str, dict[str, list[float]]]:
-    """Return the box around the collision shapes of each link, in its frame [m], where none of them is a mesh."""
+    """Return the box around each link's collision shapes, in its frame [m], if each shape is one of `_SIMPLE`."""
     spec = _spec(file)
     shapes = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     simple = [geom for geom in shapes if geom.type in _SIMPLE and not geom.meshname]

@@ -20,7 +20,7 @@ class HugwbcError(Exception):
 
 
 class UnknownNameError(HugwbcError):
-    """A name of a joint, gait, command, script, controller or policy that does not exist."""
+    """A name that does not exist, such as one of a joint, gait, command, script, controller or policy."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str], *, at: tuple[str | int, ...] = ()) -> None:
         names, name = list(valid), name if len(str(name)) <= _LONGEST_NAME else f"{str(name)[:_LONGEST_NAME]}..."
@@ -41,11 +41,11 @@ class UnknownObjectError(UnknownNameError, KeyError):
 
 
 class CommandError(HugwbcError):
-    """A command that is not finite, or lies outside the range of its gait."""
+    """A command that is no finite number, or lies outside the range of its gait."""
 
 
 class TargetError(HugwbcError):
-    """A hand or arm target that is not finite or has the wrong shape."""
+    """A target, path or force of the hands or arms that is malformed, out of range, or that an arm cannot follow."""
 
 
 class PolicyFileError(HugwbcError):
@@ -78,7 +78,7 @@ class DeploymentError(HugwbcError):
 
 @contextlib.contextmanager
 def needing(extra: str, what: str) -> Iterator[None]:
-    """Say of an import that fails which extra of this package brings it; `what` is the subject of the message."""
+    """Turn a failed import into a `ConfigError` that names the extra to install; `what` is its subject."""
     try:
         yield
     except ImportError as error:

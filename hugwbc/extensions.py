@@ -63,7 +63,7 @@ def names_object(words: str) -> bool:
 
 
 def load_object(words: str, kind: str) -> Any:  # noqa: ANN401  whatever the file holds
-    """Run a Python file, once in a process, and return what `FILE.py:NAME` names; the kind is a word for messages."""
+    """Run a Python file (`run_file`), and return what `FILE.py:NAME` names; the kind is a word for messages."""
     path, name = split_object(words)
     module = run_file(path, kind)
     if name not in vars(module):
@@ -86,7 +86,7 @@ def run_file(path: pathlib.Path, kind: str) -> types.ModuleType:
     except OSError as error:
         raise ConfigError(f"there is no file {path}; give the path of the Python file with the {kind}") from error
     key = (path.resolve(), code)
-    # What it read when it ran may have changed since.
+    # A file that it read when it ran may have changed since.
     if key not in _ran or any(digest_of(name) != was for name, was in _ran[key][1].items()):
         _ran[key] = _run(*key)
     note_code(path)
@@ -103,7 +103,7 @@ def note_code(path: pathlib.Path) -> None:
 def code_of(path: pathlib.Path) -> list[pathlib.Path]:
     """Return a Python file, and the modules that it and these import, but for those of installed packages."""
     finder = modulefinder.ModuleFinder([folder for folder in sys.path if is_own(folder)], excludes=["hugwbc"])
-    with contextlib.suppress(SyntaxError, ValueError):  # whoever runs it says so
+    with contextlib.suppress(SyntaxError, ValueError):  # running the file reports the error
         finder.run_script(str(path))
     found = {module.__file__ for module in finder.modules.values() if module.__file__} - {str(path)}
     return [path, *map(pathlib.Path, sorted(found))]
@@ -111,7 +111,7 @@ def code_of(path: pathlib.Path) -> list[pathlib.Path]:
 
 def source_of(entry: EntryPoint) -> pathlib.Path | None:
     """Return the Python file of an entry point's module; None if it has none."""
-    with contextlib.suppress(ImportError, ValueError):  # whoever loads it says so
+    with contextlib.suppress(ImportError, ValueError):  # loading the entry reports the error
         spec = importlib.util.find_spec(entry.module)
         if spec is not None and spec.origin is not None and spec.origin.endswith(SUFFIX):
             return pathlib.Path(spec.origin)

@@ -58,7 +58,7 @@ def write_whole(path: str | pathlib.Path, content: bytes | str) -> None:
 
 @contextlib.contextmanager
 def writing(path: str | pathlib.Path) -> Iterator[None]:
-    """Say of an error in writing a file or a folder what can be done about it."""
+    """Turn an `OSError` in writing a file or a folder into a `ConfigError` that says what to do."""
     try:
         yield
     except OSError as error:
@@ -67,7 +67,7 @@ def writing(path: str | pathlib.Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def sole_writer(folder: pathlib.Path) -> Iterator[None]:
-    """Keep other processes from writing to the same folder, which is made; a killed process leaves no lock behind."""
+    """Create a folder and keep other processes from writing to it; a killed process leaves no lock behind."""
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         file = (folder / LOCK).open("a")
@@ -101,7 +101,7 @@ def read_file(path: pathlib.Path, largest: int) -> bytes:
 
 @contextlib.contextmanager
 def noting() -> Iterator[dict[str, str]]:
-    """Collect the user's files that this thread reads meanwhile, with their digests, which are there at the end.
+    """Collect the user's files that this thread reads meanwhile, with their digests; the mapping is filled at the end.
 
     Whatever Python opens counts, and what libraries in other languages read if their callers `note` it.
     """

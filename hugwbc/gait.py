@@ -4,7 +4,7 @@ A foot stands in the first half of its cycle and swings in the second. With a st
 homogenised phase (bar phi) is the phase itself.
 
 Functions of arrays take NumPy arrays or torch tensors and return the same kind, so that the training environment, the
-`qp` controller and the evaluation share one definition. The last axis of a phase array is (left, right).
+`qp` controller and the evaluation share one definition. The last axis of the phases of feet is (left, right).
 """
 
 import enum
@@ -28,7 +28,7 @@ _BOUNCING = (1.0, 10.0)  # [Hz], range of the frequencies of `bounce`, so that a
 
 
 class Gait(enum.IntEnum):
-    """The paper's gaits, with hopping split by the leg that hops: a row of numbers and properties each.
+    """The paper's gaits, with hopping split by the leg that hops; each has a number and the properties below.
 
     Attributes:
         feet: which feet step, 0 for the left and 1 for the right one; the other leg of a hop is held up.
@@ -76,7 +76,7 @@ class Gait(enum.IntEnum):
             raise UnknownNameError("gait", label, [gait.label for gait in cls]) from None
 
     def mirrored(self) -> "Gait":
-        """Return the gait seen in a mirror, at a phase that is ahead by the offset: a hop changes legs."""
+        """Return the gait seen in a mirror, whose common phase is ahead by `offset`; a hop changes legs."""
         image = tuple(sorted(1 - foot for foot in self.feet)), -self.offset % 1.0, self.flight, self.travels
         rows = ((gait, (gait.feet, gait.offset, gait.flight, gait.travels)) for gait in (self, *Gait))
         return next((gait for gait, row in rows if row == image), self)
@@ -179,10 +179,10 @@ def swing_height(phase: Array, height: Array) -> Array:
 
 
 def bounce(phase: Array, gait: Array, frequency: Array) -> tuple[Array, Array]:
-    """Return height [m] and speed [m/s] of the vertical path of a body that flies when its gait's clock says so.
+    """Return height [m] and speed [m/s] of the vertical path of a body that flies in the swing half of the cycle.
 
-    A free fall in the flight, and the same parabola upside down in the stance, with constant force. Both last half a
-    cycle, so that the height is zero on average, at touch-down and at lift-off. Zero in gaits without a flight.
+    In flight the path is a free fall; in stance, with constant force, it is the same parabola upside down. Both last
+    half a cycle, so that the height is zero on average, at touch-down and at lift-off. Without a flight both are zero.
 
     Args:
         phase: common phase in [0, 1), shape (n,).

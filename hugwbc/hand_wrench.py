@@ -1,4 +1,4 @@
-"""What acts on the hands from outside: one object with one sign from a hand target to the torques of the arms."""
+"""What acts on the hands from outside, with the same signs from a hand target to the torques of the arms."""
 
 import dataclasses
 import math
@@ -29,9 +29,9 @@ class HandWrench:
     (`UpperBody`), of the world.
 
     Attributes:
-        force: on the left and the right hand [N], shape (2, 3). Along its force a hand gives way, across it holds its
-            position; 0 for a hand that only goes to its target. Two opposite forces squeeze an object: the hands then
-            give way against each other, and hold their middle.
+        force: on the left and the right hand [N], shape (2, 3). A hand gives way along its force and holds its
+            position across it; 0 for a hand that only goes to its target. Two opposite forces squeeze an object: the
+            hands then give way against each other, and hold their middle.
         payload: mass in the left and the right hand [kg], shape (2,); None if it is not known.
         stiffness: of both hands, as springs between them and their targets [N/m]; None for the servo's own.
     """
@@ -47,7 +47,7 @@ class HandWrench:
     def of(
         cls, left: object = None, right: object = None, payload: object = None, stiffness: object = None
     ) -> "HandWrench":
-        """Return a checked wrench from the forces on the left and the right hand [N], shape (3,), and the rest."""
+        """Return a wrench from the force on each hand [N], shape (3,); raise a `TargetError` outside the ranges."""
         if left is right is payload is stiffness is None:
             return FREE
         forces = [

@@ -70,8 +70,8 @@ def in_place(indices: np.ndarray) -> slice | np.ndarray:
 class Kinematics:
     """Frames, centre of mass and measured commands at one state.
 
-    `update` computes everything once; the other methods read it. Frames are those of the URDF: every link, and
-    `left_sole`, `left_toe`, `left_heel`, `left_hand` (right likewise) and `imu`.
+    `update` computes the frames once; the methods that return values read them. Frames are those of the URDF: every
+    link, `left_sole`, `left_toe`, `left_heel`, `left_hand`, the same four on the right, and `imu`.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -151,7 +151,7 @@ class Kinematics:
         return pin.centerOfMass(self.model, self.data, self.q).copy()
 
     def measured(self, ground_height: float = 0.0, sole_ground: tuple[float, float] | None = None) -> Measured:
-        """Return the commanded quantities as measured at the updated state.
+        """Return the commanded quantities at the updated state, which needs a position and a velocity.
 
         Args:
             ground_height: height of the ground below the pelvis [m].

@@ -12,7 +12,7 @@ import numpy as np
 Record = TypeVar("Record")
 U = TypeVar("U")
 Array = Any  # a NumPy array or a torch tensor
-Place = Callable[[np.ndarray], Array]  # what makes constants arrays of the kind, and on the device, of the arguments
+Place = Callable[[np.ndarray], Array]  # turns a constant into an array of the kind and device of the arguments
 Shape = tuple[int, ...]
 JOINTS: Shape = (-1,)
 """One number for each joint: the fields of a record that have this shape agree in their length, whatever it is."""
@@ -20,7 +20,7 @@ _FLOAT = np.dtype(float)
 
 
 def floats(value: Any, shape: Shape) -> np.ndarray | None:  # noqa: ANN401  whatever arrives
-    """Return a value as an array of floats; None if it is none of that shape, or does not fit into floats.
+    """Return a value as an array of floats; None if it has another shape, or does not fit into floats.
 
     An array of floats is returned as it is. Texts and truth values are no numbers. Never raises.
     """
@@ -30,7 +30,7 @@ def floats(value: Any, shape: Shape) -> np.ndarray | None:  # noqa: ANN401  what
 
 
 def flags(value: Any, shape: Shape) -> np.ndarray | None:  # noqa: ANN401  whatever arrives
-    """Return a value as an array of truth values, likewise; numbers count as true unless they are 0."""
+    """Return a value as an array of truth values; None if its shape or kind differs. 0 is false."""
     if type(value) is np.ndarray and value.dtype == bool and value.shape == shape:
         return value
     return _array(value, shape, "biuf", bool)
@@ -65,7 +65,7 @@ def number(value: Any) -> float | None:  # noqa: ANN401  whatever arrives
 
 
 def changed(record: Record, **fields: Any) -> Record:  # noqa: ANN401  whatever the fields are
-    """Return a copy of a dataclass's instance with other fields: `dataclasses.replace` in a quarter of its time."""
+    """Return a copy of a dataclass's instance with other fields, of a class without keyword-only fields."""
     kind: Any = type(record)
     now = vars(record)  # may hold more, such as cached properties
     return kind(**{name: fields[name] if name in fields else now[name] for name in kind.__match_args__})
@@ -83,9 +83,9 @@ def _length(value: Any) -> int:  # noqa: ANN401  whatever arrives
 
 
 def keep_floats(record: object, shapes: Mapping[str, Shape], optional: Collection[str] = ()) -> None:
-    """Convert the fields of a frozen dataclass to floats of their shapes; what is none becomes NaN, to be noticed.
+    """Convert the fields of a frozen dataclass to floats of their shapes; what cannot be converted becomes NaN.
 
-    None stays where it is optional. Of vectors of joints, the longest tells how many joints there are.
+    None stays in an optional field. The longest vector of joints tells how many joints there are.
     """
     fields = record.__dict__
     vectors = [fields[name] for name in shapes if shapes[name] is JOINTS and fields[name] is not None]
@@ -142,7 +142,7 @@ def minimum_jerk(u: U, distance: U | float = 1.0) -> U:
 
 
 def smooth_step(u: float) -> float:
-    """Return s(u), and 0 before u = 0 and 1 after u = 1."""
+    """Return s(u) of `minimum_jerk`, with 0 before u = 0 and 1 after u = 1."""
     return minimum_jerk(min(max(u, 0.0), 1.0))
 
 

@@ -74,8 +74,8 @@ class Robot:
         upper_arm: distance from the shoulder roll joint to the elbow [m].
         forearm: distance from the elbow to the hand [m].
         hands: origins of the hand frames in the hand links' frames [m], shape (2, 3).
-        hand_tip: distance from the hand frame to the end of the hand, along its x axis [m].
-        hand_half_width: distance from the hand frame to the side of the hand [m].
+        hand_tip: distance from the hand frame ahead to the end of the hand, about along the forearm [m].
+        hand_half_width: distance from the hand frame to the farther side of the hand [m].
         leg_postures: named postures of a leg [rad], in the order of `legs`.
         arm_postures: named postures of the left arm [rad], in the order of `arms`.
         arm_kp, arm_kd: gains of the arms under external control [N*m/rad], [N*m*s/rad], shape (arm joints,).
@@ -160,7 +160,7 @@ class Robot:
         once, so that noise of a speed around zero does not become chatter of the torque.
 
         Args:
-            velocity: joint speeds [rad/s], shape (n,).
+            velocity: joint speeds [rad/s], shape (..., n).
         """
         return self.friction * np.tanh(velocity / FRICTION_SPEED) + self.viscous * velocity
 
@@ -172,7 +172,7 @@ class Robot:
             raise UnknownNameError("joint", name, self.joint_names) from None
 
     def indices(self, names: Sequence[str]) -> np.ndarray:
-        """Return the positions of several joints in every joint vector, shape (n,)."""
+        """Return the positions of several joints in every joint vector, shape (len(names),)."""
         return np.array([self.index(name) for name in names])
 
     def pair(self, part: str) -> np.ndarray:
@@ -203,7 +203,7 @@ class Robot:
 
     @functools.cached_property
     def held(self) -> np.ndarray:
-        """Indices of the joints in no chain, which hold their nominal positions, shape (n,)."""
+        """Indices of the joints of neither legs, waist nor arms, which hold their nominal positions, shape (m,)."""
         return np.setdiff1d(np.arange(len(self.joint_names)), np.r_[self.legs, self.waist, self.arms])
 
     @functools.cached_property
@@ -243,7 +243,7 @@ class Robot:
 
 
 def _from_the_side(way: np.ndarray, joints: Joints, link: str, roles: Mapping[str, Any]) -> list[float]:
-    """Return a way in a link's frame without its part along the base's y axis, with all joints at 0 [m]."""
+    """Return a vector of a link's frame without its part along the base's y axis, with all joints at 0 [m]."""
     aside = placement(joints, link, roles["base"])[1][1]
     return (way - (way @ aside) * aside).tolist()
 
@@ -256,8 +256,8 @@ def load_robot(name: str = DEFAULT_ROBOT) -> Robot:
             path of a table of your own, NAME/NAME.yaml, or of its folder. NAME.xml and NAME.urdf are written beside it.
 
     Raises:
-        ModelError: if the table or one of its fields is missing, or a table of your own is implausible.
-        UnknownNameError: if there is no such robot.
+        ModelError: if the table is malformed or incomplete, or a table of your own is implausible.
+        UnknownNameError: if there is no such robot, or its table names a joint, link or frame that it lacks.
     """
     return _load_robot(name if name in robot_names() else str(table_file(name)))
 
@@ -362,8 +362,8 @@ def _robot_of(name: str, table: Mapping[str, Any], file: pathlib.Path) -> Robot:
 def _hand_size(table: Mapping[str, Any], elbow: str) -> tuple[float, float]:
     """Return how far the left hand reaches ahead of its frame, and to its side [m]; 0 without a collision shape.
 
-    Ahead is the axis of the hand's link that is nearest to the forearm's with all joints at 0, from the elbow's link to
-    the hand; the side is that of the others which is nearest to the base's y.
+    With all joints at 0, ahead is the axis of the hand's link that is nearest to the line from the elbow to the hand;
+    the side is that one of its other two axes that is nearest to the base's y axis.
     """
     joints, hand, place = table["joints"], table["roles"]["hand"], table["hand"]["xyz"]
     box = next((link.get("collision_box") for link in table["links"] if link["name"] == hand), None)
@@ -386,7 +386,7 @@ def on_both_sides(place: Sequence[float]) -> np.ndarray:
 
 
 def _ranges(command: str, ranges: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
-    """Return a table's own ranges of a command."""
+    """Return a table's own ranges of a command, checked."""
     checked, least = {}, 0.0 if command in ("f", "l") else -math.inf
     for kind, (low, high) in ranges.items():
         speed = command in ("v_x", "v_y", "omega")

@@ -18,8 +18,8 @@ _SAME = ("effort", "velocity", "armature", "kp", "kd")  # of the left and the ri
 # Axes of legs and waist in the base's frame, by part; the others turn about y.
 _AXES = {"hip_roll": "x", "ankle_roll": "x", "hip_yaw": "z", "yaw": "z"}
 _EXACT = 1e-13  # rounding of the moments of a flat body
-_ALONG = 0.8  # part of an axis along its own
-_TILTED = 12.0  # [degrees], from which on an axis that is along its own enough is named
+_ALONG = 0.8  # least part of a joint's axis along the one that its role asks for
+_TILTED = 12.0  # [degrees], above which the tilt of an axis is named that is within `_ALONG`
 # [degrees], of frames with all joints at 0: of the shanks, whose lean tells what the ankle has to make up for, and of
 # the trunk that carries the IMU, whose attitude becomes the base's.
 _LEANING, _TURNED_TRUNK = 12.0, 2.0
@@ -31,9 +31,9 @@ _TURNED = 0.01  # [rad], likewise of ranges and nominal positions
 _ASKEW = 5.0  # [degrees], likewise of the frames of links
 _LIGHTER, _SHIFTED = 0.05, 0.02  # of a link's mass, and of its centre of mass [m], likewise
 _MOST_TURNS = 2.0  # from 0 to an end of a range; more are degrees
-_STRAIGHT = 0.99  # of the length of straight legs, in which their knees cannot be controlled
-_FOREARM = 0.3  # least part of the upper arm, from the elbow to the hand
-_STRONGEST = 3.0  # times the weight on a lever of a leg's length; an H1's and a G1's knees give 0.7 of it
+_STRAIGHT = 0.99  # share of the length of straight legs beyond which the knees cannot be controlled
+_FOREARM = 0.3  # least distance from the elbow to the hand, as a part of the upper arm
+_STRONGEST = 3.0  # times the torque of the weight on a lever of a leg's length; the knees of H1 and G1 give 0.6 and 0.7
 
 
 def problems(name: str) -> list[str]:
@@ -50,7 +50,7 @@ def table_problems(table: Mapping[str, Any]) -> list[str]:
 
 
 def tilted_axes(table: Mapping[str, Any]) -> Iterator[str]:
-    """Say which joints of legs and waist turn aside of their roles' axes, though not too far."""
+    """Say which axes of legs and waist are tilted by more than `_TILTED` from those that their roles ask for."""
     for part, name, axis, wanted in _axes(table):
         if (tilt := math.degrees(math.acos(min(axis["xyz".index(wanted)], 1.0)))) > _TILTED:
             yield f"{name} ({part}) {tilt:.0f} degrees from +{wanted}"
@@ -150,7 +150,7 @@ def _chain(table: Mapping[str, Any], link: str, top: str) -> list[str] | None:
 
 
 def _leg_frames(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check the frames in which thigh and shank are measured: across y, and, of the shank, from how it leans."""
+    """Check the frames that thigh and shank are measured in: joints turn about y, and the shank's is not tilted."""
     roles, joints = table["roles"], {joint["name"]: joint for joint in table["joints"]}
     for part in ("hip_pitch", "knee"):
         for joint in (joints[side(roles["leg"][part])] for side in (str, other_side)):
@@ -182,7 +182,7 @@ def _bodies(table: Mapping[str, Any]) -> Iterator[str]:
 
 def _drives(table: Mapping[str, Any]) -> Iterator[str]:
     for field in _ABOVE_ZERO:
-        # Right joints follow from left ones.
+        # A right joint takes its figures from the left one, so that only the left one is named.
         source = _FOLLOWS.get(field, field)
         follows = source != field and not all(joint[source] > 0.0 for joint in table["joints"])
         lacking = [] if follows else [joint["name"] for joint in table["joints"] if not joint[field] > 0.0]
@@ -257,7 +257,7 @@ def _angle(turn: np.ndarray) -> float:
 
 
 def _apart(table: Mapping[str, Any], joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:
-    """Return how far a joint's axis is from the mirror image of the other one, with all joints at 0 [m]."""
+    """Return the distance of a joint's axis from the mirror image of the other joint's origin, joints at 0 [m]."""
     place, axes = placement(table["joints"], joint["child"], table["roles"]["base"])
     image = _MIRROR * placement(table["joints"], other["child"], table["roles"]["base"])[0]
     return float(np.linalg.norm(np.cross(axes @ joint["axis"], image - place)))
@@ -339,7 +339,7 @@ def _stance(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that hands are no elbows, and that gains and postures have a number for each joint, in its range."""
+    """Check that hands are away from elbows, and that gains and postures have a valid number for each joint."""
     ranges = {joint["name"]: joint["range"] for joint in table["joints"]}
     roles, child = table["roles"], {joint["name"]: joint["child"] for joint in table["joints"]}
     arm = [(child[roles["arm"][part]], (0.0, 0.0, 0.0)) for part in ("shoulder_roll", "elbow")]
@@ -369,7 +369,7 @@ def _limbs(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that shapes have an extent, that boxes end above the soles, and that pairs that collide have some."""
+    """Check that shapes have an extent, that boxes end above the soles, and that collision pairs have shapes."""
     roles, q = table["roles"], {joint["name"]: joint["nominal"] for joint in table["joints"]}
     for link in table["links"]:
         name, box = link["name"], link.get("collision_box")
@@ -402,7 +402,7 @@ def _shapes(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _motors(table: Mapping[str, Any]) -> Iterator[str]:
-    """Check that the messages' motor slots have each joint once."""
+    """Check that each joint has one motor slot in the messages."""
     if (interface := table.get("interface")) is None:
         return
     motors, modes = interface["motors"], interface["modes"]

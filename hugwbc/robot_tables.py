@@ -34,7 +34,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def _tables() -> dict[str, pathlib.Path]:
-    """Return the file that describes each robot: NAME/NAME.yaml has NAME, and others as lists of differences."""
+    """Return the file of each robot: NAME/NAME.yaml has NAME, and others by their differences, under `robots`."""
     files = sorted(path for path in models_dir().glob("*/*.yaml") if path.stem == path.parent.name)
     files.sort(key=lambda path: path.stem != DEFAULT_ROBOT)
     return {name: path for path in files for name in (path.stem, *_read_table(path).get("robots", ()))}
@@ -52,7 +52,7 @@ def table_file(name: str) -> pathlib.Path:
 
 
 def robot_table(name: str = DEFAULT_ROBOT) -> dict[str, Any]:
-    """Return the table of a robot (`load_robot`): with its description, its differences, its drives at their joints."""
+    """Return the table of a robot (`load_robot`), completed: description, differences and drives are applied."""
     return copy.deepcopy(_robot_table(name))
 
 
@@ -91,7 +91,7 @@ def _read_table(path: pathlib.Path) -> dict[str, Any]:
 
 
 def _assign_drives(table: dict[str, Any], corrected: Mapping[str, Any]) -> None:
-    """Copy the figures of the drives to their joints, but those that a joint or its left one is given by itself."""
+    """Copy the figures of the drives to their joints, except those that `joints` gives for a joint or its partner."""
     named = [part for drive in table["drives"] for part in drive["joints"]]
     names = [joint["name"] for joint in table["joints"]]
     for part in named:

@@ -1,4 +1,4 @@
-"""Quaternions (w, x, y, z) and rotation matrices, with NumPy only."""
+"""Quaternions (w, x, y, z) and rotation matrices as NumPy arrays; `cross` takes torch tensors, too."""
 
 import math
 from typing import Any
@@ -94,7 +94,7 @@ def to_matrix(quaternion: np.ndarray) -> np.ndarray:
 
 
 def from_matrix(matrix: np.ndarray) -> np.ndarray:
-    """Return the unit quaternion of a rotation matrix (3, 3), as the largest eigenvector of Bar-Itzhack's matrix."""
+    """Return the unit quaternion of a rotation matrix (3, 3), the main eigenvector of Bar-Itzhack's matrix (2000)."""
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     symmetric = np.array(
         [

@@ -92,7 +92,7 @@ def not_default(options: Any, without: Collection[str] = ()) -> str:  # noqa: AN
 
 
 def check_each_once(kind: str, names: Sequence[str]) -> None:
-    """Refuse no name at all, and the same name twice; the kind is for the message, such as "tasks"."""
+    """Refuse an empty list, and a name that is given twice; the kind is for the message, such as "tasks"."""
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"{kind} are {', '.join(names) or 'none'}; give at least one, each once")
 

@@ -10,7 +10,7 @@ from hugwbc import rotations
 from hugwbc.numeric import JOINTS, Shape, keep_floats
 
 GRAVITY = 9.81  # [m/s^2]
-_LARGEST_SQUARE = 1e12  # sum of the squares of a usable state's numbers: beyond it, products overflow
+_LARGEST_SQUARE = 1e12  # sum of the squares of a usable state's numbers: larger ones are no readings
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class RobotState:
 
     @functools.cached_property
     def is_usable(self) -> bool:
-        """Whether the state is finite, of a size that can be squared, and its orientation a unit quaternion to 5 %.
+        """Whether the state is finite, not absurdly large, and its orientation a unit quaternion to 5 %.
 
         A broken IMU may send zeros.
         """

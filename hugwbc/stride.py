@@ -28,8 +28,8 @@ class MidStance:
     """Tells in which tick of each stride the left foot is in the middle of its stance.
 
     A learned policy that is told to stand puts a foot ahead or aside first, and turns by up to 0.2 rad. If it is always
-    told in the same moment of a stride, it always moves likewise; and it hardly turns if a foot is in the middle of its
-    swing.
+    told in the same moment of a stride, it always moves the same way, and it hardly turns if a foot is in the middle
+    of its swing.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class MidStance:
         self._told = False  # whether this stance has been told
 
     def __call__(self, time: float, force: np.ndarray | None, stride: float) -> bool:
-        """Return whether it is now, in a tick of a walk.
+        """Return whether this tick of a walk is that moment.
 
         Where the forces on the feet are not known, or the feet have not taken turns for a stride, any moment is right.
 

@@ -24,13 +24,13 @@ _ARMATURE, _FRICTION, _VISCOUS, _CORNER = 2e-4, 0.02, 0.1, 0.5
 # Gains by armature: a natural frequency of 10 Hz, and twice the critical damping.
 _FREQUENCY, _DAMPING = 20.0 * math.pi, 2.0
 LEAST_ERROR = 0.05  # [rad]; a drive that gives all its torque for less is a switch
-LEAST_SPEED = 0.1  # likewise, as a part of a joint's highest speed
-# Stiffness of led arms by torque limit [1/rad], its bounds [N m/rad], and damping by stiffness [s].
+LEAST_SPEED = 0.1  # the same limit for damping: least speed for all the torque, as a part of the highest speed
+# Stiffness of arms under external control by torque limit [1/rad], its bounds [N m/rad], and damping by stiffness [s].
 _SERVO, _SERVO_KP, _SERVO_TIME = 3.5, (40.0, 140.0), 0.0375
 _SQUATS = (-0.30, -0.25, -0.20, -0.10, 0.0)  # [m], heights of the squats of a robot of `_SQUATTER` nominal height
 _SQUATTER = 0.98
 _TURNED = 2.0  # [degrees], of the IMU's frame in its link, which nothing corrects
-_ANKLE_ROOM, _LEVEL_ROOM = 0.02, 0.07  # [rad], that the ankle keeps of its range in a squat, and of a level sole
+_ANKLE_ROOM, _LEVEL_ROOM = 0.02, 0.07  # [rad], room to the ankle's limit in a squat, and with a sole kept level
 # Postures by part [rad], cut to the joints' ranges; the rest of the limb is at its nominal one.
 _TUCKED = {"hip_pitch": -1.0, "knee": 1.9, "ankle_pitch": -0.82}
 _ARMS = {
@@ -65,7 +65,7 @@ def is_left(name: str) -> bool:
 
 
 def mirrored(joint: Mapping[str, Any], other: Mapping[str, Any]) -> float:
-    """Return by what factor a joint's position is the other one's in the mirror image: an axis is an axial vector."""
+    """Return +1 or -1, the sign that a joint's position gets on its mirror image, by their axes (axial vectors)."""
     return math.copysign(1.0, float(np.dot(np.multiply([-1, 1, -1], joint["axis"]), other["axis"])))
 
 
@@ -87,6 +87,9 @@ def placement(
 
     Returns:
         Place [m], shape (3,), and the link's axes as columns, shape (3, 3).
+
+    Raises:
+        ModelError: if the link does not hang below the other one.
     """
     if link == seen_from:
         return np.array(point), np.eye(3)
@@ -113,7 +116,7 @@ def _turn(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def _image(change: Mapping[str, Any], sign: float) -> dict[str, Any]:
-    """Return the mirror image of corrections of a link or joint, whose position has this sign in the mirror image."""
+    """Return the mirror image of corrections of a link or of a joint, whose position changes by `sign` (`mirrored`)."""
     image = dict(change)
     for key, signs in {"com": (1, -1, 1), "xyz": (1, -1, 1), "rpy": (-1, 1, -1), "axis": (-sign, sign, -sign)}.items():
         if key in change:
@@ -263,9 +266,9 @@ def complete_drive(joint: dict[str, Any]) -> None:
 
 
 def _set_gains(table: dict[str, Any]) -> None:
-    """Give the joints the gains that the table does not say, for the inertia of their rotors, or what they carry.
+    """Give the joints the gains that the table does not say, for the inertia of their rotors, or of what they carry.
 
-    A joint in no role has nothing but its gains to hold what is beyond it; in the chains, the controller feeds forward.
+    A joint in no role holds what it carries by its gains alone; for the joints in roles, the controller adds torques.
     """
     joints, roles = table["joints"], table["roles"]
     q = {joint["name"]: joint["nominal"] for joint in joints}
@@ -283,10 +286,10 @@ def _set_gains(table: dict[str, Any]) -> None:
 
 
 def _carried(table: Mapping[str, Any], joint: Mapping[str, Any], q: Mapping[str, float]) -> float:
-    """Return the inertia of everything beyond a joint about its axis, with the joints at some positions [kg m^2]."""
+    """Return the inertia of all links that a joint moves about its axis, at joint positions q [rad] [kg m^2]."""
     total, axis = 0.0, np.array(joint["axis"])
     for link in table["links"]:
-        with contextlib.suppress(ModelError):  # of a link that is not beyond
+        with contextlib.suppress(ModelError):  # of a link that the joint does not move
             place, axes = placement(table["joints"], link["name"], joint["child"], link["com"], q)
             (a, b, c), arm = axes.T @ axis, np.cross(axis, place)
             turned = link["ixx"] * a * a + link["iyy"] * b * b + link["izz"] * c * c
@@ -296,7 +299,7 @@ def _carried(table: Mapping[str, Any], joint: Mapping[str, Any], q: Mapping[str,
 
 
 def _shape(table: dict[str, Any], boxes: Mapping[str, Mapping[str, list[float]]]) -> None:
-    """Give the links these boxes, or those of their inertia, to draw and to collide, where the table has no shapes."""
+    """Give links without shapes these boxes, or boxes of the links' inertia, to draw and to collide with."""
     roles, joints = table["roles"], {joint["name"]: joint for joint in table["joints"]}
     # The names of links need no side, but for feet and hands.
     knees, elbows = (
@@ -329,10 +332,10 @@ def _shape(table: dict[str, Any], boxes: Mapping[str, Mapping[str, list[float]]]
 
 
 def _squat(table: dict[str, Any]) -> dict[str, Any]:
-    """Return how far ahead of its ankles a robot squats upright with level soles, and its ankles short of their limit.
+    """Return the `squat` of a table: how far ahead of its ankles a robot squats upright with level soles.
 
-    The shank leans as far as the ankle lets it, and the thigh as far as the height demands. With all joints at 0
-    neither shank nor sole need be level with the base.
+    The shank leans until the ankle is `_ANKLE_ROOM` short of its limit, and the thigh as far as the height demands.
+    With all joints at 0, the shank need not be upright nor the sole level with the base.
     """
     roles, joints = table["roles"], table["joints"]
     by_name = {joint["name"]: joint for joint in joints}

@@ -27,7 +27,7 @@ def _left_out(form: Any, names: Iterable[str]) -> list[str]:  # noqa: ANN401  an
 
 
 def _check_whole(row: Any, label: str, kind: Any, optional: Any) -> None:  # noqa: ANN401
-    """Refuse a row that leaves out a field of a kind of rows, but for those of its base class."""
+    """Refuse a row that leaves out a field of the class `kind`, except those of the class `optional`."""
     fields, spared = ([field.name for field in dataclasses.fields(one)] for one in (kind, optional))
     needed = [name for name in fields if name not in spared]
     if lacking := _left_out(row, needed):
@@ -66,7 +66,7 @@ class Sole:
 
 @settings(kw_only=True)
 class Figures:
-    """What a drive does."""
+    """Limits, rotor inertia, friction and gains of a drive."""
 
     effort: float = _OUT
     velocity: float = _OUT
@@ -88,7 +88,7 @@ class Drive(Figures):
 
 @settings(kw_only=True)
 class JointChange(Figures):
-    """What another description says of a joint."""
+    """Corrections of a joint of a description."""
 
     xyz: Point = _OUT
     rpy: Point = _OUT
@@ -106,7 +106,7 @@ class Joint(JointChange):
     child: str
 
     def __post_init__(self) -> None:
-        """Check that nothing lacks but what its drive may say."""
+        """Check that no field is missing except those that its drive may give."""
         _check_whole(self, self.name, JointChange, Figures)
 
 
@@ -136,7 +136,7 @@ class Shapes:
 
 @settings(kw_only=True)
 class LinkChange(Shapes):
-    """What another description says of a link; its inertia is about the centre of mass, along the axes of the link."""
+    """Corrections of a link of a description; its inertia is about the centre of mass, along the axes of the link."""
 
     mass: float = _OUT
     com: Point = _OUT
@@ -155,7 +155,7 @@ class Link(LinkChange):
     name: str
 
     def __post_init__(self) -> None:
-        """Check that nothing lacks but its shapes."""
+        """Check that no field is missing except its shapes."""
         _check_whole(self, self.name, LinkChange, Shapes)
 
 
@@ -169,7 +169,7 @@ class Limits:
 
 @settings(kw_only=True)
 class Commands:
-    """Commands whose ranges are not those of a robot of this size."""
+    """Commands with ranges of their own instead of those scaled to the robot's size."""
 
     v_x: Limits = _OUT
     v_y: Limits = _OUT
@@ -183,7 +183,7 @@ class Commands:
 
 @settings(kw_only=True)
 class ArmServo:
-    """Gains of the joints of an arm that is led."""
+    """Gains of the joints of an arm under external control."""
 
     kp: list[float]
     kd: list[float]
@@ -199,7 +199,7 @@ class Squat:
     level_shank: float
 
     def __post_init__(self) -> None:
-        """Check that there is a reach for each height."""
+        """Check that there is a reach for each height, and that both ascend."""
         heights, reach = self.heights, self.reach
         if not 1 < len(heights) == len(reach) or sorted(set(heights)) != heights or sorted(reach) != reach:
             raise ConfigError(

@@ -53,9 +53,9 @@ class HandTargets:
         wrench: forces that the hands should meet, in the axes of `frame`, what they carry, and their stiffness.
         left_orientation, right_orientation: axes of the hand frame in those of `frame`, as a unit quaternion
             (w, x, y, z), shape (4,); zeros for a hand that is level, with its z axis up, whatever its heading; None
-            where it does not matter. It takes an arm with wrists (`check`).
-        orientation_weight: that of an error of the orientation, relative to 1 for that of the position [m^2/rad^2];
-            None for that of the inverse kinematics.
+            where it does not matter. An orientation needs an arm with wrists (`check`).
+        orientation_weight: weight of an error of the orientation, relative to 1 for one of the position [m^2/rad^2];
+            None for the default of the inverse kinematics (`ArmIKConfig`).
     """
 
     left: np.ndarray | None
@@ -102,7 +102,8 @@ class HandTargets:
     ) -> "HandTargets":
         """Build checked targets from sequences of three finite numbers; None for a hand without a target.
 
-        Orientations are quaternions or "level". Forces act on the hands: see `HandWrench.of`.
+        Orientations are quaternions or "level". Forces act on the hands: see `HandWrench.of`. What is not valid raises
+        a `TargetError` or, for an unknown frame, an `UnknownNameError`.
         """
         if frame not in HAND_FRAMES:
             raise UnknownNameError("hand frame", frame, HAND_FRAMES)
@@ -162,7 +163,7 @@ class HandTargets:
 
         Args:
             turn: the other frame's axes in those of this one, as columns, shape (3, 3).
-            points: the hands' places in the other frame [m], shape (2, 3); read for hands that have one.
+            points: the targets' places in the other frame [m], shape (2, 3); read for hands with a target.
             frame: its name.
         """
         places = {side: point if given else None for side, point, given in zip(SIDES, points, self.given, strict=True)}
@@ -219,7 +220,7 @@ def frame_axes(frame: str, orientation: np.ndarray) -> np.ndarray:
 
 
 def _both(check: Callable[[str, object], np.ndarray], what: str, *values: object) -> list[np.ndarray | None]:
-    """Return what is given for the left and the right hand after a check, which gets its name for the message."""
+    """Return what is given for the left and the right hand after a check, which also gets a name for its message."""
     pairs = zip(SIDES, values, strict=True)
     return [None if value is None else check(f"{side} {what}", value) for side, value in pairs]
 

@@ -16,9 +16,9 @@ from hugwbc.errors import ConfigError, one_line
 
 MOST_PARTS, DEEPEST = 20_000, 50  # values in a text, those that anchors repeat included, and levels of them
 _KINDS = ("str", "int", "float", "bool", "null", "map", "seq", "timestamp", "value", "merge")
-# YAML 1.1 wants a point and a sign, and makes text of others.
+# In a power of ten, YAML 1.1 wants a point and a sign, and takes others for text.
 _POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
-_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _KINDS}  # others would be read as if they were not there
+_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _KINDS}  # other tags would be ignored
 
 
 def read_yaml(text: str, path: pathlib.Path) -> tuple[yaml.Node, Any]:

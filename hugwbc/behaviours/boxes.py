@@ -29,8 +29,8 @@ _LOST = 0.25  # [m], from the middle of a box to the middle of the hands that ha
 _HUNG = 0.015  # [m], between a hand and the box that hangs from it
 _STRONG = 300.0  # [N], of a hook: both hold one rigid box, and press on each other
 _SHORT, _NEARER = 0.08, 0.12  # [m], by which the hands may be short of the box, and the robot come nearer for it
-_RESTS, _SLOWEST_RISE = 0.5, 4.0  # [s], that the pelvis has to rest before a walk, and after which it walks anyway
-_MOVES = 0.01  # [m], that a pelvis at rest does not move in that time
+_RESTS, _SLOWEST_RISE = 0.5, 4.0  # [s], rest of the pelvis before a walk, and time after which the robot walks anyway
+_MOVES = 0.01  # [m], largest motion of a pelvis at rest in that time
 _LET_GO = 0.10  # [m], how far the hands open
 
 
@@ -42,7 +42,7 @@ class BoxGrip:
     if they are not above its middle.
 
     Defaults and tolerances are lengths and forces of an H1. Tasks that are made for an H1 fit them to other robots;
-    elsewhere, also in a task whose scene names another robot, `hugwbc.behaviours.similar.similar` does.
+    elsewhere, also in a task whose scene names another robot, use `hugwbc.behaviours.similar.similar`.
 
     Attributes:
         width: of the box along its y axis [m].
@@ -77,14 +77,14 @@ class BoxGrip:
     ) -> Course:
         """Walk to the box, grasp it, lift it, and bring it to the chest.
 
-        A robot whose hands end far from the box, since it moves back as it crouches, stands up and comes nearer; others
-        stay, since walking knees knock at what the box stands on.
+        A robot moves back as it crouches. If its hands then end far from the box, it stands up and comes nearer;
+        otherwise it stays, since the knees of a walking robot knock at what the box stands on.
 
         Args:
             view: now.
             name: of the box.
             distance: from the pelvis to the middle of the box [m].
-            posture: standing command of the grasp; None for one by the height of the box.
+            posture: standing command of the grasp; None for one that suits the height of the box.
             height: by which the box is lifted before it comes to the chest [m].
             speed: of the lift [m/s].
             goal: where it is held, in the heading frame [m], shape (3,). The box leans with the forearms: an H1's are
@@ -114,7 +114,7 @@ class BoxGrip:
         return view
 
     def lift(self, view: View, name: Name, height: float, speed: float) -> Course:
-        """Lift the box straight up by a height [m] at a speed [m/s]; fail if it stays where it is."""
+        """Lift the box straight up by a height [m] at a speed [m/s]; fail if it does not rise."""
         last, command = view.last.hands, view.last.command
         before = seen(view, name).position[2]
         assert last is not None
@@ -152,14 +152,14 @@ class BoxGrip:
         _check_held(view, name)
         for height, speed in ((0.05, 0.12), (-0.005, 0.05)):
             box = seen(view, name)
-            # Where the hands have slipped on the box, they stay so: the box goes to the goal, and not the hands.
+            # Hands that have slipped on the box stay there relative to it: the box goes to the goal, not the hands.
             slipped = (hands_in(view, "world").mean(axis=0) - box.position) @ rotations.rotation_z(box.yaw)
             points = goal + up(height) + (self._sides(view, self.gap) * [0.0, 1.0, 0.0] + slipped) @ ahead.T
             view = yield from self._glide(view, points, yaw, posture, speed=speed, settle=0.8)
         return view
 
     def let_go(self, view: View) -> Course:
-        """Open the hands sideways, and raise them."""
+        """Open the hands sideways, then draw them back and up while the robot stands up."""
         if self.hooks:
             view = yield from grip(view, *(Grip(side, None) for side in SIDES))
         points = hands_in(view, "heading")
@@ -179,7 +179,7 @@ class BoxGrip:
         return box.position + self._sides(view, gap) @ rotations.rotation_z(box.yaw).T
 
     def _spread(self, view: View, name: str) -> Course:
-        """Stand upright, and hold the hands apart and high enough to come near with."""
+        """Stand upright, and hold the hands apart and high enough to walk up to the box."""
         height = float(seen(view, name).position[2]) + self.at[1] - _STANDING * stature(view.robot)
         points = self._sides(view, _BESIDE + 0.03) * [0.0, 1.0, 0.0] + [0.25, 0.0, max(height, 0.02)]
         return glide(view, points, posture=upright(view))
@@ -191,7 +191,7 @@ class BoxGrip:
         return glide(view, points, frame="world", speed=speed, directions=way, posture=posture, settle=0.6)
 
     def _short(self, view: View, name: str) -> float:
-        """Return how far the hands, which went beside the box, are before and above their points [m]."""
+        """Return how far the hands are behind and above their points beside the box [m]."""
         box = seen(view, name)
         left = (self._on(view, box, _BESIDE) - view.hands).mean(axis=0) @ rotations.rotation_z(box.yaw)
         return math.hypot(max(left[0], 0.0), min(left[2], 0.0))
@@ -223,7 +223,7 @@ class BoxGrip:
 
 
 def _come_up(view: View) -> Course:
-    """Wait until the pelvis rests: with a load it may come up later than it is told, and must before it walks."""
+    """Wait until the pelvis rests: a loaded robot may rise later than it is told, and must be up before it walks."""
     begin = since = view.time
     height = view.position[2]
     while view.time - since < _RESTS and view.time - begin < _SLOWEST_RISE:
@@ -249,7 +249,7 @@ def carried_at(height: float) -> np.ndarray:
     """Return where the hands carry a box, in the heading frame [m]: with level forearms, or higher if they must.
 
     Args:
-        height: over the ground that they need [m].
+        height: least height of the hands above the ground [m].
     """
     return CHEST * [1.0, 1.0, 0.0] + up(float(np.clip(height, LEVEL, _STANDING + CHEST[2])) - _STANDING)
 

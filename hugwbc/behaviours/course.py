@@ -1,7 +1,7 @@
 """What a behaviour is, and how behaviours are put together.
 
 A behaviour is a generator function. It gets what is known now, a `View`, yields an `Action` for every tick, receives
-the next view, and returns the last one. Where it cannot continue, it raises `Failure` with a reason. It never waits.
+the next view, and returns the last one. Where it cannot continue, it raises `Failure` with a reason. It must not block.
 
     def fetch(view: View) -> Course:
         view = yield from walk_to(view, before="desk")
@@ -56,7 +56,7 @@ class Failure(Exception):  # noqa: N818  an outcome, not an error of the program
     """A failed behaviour; its text is the reason.
 
     Attributes:
-        named: whether the reason says already which step failed.
+        named: whether the reason already says which step failed.
     """
 
     def __init__(self, reason: str, *, named: bool = False) -> None:
@@ -68,7 +68,7 @@ class Failure(Exception):  # noqa: N818  an outcome, not an error of the program
 def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concatenate[View, _P], Course]:
     """Make a generator function a step: check its arguments by their types, name its failures, end it at its `timeout`.
 
-    The name in reasons and tables is that of the function. A timeout [s] is an argument of that name.
+    The name in reasons and tables is that of the function. An argument `timeout` [s], if it has one, limits its time.
     """
     name = function.__name__.replace("_", " ")
     try:
@@ -84,7 +84,7 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
         if one.kind is one.VAR_KEYWORD:
             kind, default = dict[str, kind], {}
         kinds[one.name], given[one.name] = kind, default
-    # Each call has its own copy: an array or a list is no default of a dataclass.
+    # Each call gets its own copy: a dataclass refuses a list or an array as a default.
     defaults = {
         key: dataclasses.field(default_factory=functools.partial(copy.deepcopy, value))
         for key, value in given.items()
@@ -112,7 +112,7 @@ def step(function: Callable[Concatenate[View, _P], Course]) -> Callable[Concaten
 
 
 def _miss(begun: Sequence[bool], name: str) -> None:
-    """Warn of a step that is gone and has never run."""
+    """Warn of a step that was made and deleted without having run."""
     if not begun:
         words = f"a step was made but never run; write `view = yield from {name}(view, ...)`"
         warnings.warn(words, RuntimeWarning, stacklevel=3)
@@ -142,7 +142,7 @@ def _watched(name: str, view: View, start: Callable[[], Course], timeout: float,
 
 
 def doing(what: str, course: Course) -> Course:
-    """Say in words what the robot is at while a course runs, for tables and the labels of recordings."""
+    """Say in words what the robot is doing while a course runs, for tables and the labels of recordings."""
     try:
         action = next(course)
         while True:
@@ -179,7 +179,7 @@ def _advance(course: Course, view: View | None) -> Action | None:
 
 @step
 def retry(view: View, behaviour: Behaviour, times: Annotated[int, Field(ge=1)] = 3) -> Course:
-    """Try a behaviour until it succeeds, at most so many times."""
+    """Try a behaviour until it succeeds, at most `times` times."""
     for attempt in range(1, times + 1):
         course = behaviour(view)
         try:
@@ -227,7 +227,7 @@ def wait_until(
 
 
 def seen(view: View, name: str) -> SeenObject:
-    """Return an object that is seen; a behaviour fails without it."""
+    """Return an object that is seen; raise `Failure` if it is not."""
     if name not in view.objects:
         raise Failure(f"object '{name}' is not seen; there are: {', '.join(view.objects) or 'none'}")
     return view.objects[name]
@@ -240,7 +240,7 @@ def standing(view: View) -> Command:
 
 
 def upright(view: View) -> Command:
-    """Return the standing command with the defaults of the robot that plays."""
+    """Return the standing command with the defaults of the robot."""
     return default_command(Gait.STANDING, view.robot)
 
 

@@ -1,4 +1,4 @@
-"""Motions of the hands that behaviours are made of: from where the hands are to points of a frame or an object."""
+"""Motions of the hands for behaviours: from where the hands are to points of a frame or an object."""
 
 import dataclasses
 from collections.abc import Callable
@@ -127,7 +127,7 @@ def one_hand(row: int, point: np.ndarray, others: np.ndarray | None = None) -> n
 
 
 def stature(robot: Robot | None) -> float:
-    """Return the height of a robot's shoulders relative to the H1's, whose heights are above; 1 for None."""
+    """Return the height of a robot's shoulders relative to the H1's, for which `LEVEL` and others hold; 1 for None."""
     if robot is None:
         return 1.0
     height, made_for = (float(one.nominal_height + one.shoulder[2]) for one in (robot, load_robot("h1")))
@@ -162,7 +162,7 @@ def frame_of(name: str) -> HandFrame:
 
 
 def check_frame(view: View, name: str) -> None:
-    """Let a behaviour fail that names neither a frame nor an object."""
+    """Raise `Failure` if a name is neither that of a frame nor of an object that is seen."""
     if name not in HAND_FRAMES and name not in view.objects:
         names = ", ".join((*HAND_FRAMES, *view.objects))
         raise Failure(f"there is no frame or object '{name}'; there are: {names}")
@@ -214,7 +214,7 @@ def hands_in(view: View, frame: HandFrame) -> np.ndarray:
 
 
 def last_targets(view: View, frame: HandFrame) -> HandTargets:
-    """Return the last targets of the hands in a frame; none of joints, which have no places."""
+    """Return the last targets of the hands in a frame; empty ones after targets of joints, which have no places."""
     last = view.last.hands
     return HandTargets(None, None, frame) if last is None or last.joints is not None else in_frame(view, last, frame)
 
@@ -234,7 +234,7 @@ def in_frame(view: View, hands: HandTargets, frame: HandFrame) -> HandTargets:
 
 
 def held_targets(view: View) -> HandTargets:
-    """Return the last targets of the hands; a behaviour fails while the controller moves the arms."""
+    """Return the last targets of the hands; raise `Failure` if they have none."""
     hands = view.last.hands
     if hands is None or hands.joints is not None or not hands.given.any():
         raise Failure("the hands have no targets; reach or squeeze first")
@@ -247,7 +247,7 @@ def shifted(hands: HandTargets, by: np.ndarray) -> HandTargets:
 
 
 def check_near(view: View, hands: HandTargets) -> None:
-    """Let a behaviour fail whose hand targets are too far away for a mistake of a few steps."""
+    """Raise `Failure` if a hand target is farther from the pelvis than `FARTHEST_HAND`."""
     away = np.linalg.norm(points_of(view, hands) - view.position, axis=1)
     for side, distance in zip(SIDES, away, strict=True):
         if distance > FARTHEST_HAND:
@@ -261,8 +261,8 @@ def _cm(metres: float) -> str:
 class Pressing:
     """The requested force with which a hand presses with the wanted one.
 
-    A hand gives way along the force that it is asked for, so that its target cannot make up for what friction of the
-    drives and errors of the model take from it. Where forces on the hands are known, their error changes what is asked.
+    A hand gives way along the requested force, so that its target cannot make up for what friction of the drives and
+    errors of the model take from that force. Where forces on the hands are known, their error corrects the request.
     """
 
     def __init__(self, view: View, row: int, normal: np.ndarray, force: float) -> None:

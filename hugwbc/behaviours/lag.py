@@ -13,9 +13,9 @@ from hugwbc.stride import OverStride
 STUCK = 3.0  # [s], after which a robot that is held is stuck
 START = 2.0  # [s], how much longer at the start of a walk or a push
 _TIME = 3.5  # [s], over which the lag is learnt
-_MOST = 0.2  # [m/s], [rad/s]
+_MOST = 0.2  # [m/s], [rad/s], largest lag that is learnt
 _SLOWEST_HELD = 0.08, 0.15  # [m/s], [rad/s]; a robot that is told to walk slower may stay behind without being held
-_PUSHES = 5.0  # [N] against the way on both hands, from which on they push something
+_PUSHES = 5.0  # [N] on both hands together against the way, from which on they push something
 _HELD = 0.2  # share of the wanted velocity below which the mean of a stride is that of a robot which is held
 
 
@@ -56,14 +56,14 @@ class Lag:
 
 
 def _held(wanted: np.ndarray, walked: np.ndarray, felt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether it is told to walk and to turn, shape (2,), and whether something holds it or pushes it back.
+    """Return whether the robot is told to walk and to turn, and whether it is held in either, shape (2,) each.
 
-    What the hands push, such as a door, gives way if the robot is told to walk ever faster.
+    A robot whose hands push something, such as a door, is not held: that gives way as the robot is told to walk faster.
 
     Args:
         wanted: velocity in the heading frame and yaw rate, mean of a stride, shape (3,).
-        walked: likewise, as it moved.
-        felt: force on both hands in the heading frame, likewise [N], shape (3,).
+        walked: the same of the motion, shape (3,).
+        felt: sum of the forces on both hands in the heading frame, mean of a stride [N], shape (3,).
     """
     asked = np.array([math.hypot(wanted[0], wanted[1]), abs(wanted[2])])
     along = np.array([walked[:2] @ wanted[:2], walked[2] * wanted[2]])

@@ -127,7 +127,7 @@ def press(
     speed: HandSpeed = 0.06,
     timeout: Seconds = 25.0,
 ) -> Course:
-    """Press something with the end of a forearm: go before it, push on along an axis, and come back; the other rests.
+    """Press something with the end of a forearm: go before it, push on along an axis, come back; the other arm rests.
 
     It ends when the object has been seen to give way by `travel`, or has been pressed with `force` where forces on the
     hands are known, or at the end of `depth` if neither is given.
@@ -138,8 +138,8 @@ def press(
         hand: "left" or "right".
         at: where, in the object's frame [m].
         axis: in which direction, in the object's frame.
-        travel: way of the object after which it is pressed [m].
-        force: on the hand after which it is pressed [N].
+        travel: way of the object after which it counts as pressed [m].
+        force: on the hand at which it counts as pressed [N].
         depth: how far the target goes beyond the point [m].
         approach: distance before the point from which it goes slowly [m].
         hold: how long it stays pressed [s].
@@ -157,7 +157,7 @@ def press(
         return one_hand(row, point - (view.hand_tip + gap) * ahead)
 
     check_near(view, targets(before(approach), "world"))
-    # From below or from the side the hand would meet the object's edge: first it comes up behind the way.
+    # From below or from the side the hand would meet the object's edge: first it goes to the line of the push.
     for gap in (2 * approach, approach):
         course = glide(view, before(gap), frame="world", directions=way, posture=posture, settle=0.4)
         view = yield from doing(f"reach for '{object}'", course)

@@ -1,6 +1,6 @@
 """A behaviour for another robot of the same shape: it sees and commands in the lengths of the one it was made for.
 
-With lengths times s, and masses as of bodies of the same density, forces are times s^3 and stiffness s^2; times stay.
+Where lengths grow by a factor s and densities stay, weights and forces grow by s^3, and stiffnesses by s^2. Times stay.
 """
 
 import dataclasses
@@ -26,8 +26,8 @@ def similar(behaviour: Behaviour, size: float, robot: Robot | None = None) -> Be
 
     Args:
         behaviour: the behaviour.
-        size: of the other robot.
-        robot: that it was made for, whose ranges and defaults its commands have; None for the paper's.
+        size: the factor of the lengths.
+        robot: the one that it was made for, whose ranges and defaults its commands have; None for the paper's.
     """
 
     def course(view: View) -> Course:

@@ -27,7 +27,7 @@ ACCELERATION = np.array([0.6, 0.6, 1.2])  # highest change of v_x, v_y [m/s^2] a
 BODY_SPEED = np.array([0.15, 0.3, 0.6])  # highest change of h [m/s], p and w [rad/s]
 SLOW = np.array([0.1, 0.1, 0.2])  # [m/s], [m/s], [rad/s]; a slower robot may be told to stand
 STEP_OUT = 0.6  # [s] of slow steps before a robot that has walked stands still
-FARTHEST = 0.5  # [m] that an H1's pelvis may then move before it is told to walk: a deep crouch takes half of it
+FARTHEST = 0.5  # [m] that an H1's pelvis may move while it stands (`Straying`): a deep crouch takes half of it
 RAN_AWAY = "the robot moved while told to stand"
 LONGEST = 120.0  # [s], after which a behaviour is not played on
 _VELOCITIES, _BODY = slice(0, 3), slice(5, 8)
@@ -46,7 +46,8 @@ class CommandRamp:
     """Soft starts and stops: limits how fast a command changes, whatever a behaviour asks for.
 
     A robot that walks and is told to stand slows down first, goes on stepping for `STEP_OUT` and then stands: the
-    learned policy falls if it is switched to standing at speed. It is at rest where its command is what it lags by.
+    learned policy falls if it is switched to standing at speed. A walk is at rest where the commanded velocity equals
+    that by which the robot lags (`View.lag`).
     """
 
     def __init__(self) -> None:
@@ -76,7 +77,7 @@ class CommandRamp:
 
 
 class Straying:
-    """Watches how far a robot goes that is told to stand and has come to rest.
+    """Watches how far a robot moves after it has been told to stand and has come to rest.
 
     Attributes:
         farthest: the largest distance of its pelvis from where it had come to rest [m].
@@ -96,7 +97,7 @@ class BehaviourSource:
     """Runs a behaviour in a control loop: a `SeeingSource`. Once it has ended, the robot rests and keeps its hands.
 
     Attributes:
-        status: where it stands; it runs until it has seen something.
+        status: where the behaviour stands; RUNNING also before the first view.
         reason: why it failed; empty otherwise.
         action: the last action, as the robot gets it.
         view: the last view; None before the first.
@@ -204,7 +205,7 @@ class BehaviourSource:
 
 
 def _check(action: object) -> None:
-    """Let a behaviour fail that yields anything but an action, or one with parts of other kinds."""
+    """Raise `Failure` for anything but an action, and for an action with parts of other kinds or bad numbers."""
     if not isinstance(action, Action):
         raise Failure(f"it yielded a {type(action).__name__} instead of an Action{_RUN}")
     grips = action.grips

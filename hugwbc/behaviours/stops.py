@@ -15,11 +15,11 @@ _NEWEST = 0.5  # share of the last stop in the mean of all
 
 
 class Stops:
-    """Watches by how much a stop moves the robot: from the mean of the stride before it to where it comes to rest.
+    """Watches by how much stops move the robot: from the mean of the last stride before a stop to where it rests.
 
     Attributes:
-        moved: mean of the stops, of which the last counts half, heading frame [m, m, rad], shape (3,); what the
-            controller knows of them counts as one. None before the first.
+        moved: mean of the stops, of which the last counts half, heading frame [m, m, rad], shape (3,); the stop that
+            the controller knows (`View.stop`) counts as one. None before the first.
     """
 
     def __init__(self) -> None:

@@ -37,15 +37,15 @@ from hugwbc.stride import OverStride
 
 POSITION_TOLERANCE = 0.05  # [m]
 YAW_TOLERANCE = math.radians(3.0)  # [rad]
-_NEAR, _DEADBAND = 0.7, 0.5  # shares of the tolerances, for the mean of a stride: for a while, and as it stops
-_GAIN, _TURN_GAIN = 0.5, 1.0  # [1/s], speed per distance, and yaw rate per angle; at 0.7 a slow v_y overshoots for ever
-_SLOW_DOWN = 0.15  # [m/s^2], with which it comes to the goal
-_FAR = 0.6  # [m], a goal farther away is walked to face first
+_NEAR, _DEADBAND = 0.7, 0.5  # shares of the tolerances that the mean of a stride keeps for a while, and as it stops
+_GAIN, _TURN_GAIN = 0.5, 1.0  # [1/s], speed per distance (at 0.7 a slow v_y overshoots for ever), yaw rate per angle
+_SLOW_DOWN = 0.15  # [m/s^2], deceleration towards the goal
+_FAR = 0.6  # [m]; the robot turns to face a goal that is farther away
 _BEFORE = 0.5  # [m], from an object to the robot that stands before it
-_SLOWEST_TURN = 0.6  # [rad/s], of a turn
+_SLOWEST_TURN = 0.6  # [rad/s], highest yaw rate of a turn
 _SLOW_TIME = 0.6  # [s] near the goal before the robot stands
 _HAUL_GAIN = 0.8  # [1/s], speed of a push per distance that is left, and per distance from the line
-_SLOWEST = 0.08  # [m/s], of a push
+_SLOWEST = 0.08  # [m/s], least speed of a push
 
 
 class Goal(NamedTuple):
@@ -190,7 +190,7 @@ def _haul(view: View, name: str, distance: float, speed: float, sign: float) -> 
 
 @step
 def stand(view: View, seconds: Seconds = 1.0, *, h: float = 0.0, p: float = 0.0, w: float = 0.0) -> Course:
-    """Stand with a height h [m], a pitch p and a waist angle w [rad] for a time [s]; the hands stay."""
+    """Take a height h [m], a pitch p and a waist angle w [rad], then stand so for a time [s]; the hands stay."""
     command = Command.from_mapping({"h": h, "p": p, "w": w}, Gait.STANDING, view.robot).validate(view.robot)
     begin: float | None = None
     while begin is None or view.time - begin < seconds:
@@ -205,9 +205,9 @@ def stand(view: View, seconds: Seconds = 1.0, *, h: float = 0.0, p: float = 0.0,
 class _Walk:
     """A walk to a goal, which turns to its heading, and stands.
 
-    The velocity falls with the distance; that by which the robot lags is added to the command (`View.lag`). A pelvis
-    sways from foot to foot, so that it stops when the mean of a stride is near the goal, or before it by what stops
-    have moved the robot so far (`View.stop`). Where it then stands outside of the tolerances, it walks again.
+    The velocity falls with the distance; that by which the robot lags is added to the command (`View.lag`). As the
+    pelvis sways from foot to foot, the robot stops where the mean of a stride is near the goal minus the way that a
+    stop moves it (`View.stop`). If it then stands outside of the tolerances, it walks again.
     """
 
     goal: Callable[[View], Goal]  # returns the goal as it is known now
@@ -299,7 +299,7 @@ class _Walk:
 
 
 def _walking(view: View, velocity: Iterable[float]) -> Command:
-    """Return a walk with a velocity [m/s, m/s, rad/s], and with h and p of the last command."""
+    """Return a walking command with a velocity [m/s, m/s, rad/s], and with h and p of the last command."""
     last = view.last.command
     values = dict(zip(VELOCITY_NAMES, map(float, velocity), strict=True)) | {"h": last.h, "p": last.p}
     return Command.from_mapping(values, Gait.WALKING, view.robot)

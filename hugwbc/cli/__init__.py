@@ -35,7 +35,8 @@ INTERRUPTED = 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb, given the words after `hugwbc`, by default those of this process; return the exit code.
 
-    It is 0 for success, 1 for a failed check, 2 for bad input, 130 after Ctrl-C, SIGTERM or SIGHUP.
+    It is 0 for success, 1 where a check, a task, a replay or a deployment failed, 2 for bad input, 130 after Ctrl-C,
+    SIGTERM or SIGHUP.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     if not words or words[0] in ("-h", "--help"):

@@ -1,4 +1,4 @@
-"""`hugwbc bench`: measure the speed of training, controllers and hand IK."""
+"""`hugwbc bench`: measure the speed of training, controllers, hand IK and whole episodes."""
 
 import dataclasses
 import pathlib
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 @settings
 class BenchOptions:
-    """Measure the speed of training, controllers and hand IK."""
+    """Measure the speed of training, controllers, hand IK and whole episodes."""
 
     count: tuple[Count, ...] = (1024,)  # robots in training; of several numbers, one after the other
     device: Device = "auto"  # of training, as in hugwbc train
     control_steps: Count = 50  # steps of the training environment to measure
     iterations: Count = 2  # training iterations to measure, of 24 control steps and one update each
     threads: Count = 1  # threads of training and bare physics; controllers and IK use one
-    # simulated time over which the QP is measured, standing, walking and jumping each, and every episode [s]
+    # simulated time over which each episode is measured, and the QP in each of standing, walking and jumping [s]
     seconds: Positive = 4.0
     calls: Count = 500  # calls of the policy and of the IK to measure
     json: pathlib.Path | None = None  # Write the figures to this file; without a path, to standard output.

@@ -21,7 +21,8 @@ class CheckOptions:
     # Name of a shipped policy, or path of a policy or its folder: print by which stages it was made, from which commit,
     # at which cost, check that each took what the one before wrote, and whether its shipped recipe is still the same
     policy: str | None = None
-    # Name of a robot, or path of its table or folder: say what is missing or implausible, and whether it stands
+    # Name of a robot, or path of its table or folder: say what is missing or implausible, and whether it stands, walks
+    # and raises its hands
     robot: str | None = None
 
 

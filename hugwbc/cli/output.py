@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 STDOUT = pathlib.Path("-")
 HELP_ALL = "--help-all"
 _LINE_INTERVAL = 5.0  # [s] between two lines of progress when not on a terminal
-_QUIET = 2.0  # [s]; shorter work shows no progress
+_QUIET = 2.0  # [s]; of shorter work, no line says how long it took
 _RECENT, _TOGETHER = 600.0, 1.0  # [s], from which the speed follows, and within which steps count as one
 _FEWEST = 3  # steps from which a speed is known
 Options = TypeVar("Options")
@@ -49,7 +49,7 @@ def parse_known(options: type[Options], words: Sequence[str], verb: str) -> tupl
 
 
 def take(words: Sequence[str], verb: str, option: str, **given: Any) -> tuple[Any, list[str]]:  # noqa: ANN401  argparse's
-    """Return the value of an option, which decides what the other words mean, and these."""
+    """Return the value of an option, which decides what the other words mean, and the other words."""
     parser = argparse.ArgumentParser(prog=f"hugwbc {verb}", add_help=False, allow_abbrev=False)
     parser.add_argument(option, dest="value", **given)
     found, others = parser.parse_known_args(words)
@@ -216,9 +216,9 @@ Advance = Callable[[float], None]
 
 @contextlib.contextmanager
 def progress(label: str) -> Iterator[Advance]:
-    """Show the progress of work that takes longer than two seconds, on standard error: what is done, and the time left.
+    """Show the progress of work on standard error: what is done, and the time left.
 
-    On a terminal this is a bar, elsewhere plain lines.
+    On a terminal this is a bar, elsewhere a line every 5 s and, for work of 2 s or more, one with its duration.
     """
     show = _bar if sys.stderr.isatty() else _lines
     with show(label) as advance:

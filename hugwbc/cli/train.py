@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hugwbc.learned.recipe.recipe import Recipe
 
 LINE_INTERVAL = 10.0  # [s] between two lines of figures
-_CALIBRATION = 3e6  # environment steps that take about as long
+_CALIBRATION = 3e6  # environment steps that take about as long as a calibration
 _DESCRIPTION = """Train a policy. Ctrl-C saves and stops; --resume continues.
 
 With --config FILE.py, the CONFIG of a Python file takes the place of the defaults: docs/how-to/change-the-training.md.

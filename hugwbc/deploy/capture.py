@@ -29,7 +29,7 @@ OBJECTS, GRIPS = "rt/hugwbc/objects", "rt/hugwbc/grips"
 LONGEST = 32768  # characters of a text
 STRONGEST = 1e4  # [N]
 FARTHEST = 100.0  # [m]; the height of a pelvis in millimetres is beyond it
-_RESTART = 1.0  # [s]
+_RESTART = 1.0  # [s]; a capture that is older than the last one by so much is of a restarted robot
 _POSE = 7
 _MOST = 100  # objects in a text
 
@@ -41,11 +41,11 @@ class Capture:
     time: float  # when it was taken, on the robot's clock [s]
     robot: np.ndarray  # position [m] and quaternion (w, x, y, z) of the pelvis, shape (7,)
     names: tuple[str, ...]  # names of the objects
-    poses: np.ndarray  # the same of each of them, shape (n, 7)
+    poses: np.ndarray  # position [m] and quaternion (w, x, y, z) of each object, shape (n, 7)
     held: tuple[str | None, str | None]  # names of what the left and the right hand hold; None for nothing
 
     def text(self) -> str:
-        """Return the text that says it."""
+        """Return the frame as text."""
         objects = {name: pose.tolist() for name, pose in zip(self.names, self.poses, strict=True)}
         content = {"tick": round(self.time / TICK), "robot": self.robot.tolist(), "objects": objects, "held": self.held}
         return json.dumps(content)
@@ -78,7 +78,7 @@ class CapturedWorld:
         self._now = 0.0
 
     def take(self, capture: Capture) -> None:
-        """Take a capture; one that is older than the last is too late, one much older is of a restarted robot."""
+        """Take a capture; drop one that is late, that is, older than the last one by less than `_RESTART`."""
         if self._last is None or not 0.0 < self._last.time - capture.time < _RESTART:
             self._last = capture
 

@@ -62,7 +62,7 @@ class Pilot:
         """
         self.limits = limits or Limits()
         self.machine = StateMachine(robot, tell)  # the modes
-        # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also takes it
+        # A hoist may carry a part of the robot, so the legs alone must tell which feet stand. The default also assumes
         # that nothing but the feet carries the floating base, which under a taut rope leads to a fall.
         self.estimator = StateEstimator(robot, base_weight=0.0)
         self._world = CapturedWorld(self._note)
@@ -120,7 +120,7 @@ class Pilot:
         Args:
             message: the state.
             requests: what the operator has asked for since the last state, by other means than the remote control.
-            fault: a fault outside, found since the last state.
+            fault: a fault that the watchdogs outside the pilot have found since the last state.
             behind: whether a newer state waits, for which the controller is called instead.
         """
         state = message.state

@@ -32,7 +32,7 @@ _KINDS = (STATE, REFUSED, REQUEST, FAULT, DECISION, PUBLISHED, SEEN, BEHIND)
 _ENTRY = struct.Struct("<cdI")
 _LONGEST_HEADER, _LONGEST_ENTRY = 1 << 20, 4 * LONGEST  # bytes; a character has up to four
 _FLUSH_EVERY = 500  # entries
-_WAITING = 50_000  # entries; more than a disk may fall behind
+_WAITING = 50_000  # entries that may wait for a slow disk
 
 
 class Recorder:
@@ -49,7 +49,7 @@ class Recorder:
         self._thread.start()
 
     def add(self, kind: bytes, time: float, content: bytes = b"") -> None:
-        """Record an entry at a time [s]."""
+        """Record an entry at a time [s]; if too many wait, it is lost, and `failure` says so."""
         content = content[:_LONGEST_ENTRY]  # a message that was refused may have any size
         try:
             self._entries.put_nowait(_ENTRY.pack(kind, time, len(content)) + content)

@@ -85,7 +85,7 @@ class Outlet:
             self._unanswered.append((time, now))
 
     def put(self, message: bytes | None, decision: Decision, *, active: bool) -> None:
-        """Take the pilot's decision and its message, None to send nothing; an active one ends at a fault."""
+        """Take the pilot's decision and its message, None to send nothing; while it is active, a fault damps."""
         with self._lock:
             while self._unanswered and self._unanswered[0][0] <= decision.time:
                 arrival = self._unanswered.popleft()[1]
@@ -170,7 +170,7 @@ class Line:
         return fresh
 
     def look_out(self) -> None:
-        """Damp as long as another program commands the robot, too, and tell."""
+        """Damp from the moment when another program commands the robot, too, and tell it once."""
         if self.settings.dry_run or not self._endpoint.rivals():
             return
         self._outlet.fail(RIVAL)
@@ -202,7 +202,7 @@ class Relay(Line):
     """
 
     def __init__(self, endpoint: Endpoint, setup: LineSetup, link: Connection, *, records: bool) -> None:
-        """Connect the network with the pilot at the other end of a link, which may want to record what is sent."""
+        """Connect the network with the pilot at the other end of a link; with `records`, it is told what is sent."""
         super().__init__(endpoint, setup)
         self._link, self._records = link, records
         self._notes: collections.deque[bytes] = collections.deque()

@@ -130,7 +130,7 @@ class Sticks:
 
 
 def listen(act: Callable[[str], None]) -> None:
-    """Call `act` with each line that is typed, stripped, from a thread that ends with the process; Ctrl-D is empty.
+    """Call `act` with each typed line, stripped, from a thread that ends with the process; Ctrl-D is an empty line.
 
     Without a terminal nothing is read: a service's standard input is not an operator.
     """

@@ -67,7 +67,8 @@ class RobotSide(Line):
             settings: how the deployment runs; None for the defaults.
             recorder: records all messages and decisions.
             tell: called with the messages of the watchdogs; a function that another process can import.
-            connect: makes the endpoint of the relay's process, likewise; without it, the relay is a thread of this one.
+            connect: makes the endpoint of the relay's process, which must be able to import it, too; without it, the
+                relay is a thread of this process.
         """
         self._setup = LineSetup(robot, pilot.limits, pilot.control.period, settings or Settings(), tell)
         super().__init__(endpoint, self._setup, recorder)
@@ -106,7 +107,7 @@ class RobotSide(Line):
         Ctrl-C is raised after the joints have been damped.
 
         Raises:
-            DeploymentError: if in lockstep the robot falls silent while its joints are driven.
+            DeploymentError: if in lockstep the robot falls silent while its joints are driven, or else the relay ends.
         """
         with real_time():
             if self.settings.lockstep:
@@ -289,8 +290,8 @@ class RobotSide(Line):
     def answer(self, timeout: float) -> bool:
         """Take the states that arrive within `timeout` [s], and answer the last one; return whether there was one.
 
-        In lockstep, time goes on by a slot with each state, also a refused one, so that nothing but refused states is a
-        silence; it stands still while the robot waits.
+        In lockstep, time goes on by a slot with each state, also a refused one, so that a series of refused states is a
+        silence for the watchdog; it stands still while the robot waits.
         """
         raws = self._endpoint.receive(timeout)
         self.look_out()

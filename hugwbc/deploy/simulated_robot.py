@@ -70,8 +70,8 @@ _HOOK = np.array([0.0, 0.0, 0.5])  # on the torso, between the shoulders and the
 _ROPE = 1.0  # [m] from the hook up to the pulley, when the robot stands
 _STIFFNESS, _DAMPING = 5000.0, 500.0  # [N/m], [N*s/m]; the maker's 200 N/m lets an H1 sink by 3 m
 _SPEED = 0.1  # [m/s] of the winch
-# [m] above the stand, where the rope carries all of the weight. A lowered robot has more than half of its weight on its
-# feet (an H1 57 %, a G1 72 %), and the rope keeps it upright until its controller runs.
+# Heights above the stand at which the rope would carry the whole weight [m]. A lowered robot has more than half of its
+# weight on its feet (an H1 57 %, a G1 72 %), and the rope keeps it upright until its controller runs.
 LIFTED, LOWERED = 0.1, -0.085
 
 

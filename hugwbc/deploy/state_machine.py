@@ -94,8 +94,8 @@ class StateMachine:
     def command(self, time: float) -> JointCommand | None:
         """Return the joint command of the mode at a time [s]; None while idle, and for a run, which has its controller.
 
-        On the way to the start pose the gains grow with the progress of the way, so that a robot in any posture starts
-        without a jolt.
+        On the way to the start pose the gains grow with the progress, so that a robot in any posture starts without a
+        jolt.
         """
         robot, zero = self._robot, np.zeros_like(self._robot.kp)
         if self.mode is Mode.ZERO_TORQUE:

@@ -1,4 +1,4 @@
-"""What is told to people, from a thread of its own: a terminal that takes no output must not hold up a control."""
+"""What is told to people, from a thread of its own: a terminal that takes no output must not delay control."""
 
 import contextlib
 import queue

@@ -41,7 +41,7 @@ class Endpoint(Protocol):
         ...
 
     def stop_receiving(self) -> None:
-        """Leave the states and the rivals to another process of this end: what they cost here is for nothing."""
+        """Leave the states and the rivals to another process of this end, to save the time that they cost here."""
         ...
 
     def publish(self, topic: str, text: str) -> None:

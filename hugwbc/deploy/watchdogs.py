@@ -21,10 +21,10 @@ class Limits:
 
     silence: Positive = 0.1  # longest time without a fresh, sound state [s]
     late: Positive = 0.1  # longest time by which the controller may lag behind the states [s]
-    tilt: Positive = 1.0  # largest angle between the torso's axis and the vertical [rad]; published for the G1
+    tilt: Positive = 1.0  # largest angle between the pelvis's axis and the vertical [rad]; published for the G1
     start_tilt: Positive = 0.3  # the same at a start [rad]
-    # largest speed of a joint, as a multiple of the robot's table. Where a foot lands hard, the ankles reach 1.8 times
-    # theirs (the policy at 1 m/s in simulation)
+    # largest speed of a joint, as a multiple of its limit in the robot's table. Where a foot lands hard, the ankles
+    # reach 1.8 times theirs (a policy at 1 m/s in simulation)
     joint_speed: Positive = 2.5
     temperature: Positive = 85.0  # largest temperature of a motor [degrees Celsius]; published for the G1's casings
     # how long joint speed and tilt must be exceeded [s]: single wrong readings are the estimator's task
@@ -40,7 +40,7 @@ class Intake:
         received, torn, wrong_sum, old: messages in all, of a wrong size, with a wrong check sum, and with a tick that
             is not newer than the last one's.
         gap: longest time between two fresh states by their ticks [s].
-        time: of the last fresh state, continuous across a restart of the ticks [s].
+        time: of the last fresh state, continuous where the count of ticks wraps around [s].
         refusal: what was wrong since the last fresh state; empty if nothing was.
     """
 

@@ -1,4 +1,4 @@
-"""Compare controllers on one script: play it with each, and sum up every run, its segments, and where each ended."""
+"""Compare controllers on one script, behaviour or task: play it with each, and sum up every run and its segments."""
 
 import dataclasses
 import math
@@ -78,7 +78,7 @@ def compare(
     scene: Scene | None = None,
     on_progress: Progress | None = None,
 ) -> list[Played]:
-    """Play a script, a behaviour or a task with each controller in turn, in the same simulation.
+    """Play a script, a behaviour or a task with each controller in turn, each in an equal simulation of its own.
 
     Args:
         controllers: controllers by their labels.
@@ -171,7 +171,7 @@ def figure_table(outcomes: Mapping[str, Mapping[str, Any]]) -> Table:
     return Table("Figures", ("", *outcomes), rows, HAND_NOTE)
 
 
-# Differences of errors that somebody would see, in m/s, rad/s, m and rad of the commands, and those of the hands.
+# Smallest differences of errors that somebody would see: of the commands [m/s, rad/s, m, rad], and of the hands.
 SEEN = {"v_x": 0.01, "v_y": 0.01, "omega": 0.01, "h": 0.003, "p": 0.01, "w": 0.01}
 SEEN_BY_HANDS, SEEN_ON_THE_WAY = 0.003, 0.5  # [m], [s]
 NAMES = {"v_x": "forward speed", "v_y": "sideways speed", "omega": "turning", "h": "height", "p": "pitch",
@@ -185,7 +185,7 @@ def segment_spans(script: Script) -> list[tuple[str, float, float]]:
 
 
 def segment_table(script: Script, traces: Sequence[Trace]) -> Table:
-    """Return a table with a row for each segment: hand errors after arrival, and the command with the largest error."""
+    """Return a table with a row for each segment: the command with the largest error, and the errors of the hands."""
     reaching = any(np.isfinite(trace.hand_error).any() for trace in traces)
     parts = ("largest error", "hands there [cm]", "hands on the way [cm]", "on the way for [s]")[: 4 if reaching else 1]
     rows: list[list[Cell]] = []
@@ -223,8 +223,8 @@ def _centimetres(value: float | None) -> float | None:
 def headline(controllers: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what became of every controller, and the smallest and the largest error of each kind that differs.
 
-    It reads the "controllers" of `comparison.comparison_summary`. Errors until a fall are called so. Beside the hands'
-    error once there stands how long they were on the way: a hand that never arrives has no such error.
+    It reads the "controllers" of `comparison_summary`. Errors up to a fall are marked as such. Beside the hands' error
+    once there stands how long they were on the way: a hand that never arrives has no such error.
     """
     fates: dict[str, list[str]] = {}
     for name, figures in controllers.items():

@@ -218,7 +218,7 @@ class ArmIntervention:
         commanded: np.ndarray | None = None,
         followed: Command | None = None,
     ) -> tuple[UpperBody, Command]:
-        """Return the arm targets at the end of the next `dt` seconds, and the command; the rest does not matter."""
+        """Return the arm targets at the end of the next `dt` seconds, and the command; the others do not matter."""
         self._elapsed += dt
         while self._elapsed > _PERIOD + 1e-9:
             self._elapsed -= _PERIOD

@@ -34,7 +34,8 @@ class Settings:
     seed: Seed = SELECTION_SEED
     duration: Positive = 10.0  # duration of an episode [s]
     settle: NotNegative = SETTLE_S  # start of an episode that is left out of the errors [s]
-    # standing, walking, jumping, hopping_left, hopping_right, or hopping, which hops on both legs in turn
+    # standing, walking, jumping, hopping_left, hopping_right, or hopping: on the left and the right leg in alternate
+    # episodes
     gait: Annotated[str, one_of("gait", lambda: GAITS)] = Gait.WALKING.label
     conditions: Conditions = dataclasses.field(default_factory=Conditions)  # physics, robot, sensors, arms
     varied: ClassVar[frozenset[str]] = frozenset()
@@ -64,7 +65,7 @@ class Settings:
 
     @property
     def gaits(self) -> tuple[Gait, Gait]:
-        """The two gaits that take turns; the same one twice but for hopping."""
+        """The gaits of even and of odd draws, which differ for hopping only."""
         if self.gait == BOTH_LEGS:
             return Gait.HOPPING_LEFT, Gait.HOPPING_RIGHT
         return Gait.parse(self.gait), Gait.parse(self.gait)
@@ -114,8 +115,8 @@ def simulate(
 ) -> Trace:
     """Run one episode in a simulation of its own, and return its record.
 
-    The commands are the plan's; the simulation, the estimator and what moves the arms are those of the conditions;
-    unless others are given. Further options are those of `rollout`.
+    By default the commands are the plan's, and the simulation, the estimator and what moves the arms are those of the
+    conditions. Further options are those of `rollout`.
     """
     conditions = plan.conditions or settings.conditions
     simulation = simulation or simulation_of(settings, plan)

@@ -77,7 +77,7 @@ class Execution:
                 f"a worker ended in the middle of an episode: killed, or out of memory ({error}). Finished episodes "
                 "are kept where results are stored; run the same again, with fewer workers if memory was short"
             ) from error
-        except (Exception, GeneratorExit):  # after Ctrl-C, `close` does it: Python stumbles over both
+        except (Exception, GeneratorExit):  # not after Ctrl-C: `close` cancels them, and Python fails if both do
             for future in futures:
                 future.cancel()
             raise

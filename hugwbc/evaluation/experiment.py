@@ -1,4 +1,4 @@
-"""An experiment: settings, plans, a row of each episode, figures of all rows; and how a controller runs it."""
+"""An experiment: settings, plans, a row of each episode, figures of all rows; and its run with a controller."""
 
 import dataclasses
 import threading
@@ -138,9 +138,9 @@ def run_experiment(
 def stored_episodes(
     experiment: Experiment[S], settings: S, spec: ControllerSpec, store: Store | None
 ) -> tuple[int, int]:
-    """Return how many episodes are stored of those that are planned, and how many these are.
+    """Return the number of planned episodes that are stored, and the number of all planned ones.
 
-    Those of a search are planned as far as the stored ones go.
+    A search is planned as far as its stored episodes go.
     """
     settings, table = _table(experiment, settings, spec, store)
     rows: list[Row | None] = []
@@ -217,6 +217,6 @@ def _controller(spec: ControllerSpec, digest: str) -> Controller:
     if _last.controller is None or not same:
         with noting() as read:
             _last.key, _last.controller = (spec, digest), spec.build()
-        known = set(map(str, spec.files()))  # by the digest of the controller
+        known = set(map(str, spec.files()))  # its digest has them already
         _last.read = {name: found for name, found in read.items() if name not in known}
     return _last.controller

@@ -24,12 +24,12 @@ class Comparison(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """By how much a figure exceeds that of another controller, over the episodes that have it of both."""
+    """By how much a figure exceeds that of another controller, over the episodes in which both have a value."""
 
     against: str  # label of the other controller
     estimate: Estimate  # of the difference; its interval is a paired bootstrap
-    p: float | None = None  # of a percentage, which has no interval: that of the exact test
-    judged: bool = True  # whether both figures are
+    p: float | None = None  # that of the exact test, of a percentage, whose difference has no interval
+    judged: bool = True  # whether both figures are judged
 
     @property
     def is_clear(self) -> bool:
@@ -55,7 +55,7 @@ class Figure:
         paper: the paper's value for HugWBC; None if the paper prints none.
         controller: column of the table; empty for a figure that only the paper has, and until it is filled in.
         published: value that others published for this controller, which was not run here.
-        higher_is_better: whether higher values are better, or lower ones; None where neither are.
+        higher_is_better: whether higher values are better, or lower ones; None where neither is the case.
         reference: which of the paper's policies `paper` belongs to, where the paper prints several.
         difference: from another controller's figure; None where there is none to compare with.
         judged: whether the figure is judged against the paper's, and its mean against another controller's.

@@ -33,7 +33,7 @@ SAMPLES = 20  # random states on which the models are compared
 def run_checks(on_progress: Callable[[float], object], robot: str | None) -> list[tuple[str, bool, str]]:
     """Run every check, whether others fail or not; return what was checked, whether it is right, and what was found.
 
-    With a robot, check that instead of the installation, as far as its table is right.
+    With a robot, check that robot instead of the installation; if its table is wrong, nothing else of it.
     """
     checks = CHECKS if robot is None else {name: functools.partial(check, robot) for name, check in OF_A_ROBOT.items()}
     outcomes = []
@@ -90,7 +90,10 @@ def check_arena() -> str:
 
 
 def check_agreement(robot: str = DEFAULT_ROBOT) -> str:
-    """Check that both models agree on masses and on the hands in random states, and that no links touch at first."""
+    """Check that MuJoCo's and Pinocchio's models agree in random states, and that no links touch in the nominal pose.
+
+    They must agree in mass, in the joints' mass matrix, and in the positions of the hands.
+    """
     import mujoco
     import pinocchio as pin
 
@@ -143,7 +146,7 @@ def check_standing(robot: str = DEFAULT_ROBOT) -> str:
 
 
 def check_walking(robot: str) -> str:
-    """Check that `qp` walks for three seconds, at 0.3 m/s or a third of the robot's fastest."""
+    """Check that `qp` walks for three seconds, at 0.3 m/s or a third of the robot's fastest, whichever is less."""
     from hugwbc.commands import command_ranges, default_command
     from hugwbc.gait import Gait
     from hugwbc.robot import load_robot
@@ -186,7 +189,7 @@ def _played(robot: str, command: "Command", duration: float, what: str, hands: "
     """Return what `qp` does in the arena of `hugwbc play`.
 
     Raises:
-        ConfigError: if the robot falls.
+        ConfigError: if the robot falls, or the controller fails.
     """
     from hugwbc.runtime import UpperBodySource, rollout
     from hugwbc.runtime.controllers import ControllerSpec
@@ -204,7 +207,10 @@ def _played(robot: str, command: "Command", duration: float, what: str, hands: "
 
 
 def _strain(trace: "Trace") -> str:
-    """Say which joint needed most of its speed and of its torque in all but 5 % of the time and a fall's last 0.2 s."""
+    """Say which joint came nearest to its speed limit, and which to its torque limit.
+
+    The highest 5 % of the samples and the last 0.2 s before a fall are left out.
+    """
     from hugwbc.robot import load_robot
 
     robot = load_robot(trace.robot)

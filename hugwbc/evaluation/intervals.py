@@ -17,9 +17,9 @@ _SEED = 0  # of the resampling, fixed so that the same results give the same pag
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A mean with the bounds of its interval of confidence `CONFIDENCE`, None for fewer than two samples."""
+    """A statistic of samples, such as a mean, with the bounds of its confidence interval; None for bounds it lacks."""
 
-    value: float | None  # the mean; None without a sample
+    value: float | None  # the statistic; None without a sample
     low: float | None
     high: float | None
     samples: int  # number of samples
@@ -144,7 +144,7 @@ def _bounds(resampled: np.ndarray, count: int) -> tuple[float, float]:
 
 
 def exact_test(one: int, other: int) -> float:
-    """Return the two-sided p of McNemar's exact test (1947): of the episodes that differ, `one` went this way.
+    """Return the two-sided p of McNemar's exact test (1947) of `one` episodes that differ one way, `other` the other.
 
     If nothing distinguishes the controllers, an episode that differs goes either way with equal probability.
     """

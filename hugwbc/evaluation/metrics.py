@@ -1,9 +1,9 @@
 """Figures of a run from its trace: tracking errors, feet, impacts, hands, effort and computing time.
 
 The tracking errors are those of the HugWBC paper (Xue et al., RSS 2025): the mean L1 error of every command, for the
-foot commands f and l over complete gait cycles, for the others over control steps. The paper does not say whether the
-start of an episode counts. Here episodes start from a stand, and the first `SETTLE_S` seconds, in which the robot gets
-going, are left out.
+foot commands f and l over gait cycles, for the others over the samples of the record. The paper does not say whether
+the start of an episode counts. Here episodes start from a stand, and the first `SETTLE_S` seconds, in which the robot
+gets going, are left out.
 """
 
 import itertools
@@ -22,7 +22,7 @@ SETTLE_S = 1.0  # [s]
 CREEP_SPEED = 0.002  # [m/s], below which a foot on the ground counts as standing still
 ARRIVED = 0.05  # [m]; a hand that came this close to its target has arrived
 JUMP = 0.1  # [m]; a target that moves by more between two samples is a new one, to which the hand has to travel
-SHORTEST_WAY = 0.1  # [m]; the cost of transport of a shorter way has no meaning
+SHORTEST_WAY = 0.1  # [m]; the cost of transport of a shorter path has no meaning
 _MEASURED_COLUMNS = [COMMAND_NAMES.index(name) for name in MEASURED_NAMES]
 _F, _L = COMMAND_NAMES.index("f"), COMMAND_NAMES.index("l")
 
@@ -47,9 +47,10 @@ def tracking_errors(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
 
 
 def executed_means(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
-    """Return the means of what is executed of each command after `settle` [s]; NaN after a fall and without steps.
+    """Return the mean executed value of each of the eight commands after `settle` [s], by name.
 
-    That of f is the frequency of the touch-downs of a foot, that of l the highest clearance of a swing.
+    That of f is the frequency of a foot's touch-downs, that of l the mean of the highest sole clearances of the swings.
+    All are NaN if the robot fell or knelt down, or the run ended before `settle`; f and l also without complete cycles.
     """
     kept, missing = trace.time >= settle, float("nan")
     if trace.down or not kept.any():
@@ -74,8 +75,8 @@ def touch_downs(trace: Trace, foot: int, settle: float = SETTLE_S) -> np.ndarray
 def frequency_error(trace: Trace, settle: float = SETTLE_S) -> float:
     """Return E_f [Hz]: the mean over complete gait cycles of both feet of |f - 1 / (touch-down to touch-down)|.
 
-    Cycles that a foot misses before its first or after its last step have frequency 0. So has a foot that should step
-    but has no complete cycle, unless the robot fell too early for one. NaN without such feet.
+    A cycle that a foot misses before its first or after its last step has frequency 0. So has a foot that should step
+    but has no complete cycle, unless the robot went down too early for one. NaN without any of these, as in a stand.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
@@ -90,8 +91,8 @@ def frequency_error(trace: Trace, settle: float = SETTLE_S) -> float:
 def swing_height_error(trace: Trace, settle: float = SETTLE_S) -> float:
     """Return E_l [m]: the mean over complete gait cycles of both feet of |l - highest sole clearance of the cycle|.
 
-    Cycles that a foot misses before its first or after its last step count likewise. A foot that should step but has no
-    complete cycle, though it had the time for one, is judged by its highest clearance after `settle`.
+    Cycles that a foot misses before its first or after its last step count with their highest clearance. A foot that
+    should step but has no complete cycle, though time for one, counts with its highest clearance after `settle`.
     """
     errors: list[float] = []
     for foot in _stepping(trace, settle):
@@ -108,9 +109,9 @@ def swings(trace: Trace, foot: int, settle: float) -> tuple[np.ndarray, np.ndarr
 
 
 def _missed(trace: Trace, foot: int, settle: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same of the cycles that a foot misses before its first and after its last step.
+    """Return end [s] and highest sole clearance [m] of the cycles that a foot misses before and after all its steps.
 
-    A gap without a touch-down that is n commanded periods long, with n >= 2, has missed all but the last of them.
+    In a gap without a touch-down that holds n >= 2 whole commanded periods, all but the last of these are missed.
     """
     downs, cycles = touch_downs(trace, foot, settle), []
     for begin, end in [(settle, downs[0]), (downs[-1], trace.survived_s)] if downs.size else []:
@@ -132,7 +133,7 @@ def _stepping(trace: Trace, settle: float) -> tuple[int, ...]:
 
 
 def _had_time(trace: Trace, settle: float) -> bool:
-    """Return whether a complete gait cycle was possible, wherever in its cycle a foot is at `settle` [s]."""
+    """Return whether the robot never went down, or was up for two cycles after `settle`, which hold a complete one."""
     return not trace.down or trace.survived_s - settle >= 2.0 / float(_at(trace, trace.survived_s, _F))
 
 
@@ -158,11 +159,12 @@ def held_foot_contact(trace: Trace, settle: float = SETTLE_S) -> float:
 
 
 def foot_travel(trace: Trace, settle: float = SETTLE_S) -> tuple[float, float]:
-    """Return the horizontal paths of both soles after `settle`, the paper's foot displacement; and their creep [m].
+    """Return the summed length of both soles' horizontal paths after `settle`, and the creep in it [m].
 
-    Creep is the part of the paths in which a foot on the ground moved more slowly than `CREEP_SPEED`. MuJoCo's friction
-    is viscous up to its limit: a foot that stands still creeps under any horizontal load, under an H1 at about 0.2 mm/s
-    for each newton. On a real floor it would not move. Both are NaN if the run ended before.
+    The sum is the paper's foot displacement. Creep is the part in which a foot on the ground moved more slowly than
+    `CREEP_SPEED`. MuJoCo's friction is viscous up to its limit: a foot that stands still creeps under any horizontal
+    load, under an H1 at about 0.2 mm/s for each newton. On a real floor it would not move. Both are NaN if the run
+    ended before.
     """
     kept = trace.time >= settle
     if not kept.any():
@@ -191,7 +193,7 @@ def places(trace: Trace, frames: Sequence[str], kept: np.ndarray) -> np.ndarray:
 
 
 def impact(trace: Trace, settle: float = SETTLE_S) -> dict[str, float]:
-    """Return how hard both feet came down after `settle` [s]; nothing without a touch-down.
+    """Return how hard both feet came down after `settle` [s]; empty without a touch-down.
 
     - `speed_median`: of the vertical speed of the sole's centre in the physics step before a touch-down [m/s].
     - `peak_mean`: of the largest vertical ground reaction in the stance after a touch-down, in weights of the robot
@@ -231,7 +233,7 @@ def hand_errors(error: np.ndarray, reachable: np.ndarray) -> dict[str, float | N
 
 
 def hand_travel(trace: Trace, kept: np.ndarray | None = None) -> dict[str, float | None]:
-    """Return the hands' errors apart from the way there, over the samples that are `kept`, shape (T,), bool.
+    """Return the hands' errors on the way to their targets and once there, over the samples `kept`, shape (T,), bool.
 
     A hand travels to a new target until it is within `ARRIVED` of it for the first time; from then on it has arrived.
 
@@ -295,7 +297,7 @@ def mechanical_power(trace: Trace, settle: float = SETTLE_S) -> float:
 
 
 def speed(trace: Trace, settle: float = SETTLE_S) -> float:
-    """Return the horizontal distance of the pelvis between `settle` and the end, divided by that time [m/s]."""
+    """Return the straight horizontal distance of the pelvis from `settle` to the end, over the time between [m/s]."""
     path = trace.qpos[trace.time >= settle, :2]
     if len(path) < 2:
         return float("nan")
@@ -303,9 +305,9 @@ def speed(trace: Trace, settle: float = SETTLE_S) -> float:
 
 
 def cost_of_transport(trace: Trace, mass: float, settle: float = SETTLE_S) -> float:
-    """Return mechanical power / (mass * g * speed), dimensionless; NaN for a way shorter than `SHORTEST_WAY`.
+    """Return mechanical power / (mass * g * speed), dimensionless; NaN for a path below `SHORTEST_WAY`.
 
-    The walk must be straight, so that its way is the distance from start to end. The mass [kg] includes a payload.
+    The walk must be straight: the distance from start to end counts as its path. The mass [kg] includes a payload.
     """
     pace = speed(trace, settle)
     way = pace * (trace.time[-1] - settle)

@@ -28,7 +28,7 @@ class Knot:
 class Schedule:
     """A command source that steps or ramps linearly from knot to knot, without hand targets."""
 
-    knots: tuple[Knot, ...]  # knots ordered by time, the first at 0 s; a ramp ends before the next knot
+    knots: tuple[Knot, ...]  # knots ordered by time, the first at 0 s; a ramp ends by the next knot
 
     def __post_init__(self) -> None:
         if not self.knots or self.knots[0].time != 0.0 or self.knots[0].ramp != 0.0:

@@ -27,7 +27,7 @@ _RUNS, _GOALS, _LONGEST = 3, (0.4, 0.0, 0.4), 60.0  # runs, goals of each [heigh
 
 
 def arena(workers: int = 1) -> Arena:
-    """Return the arena, in which processes share the episodes."""
+    """Return the arena of a calibration, in which so many processes share the episodes."""
     return Arena(functools.partial(executed, workers=workers), functools.partial(stop, workers=workers))
 
 
@@ -53,7 +53,10 @@ def _command(values: Mapping[str, Any], robot: Robot) -> Command:
 
 
 def stop(policy: pathlib.Path, config: CalibrationConfig, workers: int = 1) -> tuple[float, float, float]:
-    """Return by how much a stop moves the robot [m, m, rad] (`Contract.stop`): the median of runs that stay up."""
+    """Return by how much a stop moves the robot [m, m, rad] (`Contract.stop`).
+
+    This is the median of the runs that stay up and stop; zeros without one.
+    """
     rows = _run(policy, config, _LONGEST, _walks_episode, [Plan(draw) for draw in range(_RUNS)], workers)
     found = [row["stop"] for row in rows if row["stop"] is not None]
     x, y, yaw = np.median(found, axis=0).round(4).tolist() if found else (0.0, 0.0, 0.0)
@@ -66,7 +69,7 @@ _Episode = Callable[[Controller, Settings, Plan], Row]
 def _run(
     policy: pathlib.Path, config: CalibrationConfig, duration: float, episode: _Episode, plans: list[Plan], workers: int
 ) -> list[Row]:
-    """Run episodes of a policy of at most a duration [s] in the arena; return their rows in order."""
+    """Run a policy's episodes, each of at most a duration [s], in the arena; return their rows in order."""
     settings = Settings(seed=config.seed, duration=duration, conditions=Conditions(robot=robot_of(policy)))
     with Execution(workers) as execution:
         spec = ControllerSpec("learned", str(policy))

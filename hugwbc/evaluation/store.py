@@ -91,8 +91,9 @@ class Store:
 def table_key(experiment: str, episode: Episode, settings: Settings, spec: ControllerSpec) -> dict[str, Any]:
     """Return what tells a table from others, as JSON: names, settings, versions, digests of controller, code and files.
 
-    A shipped policy counts by its digest for the controller that it drives. A user's own code may load any of them. The
-    robots count by their tables and descriptions. The number of episodes does not count: more of them continue a table.
+    A shipped policy counts only where it is the controller, by its digest; with a user's own code, which may load any
+    of them, all count. Robots count by their tables and descriptions. The number of episodes does not count: more of
+    them continue a table.
     """
     files, given = _files(episode, settings), dataclasses.asdict(settings)
     given.pop("episodes", None)

@@ -55,7 +55,7 @@ def each_result(
     that says how much that is.
 
     Raises:
-        ConfigError: if nothing of what runs is told the robot that the conditions name.
+        ConfigError: if the conditions tell another robot, and neither an estimator nor a controller takes it.
     """
     _check_told(entries)
     counts = [stored_episodes(entry.experiment, entry.settings, entry.spec, store) for entry in entries]
@@ -105,7 +105,7 @@ def run_study(entries: Sequence[Entry], **options: Any) -> list[Result]:  # noqa
 
 
 def _with_differences(entries: Sequence[Entry], results: Sequence[Result]) -> list[Result]:
-    """Return the results, those of all but the first controller with the differences of their figures from its."""
+    """Return the results; the figures of all but the first controller have their differences from the first one's."""
     keys, first, found = [(entry.experiment.name, repr(entry.settings)) for entry in entries], {}, []
     for key, entry, result in zip(keys, entries, results, strict=True):
         same = [other for other, of_key in zip(results, keys, strict=True) if of_key == key]
@@ -137,9 +137,9 @@ def _never_happened(result: Result, others: Sequence[Result]) -> list[Figure]:
 
 
 def values_alone(experiment: Experiment[Any], result: Result) -> Values:
-    """Return the figures of each episode alone: where a figure is a mean over episodes, what it is the mean of.
+    """Return the figures of each episode alone; a figure that is a mean over episodes is the mean of these.
 
-    What only the episodes have in which it happened is 0 in the others.
+    A percentage of episodes that only those have in which something happened is 0 in the others.
     """
     rows, found, plans = frame_of(result.rows), Values(), dict[str, dict[str, float]]()
     for number, plan in enumerate(result.plans):
@@ -220,7 +220,7 @@ def remarks(results: Sequence[Result]) -> list[str]:
 def _lost(result: Result) -> int:
     """Return how many episodes fell and lack a value that an upright one of the same case has.
 
-    A case are the episodes whose tags have the same texts; another one may measure something else.
+    Episodes whose tags have the same texts are of one case; those of another case may measure something else.
     """
     cases = [tuple(tag for tag in plan.tags.values() if isinstance(tag, str)) for plan in result.plans]
     rows = list(zip(cases, result.rows, strict=True))

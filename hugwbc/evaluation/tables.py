@@ -22,7 +22,7 @@ class Marked:
     """A cell that a page marks by a word and by its style."""
 
     text: str  # text of the cell, without the word
-    # worse than the reference; worse, but within the uncertainty; published and not measured here
+    # worse: than the paper's; unclear: worse, but within the interval; published: not measured here
     mark: Mark = ""
 
 

@@ -41,7 +41,7 @@ class H1VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many H1s at once in `HumanoidEnv`, without a loop over them in Python.
 
     Robots whose episode has ended begin the next one in the same step. `info["final_obs"]` then has the last
-    observation of the episode that ended, for bootstrapping.
+    observation of the episode that ended, for bootstrapping. Sizes are those of an H1 with the paper's observations.
 
     Attributes:
         config: the settings.

@@ -17,10 +17,10 @@ GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 class H1RslRlEnv(VecEnv):
     """Many H1s as rsl_rl's `VecEnv`; robots whose episode has ended begin the next one in the same step.
 
-    Observations are a TensorDict of "policy", shape (n, 333), and "privileged", shape (n, 122) on a plane. What a step
-    tells besides has "time_outs", shape (n,), bool, and where episodes have ended "final_robots", their indices (k,),
-    and "final_observations", their last observations. rsl_rl itself takes the value before the last step for that after
-    it.
+    Observations are a TensorDict of "policy", shape (n, 333), and "privileged", shape (n, 122) on a plane. The extras
+    of a step have "time_outs", shape (n,), bool, and if episodes have ended "final_robots", their indices (k,), and
+    "final_observations", their last observations. rsl_rl does not read these: after a time-out it bootstraps with the
+    value of the observation before the last step.
 
     Attributes:
         robots: the environment within.

@@ -99,11 +99,12 @@ class Wish:
 class ActionLayout:
     """The numbers of an action, in order, and both directions between them and a `Wish`.
 
-    Those of the command are within the ranges of the robot, and what they leave out is at its defaults.
+    The numbers of the command are within the robot's ranges; what a command has besides is at its default.
 
     Attributes:
         entries: what each number is.
         names: their names.
+        rest: the action of a robot that stands with free arms.
     """
 
     def __init__(self, grip: str | None, robot: Robot) -> None:

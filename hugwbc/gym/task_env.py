@@ -26,7 +26,7 @@ from hugwbc.upper_ik import UpperBodySource
 
 SUCCESS_TIME = 1.0  # [s], for which everything has to stay as it should be, since things may still tip over
 _TOO_LATE = f"done for less than {SUCCESS_TIME:g} s"
-_FIRST_SEED, _LAST_SEED = 3000, 2**31 - 1  # of episodes without a seed of their own: neither for choice nor for reports
+_FIRST_SEED, _LAST_SEED = 3000, 2**31 - 1  # of episodes that get no seed: free ones (docs/evaluation.md)
 
 
 class TaskEnv(gymnasium.Env[Any, np.ndarray]):

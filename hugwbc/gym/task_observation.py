@@ -55,7 +55,7 @@ class ObservationLayout:
         self.size = ends[-1]
 
     def row(self, view: View, shapes: Shapes, points: np.ndarray, gone: float) -> np.ndarray:
-        """Return the observation, shape (size,), float32; what is not known or not finite is 0.
+        """Return the observation within `LARGEST`, shape (size,), float32; what is unknown or NaN is 0.
 
         Args:
             view: what is known now.
@@ -91,7 +91,7 @@ class ObservationLayout:
 
 
 def _seen(view: View, name: str, axes: np.ndarray) -> np.ndarray:
-    """Return where an object is from the pelvis, and its x and z axes, all in the heading frame, shape (9,)."""
+    """Return an object's place from the pelvis [m] and its x and z axes in the heading frame, shape (9,)."""
     if name not in view.objects:
         return np.zeros(_OBJECT)
     thing = view.objects[name]

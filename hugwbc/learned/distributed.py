@@ -1,6 +1,6 @@
-"""Processes that train: sums and means over those of a torchrun job that learn as one, and requests to stop.
+"""Training in several processes: sums and means over the processes of a torchrun job, and requests to stop.
 
-A single process exchanges nothing. Ctrl-C and SIGTERM ask for a stop, and the work ends where it can save.
+A single process exchanges nothing. Ctrl-C, SIGTERM and SIGHUP ask for a stop, and the work ends where it can save.
 """
 
 import contextlib
@@ -21,16 +21,16 @@ from torch import distributed as dist
 
 from hugwbc.errors import ConfigError
 
-_AGAIN = 0.2  # [s] after a signal, within which others are the same request
+_AGAIN = 0.2  # [s] after a signal, within which its repetitions are the same request
 _GPU_FILES = "/dev/nvidia[0-9]*"  # one for each GPU, whether torch is built for it or not
-_PR_SET_PDEATHSIG = 1  # of Linux: the signal that comes when the parent process ends
+_PR_SET_PDEATHSIG = 1  # option of Linux's prctl: which signal a process gets when its parent ends
 
 _log = logging.getLogger(__name__)
 
 
 @contextlib.contextmanager
 def process_group() -> Iterator[None]:
-    """Join the job that torchrun started, if any, and leave it at the end; if torchrun is killed, SIGTERM comes."""
+    """Join the job that torchrun started, if any, and leave it at the end; SIGTERM comes if torchrun is killed."""
     joined = int(os.environ.get("WORLD_SIZE", "1")) > 1 and not dist.is_initialized()
     if joined:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -43,7 +43,7 @@ def process_group() -> Iterator[None]:
 
 
 def rank() -> int:
-    """Return the number of this process; process 0 writes files and prints."""
+    """Return the number of this process among all, from 0; process 0 leads: it evaluates, logs and prints."""
     return dist.get_rank() if dist.is_initialized() else 0
 
 
@@ -53,9 +53,12 @@ def local_rank() -> int:
 
 
 def claim_device(wish: str) -> str:
-    """Return the device of this process for a wish of `TrainConfig.device`, and select it if it is a GPU.
+    """Return the device of this process for a value of `TrainConfig.device`, and select it if it is a GPU.
 
-    A warning says what auto lacks to use a GPU that is there.
+    If "auto" falls back to the processor although there is a GPU, a warning says what is lacking.
+
+    Raises:
+        ConfigError: if "cuda" is asked for and a GPU for each process or MuJoCo Warp is lacking.
     """
     if wish not in ("auto", "cuda"):
         return wish
@@ -82,7 +85,7 @@ def size() -> int:
 
 
 def rank_path(path: pathlib.Path) -> pathlib.Path:
-    """Return the path of this process's version of a file: as given in the first, with the rank in the others."""
+    """Return the path of this process's version of a file: the given one in process 0, with the rank in the others."""
     return path.with_stem(f"{path.stem}-rank{rank()}") if rank() else path
 
 
@@ -140,13 +143,13 @@ class Stop:
 def stopped_by_signals() -> Iterator[Stop]:
     """Let SIGINT, SIGTERM and SIGHUP ask for a stop instead of ending the process.
 
-    When a signal comes again, it does what it did before, which usually ends the process. Within a moment it is the
-    same request, since a launcher that is killed sends one for each of its threads. SIGTERM after SIGINT is no
-    repetition either: torchrun sends both to its processes on one Ctrl-C. In a thread other than the main one, where
-    Python handles no signals, nothing changes.
+    A signal that comes a second time has its usual effect, which mostly ends the process. Repetitions within `_AGAIN`
+    seconds are the same request, since a launcher that is killed sends a signal for each of its threads. SIGTERM after
+    SIGINT is no repetition either: torchrun sends both to its processes on one Ctrl-C. In a thread other than the main
+    one, where Python handles no signals, nothing changes.
 
     Yields:
-        The wish to stop.
+        The request to stop.
     """
     stop, previous, asked = Stop(), dict[int, Any](), dict[int, float]()
 
@@ -158,7 +161,7 @@ def stopped_by_signals() -> Iterator[Stop]:
 
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if signal.getsignal(number) is signal.SIG_IGN:  # as of a program that is to outlive its terminal
+            if signal.getsignal(number) is signal.SIG_IGN:  # such as SIGHUP under nohup
                 continue
             previous[number] = signal.signal(number, request)
     try:

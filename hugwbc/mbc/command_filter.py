@@ -1,4 +1,4 @@
-"""Filter of commands: within what the legs can do now, rate-limited, corrected by the measured velocity."""
+"""Filter of commands by what the legs can do now and by rate, and correction of the velocity plan by measurement."""
 
 import math
 from typing import NamedTuple
@@ -18,12 +18,12 @@ from hugwbc.mbc.reach import (
 )
 from hugwbc.robot import Robot
 
-_SETTLING_STEPS, _SETTLING_LEAPS = 3, 1  # number after a change of command that the velocity trim ignores
-_HELD, _SLOWEST_HELD = 0.8, 0.08  # share of a velocity that a held robot lacks, from which velocity on [m/s]
+_SETTLING_STEPS, _SETTLING_LEAPS = 3, 1  # number that the velocity trim ignores, from that of a change of command on
+_HELD, _SLOWEST_HELD = 0.8, 0.08  # share of the commanded velocity that a held robot lacks; least such velocity [m/s]
 
 
 class SmoothCommand(NamedTuple):
-    """A command that never jumps, with the rates of its body posture."""
+    """A command whose velocities and posture never jump, with the rates of the posture."""
 
     gait: Gait  # gait as commanded
     velocity: np.ndarray  # v_x and v_y, heading frame [m/s], shape (2,)
@@ -31,7 +31,7 @@ class SmoothCommand(NamedTuple):
     f: float  # stride frequency [Hz]
     # swing apex above the ground [m]
     l: float  # noqa: E741  the paper's symbol
-    posed: bool  # whether h and p have almost arrived. Leaps change them slowly, so that they start with them
+    posed: bool  # whether h and p have almost arrived: leaps wait for that, since they change them slowly
     # h, p, w: pelvis height above nominal [m], pelvis pitch [rad] and waist angle [rad]
     h: float
     p: float
@@ -45,10 +45,10 @@ class SmoothCommand(NamedTuple):
 class GaitState(NamedTuple):
     """The gait state, which decides how much of a command can be followed now."""
 
-    # whether the robot still steps, whatever the command. The limits of walking hold until it stands
+    # whether the robot steps or has not yet settled, whatever the command; meanwhile the limits of walking hold
     stepping: bool = False
-    # gait that the robot is still in. It comes to rest before it changes to the commanded gait, at its own frequency
-    # and within its own limits
+    # gait that the robot is still in. Before it changes to the commanded gait it comes to rest in this one, at the
+    # frequency and within the limits of this one
     running: Gait = Gait.STANDING
     waiting: bool = False  # whether the robot is not ready to travel yet
     stray: float = 0.0  # by how much the robot is faster along the heading than commanded, as after a push [m/s]
@@ -68,7 +68,7 @@ class CommandFilter:
             (height_rate, params.leap_pitch_rate, params.waist_rate)
             for height_rate in (params.jump_height_rate, params.hop_height_rate)
         )
-        # Gaps to h and p that are left when these move as slowly as in a leap (the tangent in `approach`).
+        # Gaps to h and p that are left when these move as slowly as in a hop (the straight line in `approach`).
         slow, usual = self._leap_limits[1], self._limits
         self._close = tuple(slow[axis][0] * 0.5 * usual[axis][0] / usual[axis][1] for axis in range(2))
         self.reset(0.0, 0.0, 0.0)
@@ -84,7 +84,7 @@ class CommandFilter:
         self._arrived: GaitState | None = None  # gait state for which the last result has stopped changing
 
     def update(self, command: Command, dt: float, legs: GaitState = _STILL) -> SmoothCommand:
-        """Return the command to follow now."""
+        """Return the command to follow now, `dt` [s] after the last call."""
         # Most ticks repeat the last command after everything has arrived: their result is kept.
         if command is not self._given:
             self._given = command
@@ -128,7 +128,7 @@ class CommandFilter:
         if not changing or gait is Gait.STANDING:
             self._frequency = _towards(self._frequency, command.f, params.frequency_rate * dt)
 
-        # A posture that changes in the last leap turns the body in the air.
+        # A posture that changes in the last leap would turn the body in the air.
         if not changing or not limiting.flight:
             self._asked_posture = command.h, command.p, command.w
         h, pitch, waist = self._asked_posture
@@ -252,13 +252,13 @@ class VelocityTrim:
 
 
 def approach(value: float, rate: float, target: float, limits: tuple[float, float], dt: float) -> tuple[float, float]:
-    """Return a value and its rate a tick nearer to a target; `limits` bound its rate and its acceleration."""
+    """Return a value and its rate a tick of `dt` [s] nearer to a target; `limits` bound its rate and acceleration."""
     fastest, quickest = limits
     gap, change = target - value, quickest * dt
     if abs(gap) <= change * dt and abs(gap / dt - rate) <= change:  # it arrives in this tick, and can stop in the next
         return target, gap / dt
-    # As fast as still allows to stop at the target: the smaller of the braking parabola and its tangent, since near the
-    # target the parabola is too steep to be followed in discrete time.
+    # As fast as still allows to stop at the target: the smaller of a braking parabola and a straight line, since near
+    # the target the parabola is too steep to be followed in discrete time.
     speed = min(math.sqrt(quickest * abs(gap)), abs(gap) * 2.0 * quickest / fastest, fastest)
     rate += min(max(math.copysign(speed, gap) - rate, -change), change)
     return value + rate * dt, rate

@@ -16,7 +16,7 @@ from hugwbc.state import GRAVITY, RobotState
 
 _SOLE_ENDS = ("heel", "toe")
 _FARTHEST_SHIFT = 0.25  # [m], by which forces on the hands may shift the balance
-_EDGE_ROLL = 0.02  # [rad], roll of the sole from which on only its edge touches
+_EDGE_ROLL = 0.02  # [rad], roll of the sole from which on only its edge touches the ground
 _LONGEST_AGE = 0.03  # [s], age up to which a prediction is better than the reading
 
 
@@ -39,8 +39,8 @@ class Dynamics(Kinematics):
     Attributes:
         mass: mass of the robot [kg].
         M: mass matrix with rotor inertia, shape (nv, nv).
-        bias: Coriolis, centrifugal, gravity and joint friction terms, less the forces on the hands [N], [N m], shape
-            (nv,).
+        bias: Coriolis, centrifugal, gravity and joint damping terms, less the generalised forces of `hand_force` [N],
+            [N m], shape (nv,).
         hand_force: force on the left and the right hand from outside, world axes [N], shape (2, 3); set it before
             `update`.
         com, com_velocity: position and velocity of the centre of mass in the world [m], [m/s], shape (3,).
@@ -106,7 +106,7 @@ class Dynamics(Kinematics):
         .. math:: \ddot c = \omega^2 (c + \delta - p), \qquad
             \delta = \sum \frac{F_{xy} (r_z - p_z) - F_z (r_{xy} - p_{xy})}{m g}
 
-        A payload shifts it towards itself, a pull towards where it pulls.
+        A payload shifts it towards itself, a pull towards where it pulls, by at most 0.25 m along each axis.
 
         Args:
             pivot: point in the world [m], shape (3,).
@@ -174,7 +174,7 @@ def pitch_of(rotation: np.ndarray) -> float:
 
 
 class Predictor:
-    """Carries a late reading to the present by integrating the accelerations that were commanded since.
+    """Carries a late reading to the time of the next command by integrating the accelerations commanded since.
 
     Those accelerations contain the contacts that the QP planned, so that only what it did not foresee, such as an
     impact, is seen late.
@@ -197,11 +197,11 @@ class Predictor:
         self._accelerations.append(acceleration)
 
     def predict(self, state: RobotState, delay: float = 0.0) -> RobotState:
-        """Return the state `state.age` and a delay later; one that is not old stays as it is.
+        """Return the state `state.age` and a delay later, at most 0.03 s, as far as accelerations were recorded.
 
         Args:
             state: complete reading, with position and velocity.
-            delay: from now on [s].
+            delay: time from now to the time of the returned state [s].
         """
         age = state.age + delay
         recorded = len(self._accelerations)

@@ -1,4 +1,4 @@
-"""Feet and the ground they find: soles, who carries load, a plane through the last stances, and slips."""
+"""Feet and the ground that they find: soles, loads, a plane through the last stances, and slips."""
 
 import collections
 import math
@@ -17,26 +17,26 @@ _ENDS = tuple(tuple(CONTACT_POINTS[2 * foot : 2 * foot + 2]) for foot in range(l
 # Share of the weight at which a foot has found the ground. Loads that are inferred from joint torques are noisy: those
 # of a swinging foot stay below 50 N in 99 % of the time. A foot that is believed to stand too early hangs in the air.
 _TOUCHING = 0.25
-_CARRYING = 0.0344  # below it a foot that should stand is not on the ground
-_LOADED = 0.1718  # least one that tells of the ground
+_CARRYING = 0.0344  # share of the weight below which a foot that should stand is not on the ground
+_LOADED = 0.1718  # share of the weight from which on the motion of a sole tells of the ground
 _RESTING_RATE = 0.5  # [rad/s], below which a loaded sole lies on heel and toe
 _SLOPE_TIME = 0.02  # [s], time constant with which the slope of a resting sole is taken for the ground's
 _STANCES = 6  # number of stances that the plane is fitted to
 _STIFFNESS = 0.03  # [m^2], ridge towards level: variance of uneven ground over that of a gradient
 
 _SPEED_TIME = 0.02  # [s], time constant of the soles' speeds: a sole that touches down slides for less than that
-_SHARE = 0.5  # most of it that one reading makes: with a period as long as that slide, no single one is a slip
+_SHARE = 0.5  # largest share of one reading in that filter: even with long periods, a single reading makes no slip
 _SLIPS = 0.45  # [m/s], filtered speed of a sole under load that does not occur on good ground
-_SLIDES = 0.5  # [m/s], filtered speed that it does not reach once enough less friction is assumed
-_GRIP = 0.4  # horizontal over vertical force of a sole that slides on good ground, as after a push, at least
+_SLIDES = 0.5  # [m/s], filtered speed that a sole does not reach once the assumed friction is low enough
+_GRIP = 0.4  # least ratio of horizontal to vertical force of a sole that slides on good ground, as after a push
 _BETWEEN = 0.3  # [s] between two reductions, about a step: a slip goes on until the other foot stands
-_AT_ONCE = 0.05  # [s], the same for a sole that slides
-_REDUCTION = 0.3  # factor on the friction that is assumed, for each slip
-_LEAST = 0.1  # friction that is always assumed
-_RECOVERY = 0.01  # [1/s], rise of the friction that is assumed while nothing slips
-_PATIENCE, _TRUST = 5.0, 10.0  # [s] without a slip, after which it rises as many times as fast: it may be good ground
-_BELOW = 0.8  # share of the friction with which a sole slipped again, up to which it does
-_SPEED = 2.5  # [m/s] allowed for each unit of friction on slippery ground
+_AT_ONCE = 0.05  # [s], the same for a sole faster than `_SLIDES`
+_REDUCTION = 0.3  # factor on the assumed friction at each slip
+_LEAST = 0.1  # least assumed friction
+_RECOVERY = 0.01  # [1/s], rise of the assumed friction while nothing slips
+_PATIENCE, _TRUST = 5.0, 10.0  # [s] without a slip, and the factor on the rise thereafter: the ground may be good again
+_BELOW = 0.8  # share of the friction with which a sole slipped again, up to which the rise is that fast
+_SPEED = 2.5  # [m/s], largest speed per unit of friction on slippery ground
 
 
 def pivot(dynamics: Dynamics, foot: int, balance: float) -> np.ndarray:
@@ -60,7 +60,7 @@ def sole_about(pivot: np.ndarray, yaw: float, balance: float, robot: Robot) -> n
         pivot: desired place of the centre of pressure, world x and y [m], shape (2,).
         yaw: heading of the foot [rad].
         balance: distance of the centre of pressure ahead of the ankle [m].
-        robot: gives the extent of the sole.
+        robot: gives the place of the sole's centre ahead of the ankle.
 
     Returns:
         Centre of the sole, world x and y [m], shape (2,).
@@ -190,13 +190,13 @@ class Ground:
 
 
 class SlipWatch:
-    """Assumes less friction as soon as a loaded sole moves, and slowly more again.
+    """Assumes less friction as soon as a loaded sole slides, and slowly more again.
 
-    A walk on good ground uses the friction of the soles to turn and to brake, so less is assumed only where it is less.
+    A walk on good ground uses the friction of the soles to turn and to brake, so less is assumed only after a slip.
 
     Attributes:
         friction: coefficient that the contact forces may use.
-        fastest: largest speed that suits it [m/s]; infinite where nothing has slipped.
+        fastest: largest speed that suits it [m/s]; infinite while the coefficient is that of good ground.
     """
 
     def __init__(self, friction: float, weight: float) -> None:
@@ -208,11 +208,11 @@ class SlipWatch:
         """Assume good ground."""
         self.friction, self.fastest = self._good, math.inf
         self._filtered = [(0.0, 0.0, 0.0)] * 2  # by foot: speed [m/s], horizontal and vertical force [N]
-        self._since = _BETWEEN  # the last reduction [s]
+        self._since = _BETWEEN  # [s] since the last reduction
         self._trusted = self._good  # friction up to which it rises fast
 
     def update(self, velocities: Sequence[np.ndarray], forces: np.ndarray, dt: float) -> None:
-        """Take both soles' velocities [m/s], shape (2 or more,) each, and the forces on them [N], shape (2, 3)."""
+        """Take both soles' velocities [m/s], (2 or more,) each, and the forces on them [N], (2, 3), of a tick [s]."""
         slips, share = 0.0, min(dt / _SPEED_TIME, _SHARE)
         for foot, (x, y, z) in enumerate(forces.tolist()):  # of so few numbers, floats are faster than arrays
             slow, aside, down = 0.0, 0.0, 0.0

@@ -76,10 +76,10 @@ def nominal_offset(
 ) -> complex:
     r"""Return the divergent component relative to the stance foot at the start of a step of the periodic gait.
 
-    Forward part: each step goes :math:`s = R(\psi / 2) v T (1 + \dot\psi^2 / \omega^2)` while the heading turns by
+    Travel: each step goes :math:`s = R(\psi / 2) v T (1 + \dot\psi^2 / \omega^2)` while the heading turns by
     :math:`\psi = \dot\psi T`. This is periodic if :math:`s + R(\psi) b = e^{\omega T} b`. The last factor belongs to a
     body that leans in by its centripetal acceleration over :math:`\omega^2`, so that its feet run on a larger circle
-    than its centre of mass. Lateral part: the feet alternate at a distance of `width`,
+    than its centre of mass. Width: the feet alternate at a distance of `width`,
     :math:`b_y = \mp W / (1 + e^{\omega T})`. Vectors in the plane are complex numbers: R(psi) is e^{i psi}.
 
     Args:
@@ -120,7 +120,7 @@ class StepPlan(NamedTuple):
 
     foothold: np.ndarray  # place of the swing foot's pivot, world [m], shape (2,)
     cop: np.ndarray  # centre of pressure of the stance foot, world [m], shape (2,)
-    # from the nearest foothold within reach to the wanted one, forward and left of the foot [m]; zeros if the wanted
+    # from the nearest foothold within reach to the wanted one, heading frame of the landing [m]; zeros if the wanted
     # one is within reach
     missed: tuple[float, float]
 

@@ -22,7 +22,7 @@ _LONGEST_WAIT = 0.4  # longest wait for a foot that does not find the ground, as
 
 
 class GaitPlan:
-    """Gait clock. Modes change only at the ends of steps.
+    """Gait clock. A walk or a series of leaps ends only at the end of a step.
 
     A leap on one leg or two is a stance of half a stride and a flight of the other half. The first stance of a series
     is longer, for the countermovement, and the stance after the last flight only brakes.
@@ -114,7 +114,7 @@ class GaitPlan:
             gait: gait as commanded.
             frequency: stride frequency [Hz].
             dt: time since the last tick [s].
-            may_start: whether the weight is where the first step or the first jump needs it.
+            may_start: whether the weight is where the first step or the first leap needs it.
             may_stop: whether the robot can stand where the current step ends.
             first_swing: foot that a walk starts with, 0 for left, 1 for right.
             landed: whether the swing foot of a walk has found the ground. Until it has, the feet keep their roles for a

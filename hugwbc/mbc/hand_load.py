@@ -7,9 +7,9 @@ import numpy as np
 from hugwbc.controller import UpperBody
 from hugwbc.state import RobotState
 
-_STRONGEST = 250.0  # [N] along each axis, of what is felt besides what is told; more is a fault of the sensors
+_STRONGEST = 250.0  # [N] along each axis, bound on what is felt besides what is told: more is a fault of the sensors
 # What moves the robot is a pull if it is still there after a step or two; a touch has ended by then.
-_WAIT, _RISE = 0.4, 0.2  # [s] of stepping before a felt force begins to count, and until it counts in full
+_WAIT, _RISE = 0.4, 0.2  # [s] of stepping before a felt force begins to count, and from then until it counts in full
 _LASTING = 2.0  # [1/s], bandwidth of the mean that a felt force does not exceed
 _NONE = np.zeros((2, 3))
 
@@ -17,14 +17,14 @@ _NONE = np.zeros((2, 3))
 class HandLoad:
     """The force on each hand from outside, smooth enough for the balance.
 
-    What the targets tell counts at once and in full; it comes within its ranges and without jumps
-    (`HandWrench.towards`). What is felt besides is cut at 250 N along each axis, and nothing of it counts in a stand: a
-    robot that leans against a force holds a pull, but it presses harder on a post that it touches, which pushes back
-    harder, until it falls. Left alone, it gives way to both, and the push of a post vanishes. A force that has made the
-    robot step and is still there thereafter is a pull; it counts until it ends, in the stand that follows as well. What
-    a hand meets in that stand besides, such as the table on which it sets down what it has carried, does not.
+    What the targets tell counts at once; it comes within its ranges and without jumps (`HandWrench.towards`). What is
+    felt besides is cut at 250 N along each axis, and nothing of it counts in a stand: a robot that leans against a
+    force holds a pull, but it presses harder on a post that it touches, which pushes back harder, until it falls. A
+    robot that does not lean gives way to both, and the push of a post vanishes. A force that has made the robot step
+    and is still there thereafter is a pull; it counts until it ends, in the stand that follows as well. What a hand
+    meets in that stand besides, such as the table on which it sets down what it has carried, does not count.
 
-    Forces as small as the friction of the arms' drives are not told apart from none; they fade out.
+    Of all forces, told or felt, those that are as small as the friction of the arms' drives do not count.
 
     Attributes:
         force: on the left and the right hand, world frame [N], shape (2, 3).
@@ -35,7 +35,7 @@ class HandLoad:
 
         Args:
             rate: bandwidth of what is felt [1/s].
-            least: force up to which nothing counts [N]; from twice this force on all of it does.
+            least: force on a hand up to which nothing of it counts [N]; from twice as much on, all of it does.
         """
         self._rate, self._least = rate, least
         self.reset()
@@ -50,7 +50,7 @@ class HandLoad:
         """Take in one state.
 
         Args:
-            state: with the forces on the hands or without them; then those that `upper_body` tells count alone.
+            state: the robot now; without forces on the hands, only those that `upper_body` tells count.
             upper_body: targets of the arms, with the wrench that the hands should meet.
             dt: time since the last call [s].
             stepping: whether the robot walks, or steps to catch itself.
@@ -63,7 +63,7 @@ class HandLoad:
         self._felt = self._felt + (1.0 - math.exp(-self._rate * dt)) * (besides - self._felt)
         self._mean = self._mean + (1.0 - math.exp(-_LASTING * dt)) * (self._felt - self._mean)
         felt = _length(self._felt)
-        if not np.count_nonzero(felt > self._least):  # and what lasts of it is no more
+        if not np.count_nonzero(felt > self._least):  # nor is the lasting part of it larger
             self._stepped = 0.0
             return
         lasting = np.minimum(_length(self._mean) / np.maximum(felt, self._least), 1.0)
@@ -84,7 +84,7 @@ def _length(force: np.ndarray) -> np.ndarray:
 
 
 def _without_small(force: np.ndarray, least: float) -> np.ndarray:
-    """Return forces without those of at most `least` [N]; from twice that on they count in full."""
+    """Return forces without those of at most `least` [N]; from twice as much on they count in full."""
     if not np.count_nonzero(force):
         return _NONE
     counts = np.minimum(np.maximum(_length(force) / least - 1.0, 0.0), 1.0)

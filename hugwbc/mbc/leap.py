@@ -26,7 +26,7 @@ class Leap:
     Attributes:
         motion: task of the centre of mass in stance.
         trajectories: paths of the left and the right foot in flight.
-        forces: planned force on every contact point [N], shape (4, 3); None in flight.
+        forces: planned force on every contact point, world axes [N], shape (4, 3); None in flight.
         momentum_rate: planned rate of the angular momentum, world axes [N m], shape (3,); None in flight.
         failures: number of force plans since the reset that were not solved.
     """
@@ -65,8 +65,8 @@ class Leap:
         self._age += tick.dt
         # A foot that lands before its time stays down through the stance to come.
         time_left = plan.remaining + plan.step_time * plan.airborne
-        # Feet push for whole periods. Unless the plan knows, the last one adds up to 0.06 m/s to the take-off. Hops are
-        # tuned with that.
+        # Feet push for whole periods. Unless the plan knows, the last one adds up to 0.06 m/s to the take-off; hops
+        # are tuned with that.
         overtime = -time_left % tick.dt if plan.on_both else 0.0
         young = self._age < params.mpc_period - 0.5 * tick.dt
         # Close to take-off the last plan runs out: a shorter one would correct small errors by large forces.
@@ -84,7 +84,7 @@ class Leap:
         self._age = 0.0
         landing = plan.mode is Mode.LANDING
         flight = 0.0 if landing else plan.step_time - overtime
-        # The command's velocity turns with the robot; the flight should have its direction of half-way through.
+        # The commanded velocity turns with the robot; the flight should have the direction of the middle of the flight.
         turn = tick.command.omega * (time_left + 0.5 * flight)
         horizontal = np.zeros(2) if landing else rotations.rotation_z(turn)[:2, :2] @ tick.velocity
         to_heading = self._to_heading()
@@ -103,8 +103,9 @@ class Leap:
     def _body(self, dynamics: Dynamics, to_heading: np.ndarray, tilt: np.ndarray) -> RigidBody:
         """Return the robot as a single body whose leaping legs keep their feet where they are.
 
-        With the feet fixed and the arms still, the velocity of the pelvis [v, omega] decides all joint velocities: the
-        legs' by their (damped) inverse Jacobians. What is left of the centroidal momentum matrix has six columns.
+        With these feet fixed and all other joints still, the velocity of the pelvis [v, omega] decides all joint
+        velocities: the legs' by their (damped) inverse Jacobians. What is left of the centroidal momentum matrix has
+        six columns.
 
         Args:
             dynamics: robot model at the current state.

@@ -17,7 +17,8 @@ from hugwbc.mbc.tasks import AngularMomentumTask, PostureTask, StanceContactTask
 from hugwbc.mbc.walking import Walking
 from hugwbc.robot import SIDES, Robot, load_mirror
 
-_SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3  # [m], [1/s], [m/s]
+# Height above the ground from which a foot that should stand is lowered [m]; speed per height [1/s]; top speed [m/s].
+_SETTLE_HEIGHT, _SETTLE_GAIN, _SETTLE_SPEED = 0.002, 10.0, 0.3
 _LEVEL_TOLERANCE = 0.008  # [m], by which one end of a sole may be higher than the other and still carry load
 _STOP_SPEED, _STOP_TURN, _STOP_STRIDE = 0.06, 0.1, 0.03  # [m/s], [rad/s], [m]: below these the robot may stop
 _STRAY_SPEED, _STRAY_TIME = 0.3, 0.15  # [m/s], [s]: excess of speed that counts as a push, and its time constant
@@ -34,7 +35,7 @@ class Locomotion:
         ground: the ground as the feet have found it.
         references: heading, height and orientation of the pelvis.
         contact: whether the left and the right foot stand, shape (2,), bool.
-        footholds: where the centres of the soles in the air should land, world [m], shape (2, 2); NaN for the others.
+        footholds: where the centres of the soles in the air should land, world x, y [m], shape (2, 2); NaN for others.
         walking, leap: the gaits' plans.
         momentum: task of the angular momentum.
         stance, swing, free_leg: tasks of the left and the right leg.
@@ -136,7 +137,7 @@ class Locomotion:
 
         Args:
             position: of the pelvis as it was read, not predicted, world [m], shape (3,).
-            velocity: likewise [m/s], shape (3,).
+            velocity: of the pelvis, read at the same time, world [m/s], shape (3,).
             dt: time since the last tick [s].
         """
         offset = position - self._position - velocity * dt
@@ -239,7 +240,7 @@ class Locomotion:
     def _settle_speed(self, dynamics: Dynamics, foot: int) -> float:
         """Return the downward speed of a foot that should stand [m/s].
 
-        It goes down until it carries weight or, without foot forces, until its height is that of the ground.
+        It goes down until it carries weight or, in a leap or without foot forces, until it is as low as the ground.
         """
         carries = None if self.plan.legs else self.ground.carries(dynamics, foot)
         if carries is not None:

@@ -44,10 +44,10 @@ class ControllerParams:
     # on any ground
     contact_weight: NotNegative = 2000.0
     contact_damping: NotNegative = 30.0  # Damping of the velocity of a standing foot [1/s]
-    # Stiffness with which a standing sole turns to the slope of the ground [1/s^2]
+    # Stiffness with which a standing sole turns to the slope of the ground and, if the ankle rolls, to level [1/s^2]
     contact_pitch_stiffness: NotNegative = 100.0
-    # Weight of the pelvis's height. It dominates, so that the QP never raises the pelvis to gain normal force for a
-    # fast swing
+    # Weight of the pelvis's height: far above that of a swing, so that the QP never raises the pelvis to gain normal
+    # force for a fast swing
     height_weight: NotNegative = 300.0
     height_gains: _Gains = (120.0, 22.0)  # Gains of the pelvis's height [1/s^2], [1/s]
     # Weights of the pelvis's roll, pitch and yaw. Roll is low: the line-shaped feet cannot hold it while a leg swings
@@ -90,17 +90,17 @@ class ControllerParams:
     cop_gain: NotNegative = 1.5
     # Distance of a foothold from the stance foot beyond which the pelvis comes down as far as the legs need [m]
     long_step: NotNegative = 0.4
-    # Height of the swing of a step as long as `max_step` [m]; shorter ones are higher, up to `long_step`
+    # Apex of the swing of a step of `max_step` forward [m]; beyond `long_step` the apex falls towards it
     long_step_clearance: NotNegative = 0.05
-    # Length that a straight leg keeps in reserve between hip and ankle in such a step [m]. It lands with a bent knee:
-    # the impact along a straight leg would throw the pelvis up
+    # Length between hip and ankle that a leg keeps in reserve in such a step [m]. It lands with a bent knee, since the
+    # impact along a straight leg would throw the pelvis up
     leg_reserve: Positive = 0.04
-    # Largest rate and acceleration with which the pelvis comes down for it [m/s], [m/s^2]
+    # Largest rate and acceleration with which the pelvis comes down for such a step [m/s], [m/s^2]
     crouch_rate: _Gains = (1.0, 6.0)
-    # Largest rate and acceleration with which it rises again [m/s], [m/s^2]: slow, because a foot that is far away
-    # still has to be lifted
+    # Largest rate and acceleration with which the pelvis rises again [m/s], [m/s^2]: slow, because a foot that is far
+    # away still has to be lifted
     rise_rate: _Gains = (0.2, 2.0)
-    max_crouch: NotNegative = 0.25  # Largest such lowering of the pelvis [m]
+    max_crouch: NotNegative = 0.25  # Largest lowering of the pelvis for such a step [m]
     # Share of the frequency by which a step that cannot reach its foothold may be faster or slower; 0 keeps time
     step_timing: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.2
     # Distance by which a foothold may be missed before the step is retimed [m]
@@ -119,14 +119,14 @@ class ControllerParams:
     # Distance of the divergent component from the middle of the feet along the heading, beyond which a standing robot
     # steps to catch itself [m]
     capture_distance: NotNegative = 0.11
-    # Distance inside the centre line of the outer foot, beyond which the same holds across the heading [m]
+    # The same across the heading: distance to the centre line of the outer foot, below which the robot steps [m]
     capture_margin: NotNegative = 0.01
     capture_time: NotNegative = 1.0  # Shortest time for which the robot then steps in place [s]
     # Time of standing after the last step before the limits of walking on h are lifted [s]
     settle_time: NotNegative = 0.6
     # Share of the velocity error of a stride that is added to the velocity plan at each step
     velocity_integral: NotNegative = 0.25
-    velocity_integral_bound: NotNegative = 0.15  # Velocity error at which the error of a step is clipped for that [m/s]
+    velocity_integral_bound: NotNegative = 0.15  # Bound on the velocity error of a step in that correction [m/s]
     # Change of the commanded velocity within a step beyond which the error of the step does not count [m/s]
     velocity_integral_change: NotNegative = 0.05
     max_velocity_trim: NotNegative = 0.3  # Largest correction of the velocity plan [m/s]
@@ -142,10 +142,10 @@ class ControllerParams:
     # Weights of the pelvis's roll, pitch and yaw in the stance of a leap: the plan of the angular momentum comes first.
     # About the vertical axis the waist can take that momentum
     leap_orientation_weight: _Triple = (0.02, 0.02, 0.5)
-    # Weight of the waist joint in a leap that turns: the trunk takes up what the legs need in flight
+    # Weight of the waist joint in a leap: if it turns, the trunk takes up the momentum that the legs need in flight
     leap_waist_weight: NotNegative = 0.2
-    # Weight of joints that hold their nominal position in a leap: a push-off asks a trunk that must not move for more
-    # torque than they have
+    # Weight of joints that hold their nominal position in a leap: to hold the trunk rigidly in a push-off would take
+    # more torque than they have
     leap_held_weight: NotNegative = 2.0
     # Weights of the pelvis's roll, pitch and yaw in flight. Angular momentum is conserved there, so that turning the
     # pelvis moves the legs from their places
@@ -185,23 +185,23 @@ class ControllerParams:
     # Lowering of the pelvis for a hop, and for a jump that travels fast [m]: a leg that leans must still push
     hop_lowering: NotNegative = 0.06
     jump_lowering: NotNegative = 0.1  # Largest lowering of the pelvis for a jump that travels or turns [m]
-    # Speed [m/s] or rate of turning [rad/s] from which on a leap is no lower than these two: the legs cannot push off
-    # from a squat and travel as well
+    # Speed [m/s] or rate of turning [rad/s] from which on a leap is no lower than `hop_lowering` or `jump_lowering`:
+    # the legs cannot push off from a squat and travel as well
     leap_squat_speed: Positive = 0.3
     free_leg_weight: NotNegative = 2.0  # Weight of the joints of the leg that does not hop
     free_leg_gains: _Gains = (100.0, 20.0)  # Gains of these joints [1/s^2], [1/s]
     leap_depth: float = -0.26  # Lowest h at the bottom of the stance of a jump [m]
     hop_depth: float = -0.17  # Lowest h at the bottom of the stance of a hop [m]
-    # Length that the legs keep in reserve between hip and ankle at the take-off of a leap [m]: what the push-off needs,
-    # whatever the size of the robot. An H1 has as much in its nominal pose
+    # Length between hip and ankle that the legs keep in reserve at the take-off of a leap [m]: what the push-off needs,
+    # not scaled with the robot. An H1 has as much in its nominal pose
     leap_reserve: NotNegative = 0.0615
     leap_tuck: NotNegative = 0.95  # Largest (apex - rise of the body) f^2 of a foot in a leap [m Hz^2]
 
     # --- posture
-    # Centre of pressure, and of mass when standing, forward of the ankles [m]: in the middle of what the ankle torque
-    # can reach
+    # Centre of pressure, and of mass when standing, forward of the ankles [m]: well within what the ankle torque can
+    # reach
     balance_ahead: float = 0.02
-    # Distance of that point from the foremost one that the range of the ankle allows, standing and walking [m]
+    # Least distance of that point from the foremost one that the range of the ankle allows, standing and walking [m]
     balance_margin: tuple[NotNegative, NotNegative] = (0.012, 0.03)
     speed_lowering: NotNegative = 0.1  # Lowering of the pelvis per m/s of speed above `lowering_from` [s]
     # Speed above which the pelvis is lowered, so that the trailing leg does not straighten [m/s]
@@ -209,17 +209,17 @@ class ControllerParams:
     # Share of the hips' torque limit that swinging a leg along the ground may take; the rest holds the trunk upright
     # and folds the leg. It bounds the speed of a walk
     swing_torque: Positive = 0.63
-    # Part of the highest swing that the legs allow (`commands.highest_swing`) which is left to rounder swings [m]
+    # Distance of the highest apex below the highest swing that the legs allow (`commands.highest_swing`) [m]
     clearance_reserve: NotNegative = 0.04
     clearance_speed: NotNegative = 1.0  # Speed above which the apex is lowered [m/s]
     clearance_per_speed: NotNegative = 0.08  # Lowering of the apex that the leg reaches, per m/s above that speed [s]
-    # Share of the hips' torque limit that lifting a leg may take. The plan of a swing lowers its apex beyond it: a leg
+    # Share of the hips' torque limit that lifting a leg may take; a swing that would take more gets a lower apex. A leg
     # that cannot follow would throw the pelvis up, whose straightened leg then lifts the foot even more slowly
     lift_torque: Positive = 0.85
     # Largest sum of what swinging and lifting a leg take of that torque, whose peaks do not coincide
     hip_torque: Positive = 1.25
-    # Share of the knees' highest speed that the plan of a foot's fall may take, at rest and from `fall_travel` on. A
-    # foot may land late in place; one that travels lets the body run ahead
+    # Share of the knees' highest speed that the plan of a foot's fall may take, in place and from `fall_travel` on. A
+    # foot may land late in place; while the robot travels, the body would run ahead of it
     fall_speed: tuple[Positive, Positive] = (1.3, 0.95)
     fall_travel: Positive = 0.53  # Speed from which the second share counts [m/s]
     # Share of `SWING_REACTION` that is lost per m/s above `clearance_speed` [s/m]
@@ -235,10 +235,12 @@ class ControllerParams:
     frequency_rate: NotNegative = 2.0  # Largest rate of f [Hz/s]
     height_rate: _Gains = (0.35, 2.0)  # Largest rate and acceleration of h [m/s], [m/s^2]
     pitch_rate: _Gains = (0.8, 4.0)  # Largest rate and acceleration of p [rad/s], [rad/s^2]
-    # That of h in a series of jumps: legs that land lower than they took off have less force to spare
+    # Largest rate and acceleration of h in a series of jumps [m/s], [m/s^2]: legs that land lower than they took off
+    # have less force to spare
     jump_height_rate: _Gains = (0.1, 2.0)
-    hop_height_rate: _Gains = (0.05, 2.0)  # That of h in a series of hops
-    leap_pitch_rate: _Gains = (0.2, 4.0)  # That of p in a series of leaps: the body turns on in the flight
+    hop_height_rate: _Gains = (0.05, 2.0)  # Largest rate and acceleration of h in a series of hops [m/s], [m/s^2]
+    # Largest rate and acceleration of p in a series of leaps [rad/s], [rad/s^2]: the body turns on in the flight
+    leap_pitch_rate: _Gains = (0.2, 4.0)
     waist_rate: _Gains = (2.0, 10.0)  # Largest rate and acceleration of w [rad/s], [rad/s^2]
 
     # --- forces on the hands
@@ -255,9 +257,9 @@ class ControllerParams:
     def of_size(self, robot: Robot) -> "ControllerParams":
         """Return the parameters for the size of a robot.
 
-        Lengths grow with its legs, speeds with the root of their length, at the same Froude number; what weighs forces
-        and angular momenta, with its weight. What the robot's table has of its own (`Robot.qp`) holds as it is, in the
-        place of every value that is a default, even if it was given.
+        Most lengths grow with its legs, speeds with the root of their length (at the same Froude number), forces with
+        its mass; the weights of forces and angular momenta change as their units say. Values of the robot's own table
+        (`Robot.qp`) are taken as they are, in the place of every value that equals its default, even if it was given.
         """
         leg, mass = robot.leg_length / PAPER_LEG, robot.mass / _MASS
         sized = {}
@@ -271,8 +273,8 @@ class ControllerParams:
         return dataclasses.replace(self, **sized | own)
 
 
-_MASS = 59.338  # [kg], of the H1, whose figures the defaults are
-# How parameters grow: the power of the leg's length and of the mass, which follow from the unit.
+_MASS = 59.338  # [kg], of the H1, for which the defaults are
+# How parameters grow: powers of the leg's length and of the mass, which follow from the units.
 _GROWTH = {
     (1.0, 0.0): (
         *("step_width", "min_foot_distance", "max_foot_distance", "max_step", "long_step", "long_step_clearance"),

@@ -163,7 +163,8 @@ class WholeBodyQp:
             terms: rows of every task.
             contact: whether the ground may push at each of `CONTACT_POINTS`, shape (4,), bool.
             planned: forces f* to stay close to, world axes [N], shape (4, 3); with None, f* = 0 with a tiny weight.
-            heading: of the pyramids' axes, those of the robot [rad]: what it can do is the same in all directions.
+            heading: direction of the robot and of the pyramids' first axis [rad]: what the robot can do does not depend
+                on where it faces.
         """
         self._fill_contact(contact)
         self._fill_friction(heading)

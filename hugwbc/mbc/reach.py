@@ -1,8 +1,8 @@
 """Limits of the legs by joint range (inverse kinematics of a squat with level soles), by torque and by speed.
 
 Of the arguments, h is the height of the pelvis above the nominal one [m], in a leap at take-off, p its pitch [rad],
-f the stride frequency [Hz], and speed that along the heading [m/s]. The parameters give margins, and the robot what its
-legs can do.
+f the stride frequency [Hz], step_time half a stride [s], and speed that along the heading [m/s]. The parameters give
+margins, and the robot what its legs can do.
 """
 
 import bisect
@@ -23,7 +23,7 @@ from hugwbc.state import GRAVITY
 _LEAD = 0.03  # [s], time by which the sole turns before the shank forces it to
 _STRETCHED = 0.9975  # largest part of the leg's length between hip and ankle: the knee of a straighter leg races
 _LEAST_APEX = 1e-3  # [m]
-_SECANTS = 4  # steps to the highest apex
+_SECANTS = 4  # number of secant steps to the highest apex
 
 
 def _interpolate(x: float, xs: tuple[float, ...], ys: tuple[float, ...]) -> float:
@@ -56,7 +56,7 @@ def lowest_walking_height(params: ControllerParams, speed: float, step_time: flo
 
     The centre of mass travels half a step to either side of the pivot, and a squat leaves no room for that.
     """
-    # Backwards the landing foot is behind the body, where the shank leans most.
+    # In a backward walk the landing foot is behind the body, where the shank leans most.
     stride = 0.5 * step_time * speed if speed > 0.0 else -(0.5 * step_time + params.backward_room) * speed
     ahead = stride + params.walking_room - robot.squat_reach_per_pitch * p
     return _interpolate(ahead, robot.squat_reach, robot.squat_heights)
@@ -89,7 +89,7 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot, *, 
     r"""Return the highest swing apex to which the hips can lift a leg in time [m].
 
     A knee of angle k puts the ankle :math:`L \cos(k / 2)` below the hip, L being the length of the straight leg, if the
-    hip bends by half as much. In half a step, t = 1 / (4 f), it bends by
+    hip bends by half as much. In half a step, t = 1 / (4 f), the knee bends by
 
     .. math:: \Delta k = \frac{\ddot k\, t^2}{6}
 
@@ -110,14 +110,15 @@ def highest_lift(params: ControllerParams, h: float, f: float, robot: Robot, *, 
 def highest_fall(
     params: ControllerParams, apex: float, h: float, f: float, step: float, robot: Robot, *, speed: float = 0.0
 ) -> float:
-    r"""Return the apex, or the highest one below it from which the knees can bring a foot down in time [m].
+    r"""Return the apex, or the highest one below it from which the knees can bring a foot down in time; 0 for none [m].
 
     The fall is faster than the rise, and stretches a leg that reaches forward. With the ankle x ahead of the hip and z
     below it, at a distance r, a leg of length L has the knee angle k where :math:`r = L \cos(k / 2)`, and so
 
     .. math:: \dot k = -\frac{2 \dot r}{\sqrt{L^2 - r^2}}, \qquad \dot r = \frac{x \dot x + z \dot z}{r}
 
-    It is greatest about where the foot falls fastest. Of a step beyond `long_step` the walk lowers the foot anyway.
+    This speed is greatest about where the foot falls fastest. A step beyond `long_step` counts as one of that length:
+    the walk lowers the apex of such a step anyway.
 
     Args:
         params: the share of the knees' highest speed that a fall may take.
@@ -213,12 +214,12 @@ def highest_leap_clearance(params: ControllerParams, h: float, f: float, robot: 
 
 
 def leap_lean(params: ControllerParams, h: float, f: float, apex: float, speed: float, robot: Robot) -> float:
-    r"""Return how far a foot goes backwards per way upwards in a jump, so that the pelvis does not sway.
+    r"""Return how far a foot goes backwards per distance upwards in a jump, so that the pelvis does not sway.
 
     A leg that is pulled up straight moves its knee forwards, and half of an H1's mass is in its legs: the pelvis would
     go back. A foot that goes back as far as the knee goes forwards keeps the leg's mass below the hip. A leg of length
     L, s between hip and ankle, has its knee :math:`\frac{1}{2} \sqrt{L^2 - s^2}` ahead of the line between them. The
-    faster the jump, the less torque have the hips for it, which swing the legs forwards (`fastest_walk`).
+    faster the jump, the less torque the hips, which swing the legs forwards (`fastest_walk`), can spare for it.
     """
     length = robot.leg_length
     stands = _hip_above(h, robot)

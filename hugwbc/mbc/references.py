@@ -15,7 +15,7 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.reach import balance_point, leap_rise
 from hugwbc.mbc.tasks import PelvisHeightTask, PelvisOrientationTask
 
-_MAX_YAW_LEAD = 0.3  # [rad], lead of the yaw reference over the measured yaw
+_MAX_YAW_LEAD = 0.3  # [rad], largest lead of the yaw reference over the measured yaw
 _YAW_RETURN = 0.5  # [rad/s], rate at which the reference returns to the feet's heading when standing
 _GROUND_TIME = 0.1  # [s], time constant of the ground height from one stance foot to the next
 
@@ -82,12 +82,12 @@ class References:
         orientation.weight = self._orientation_weights["flight" if plan.airborne else "leap" if plan.legs else "ground"]
         orientation.pitch, orientation.pitch_rate = command.p, command.p_rate
         walks = plan.mode is not Mode.STANDING
-        # A jump sinks in its stance, by so much in the mean: its ankles must not reach the end of their range there.
+        # In its stance a jump sinks by this much on average: its ankles must not reach the end of their range there.
         sinking = 2.0 / 3.0 * leap_rise(command.f) if plan.on_both else 0.0
         self.balance = balance_point(self._params, command.h - sinking, command.p, walking=walks, robot=dynamics.robot)
 
     def _below(self, dynamics: Dynamics) -> float:
-        """Return the height of the ground below the pelvis, as the standing feet tell it [m]; in flight, the last."""
+        """Return the height of the ground below the pelvis [m] by the standing feet; in flight, the last one."""
         plan, ground = self._plan, self._ground
         if plan.airborne:
             return self.ground
@@ -112,7 +112,7 @@ class References:
 
 
 class Crouch:
-    """Lowering of the pelvis with which both legs reach the ground at the end of a long step.
+    """Lowering of the pelvis by which both legs reach the ground at the end of a long step.
 
     A pushed robot steps further than its legs reach from the commanded height: the foot would come down late, and the
     straight trailing leg could not be lifted. Steps within the ranges of the commands need no crouch.

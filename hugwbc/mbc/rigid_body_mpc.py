@@ -166,10 +166,11 @@ class RigidBodyMpc:
         return x if solved else None
 
     def _influence(self, body: RigidBody, stance: Stance, time_left: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the accelerations per unit of force: what the forces of one interval do to the body in it.
+        """Return the accelerations that the forces of an interval, in units of the weight, cause in that interval.
 
         Returns:
-            Acceleration of the centre of mass [m/s^2], shape (3, 3 P), and of the tilt [rad/s^2], shape (N, 3, 3 P).
+            Acceleration of the centre of mass [m/s^2], shape (3, 3 P), and, from the moments, of the tilt [rad/s^2],
+            shape (N, 3, 3 P).
         """
         times = (np.arange(self._intervals) + 0.5) * time_left / self._intervals
         # Moment arms about the predicted centre of mass, which travels horizontally only.

@@ -12,8 +12,8 @@ from hugwbc.mbc.params import ControllerParams
 from hugwbc.mbc.references import References
 from hugwbc.mbc.tasks import CentreOfMassTask
 
-# Forces on the hands that the feet take by their centre of pressure; the body leans against the rest only. Along the
-# heading [m], and across it as a share of half the distance of the feet.
+# Largest shift of the balance by forces on the hands that the feet take up by their centre of pressure; the body leans
+# against the rest only. Along the heading [m], and across it as a share of half the distance of the feet.
 _FEET_TAKE_ALONG, _FEET_TAKE_ACROSS = 0.03, 0.6
 _SHIFT_TOLERANCE, _SHIFT_MARGIN = 0.015, 0.02  # [m], of the divergent component, and from the feet's centre lines
 _MOST_PATIENCE = 4.0  # factor by which the tolerance of the first hop may grow
@@ -47,7 +47,7 @@ class Standing:
         return self._plan.mode is Mode.STANDING and self._plan.elapsed >= self._params.settle_time
 
     def update(self, dynamics: Dynamics) -> None:
-        """Place the centre of mass between the feet or, before a first step, where that step needs it."""
+        """Place the centre of mass between the feet or, before a first step or hop, where that one needs it."""
         params, plan, references = self._params, self._plan, self._references
         pivots = [feet.pivot(dynamics, foot, references.balance) for foot in range(2)]
         middle = 0.5 * (pivots[0] + pivots[1])
@@ -61,13 +61,13 @@ class Standing:
         pendulum = Pendulum.about(middle, dynamics)
         deviation = to_heading.dot(pendulum.dcm - middle[:2])
         if plan.mode is not Mode.SHIFTING:
-            # A robot with a load on one side, of which the plan knows nothing, never gets closer: time makes it ready.
+            # A robot with an unknown load on one side never gets that close: after a while it is ready all the same.
             self.ready = math.hypot(*deviation.tolist()) < params.jump_calm or self.settled
             self._watch_balance(deviation, between)
         elif plan.gait.alternates:
             self._shift_for_a_step(pivots, pendulum)
         else:
-            # The weight goes over the outer foot and may pass it a little.
+            # The weight goes over the hopping foot and may pass it a little.
             self._watch_balance(deviation, between + np.array([0.0, 2.0 * params.hop_overshoot]))
             foot, outwards = (0, to_heading[1]) if plan.gait.feet == (0,) else (1, -to_heading[1])
             edge = pivots[foot][:2] + feet.hop_edge(dynamics.robot) * outwards
@@ -91,7 +91,7 @@ class Standing:
     def _shift_for_a_step(self, pivots: list[np.ndarray], pendulum: Pendulum) -> None:
         """Move the divergent component to where the first step of a walk, of the left foot, starts.
 
-        A constant centre of pressure p takes it from xi to xi_T = p + (xi - p) e^{omega T} in the time T that is left.
+        A constant centre of pressure p takes xi to xi_T = p + (xi - p) e^{omega T} in the time T that is left.
         Solved for p, with xi_T the offset of the periodic gait from the right foot, that is the feedback. The centre of
         mass then follows the pendulum over p, without a servo.
         """
@@ -109,9 +109,9 @@ class Standing:
     def _shift_onto(self, pivot: np.ndarray, middle: np.ndarray, pendulum: Pendulum) -> None:
         r"""Move the weight over the hopping foot.
 
-        Along the heading the centre of mass is pulled there. Across it, the leg of the hop has no ankle to correct
-        with, so that the divergent component must be exactly over the contact, at rest or not. It follows a ramp by
-        feedback, :math:`\dot\xi^* = \dot\xi_d + k (\xi_d - \xi)`, through the centre of pressure
+        Along the heading the centre of mass is pulled there. Across it, the foot is too narrow to correct anything in
+        the hop, so that the divergent component must be exactly over the contact. It follows a ramp by feedback,
+        :math:`\dot\xi^* = \dot\xi_d + k (\xi_d - \xi)`, through the centre of pressure
         :math:`p = \xi - \dot\xi^* / \omega`.
 
         Args:

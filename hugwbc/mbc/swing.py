@@ -129,8 +129,8 @@ class SwingTrajectory:
         self._axes = (
             quintic_advance(*self._axes[0], x, 0.0, stop * ahead, remaining, dt),
             quintic_advance(*self._axes[1], y, 0.0, stop * aside, remaining, dt),
-            # The knee is closest to its highest speed where the foot rises: a cubic needs a fifth less of it for the
-            # same apex than a quintic. The fall lands softly, by a quintic that the cubic gives a head start.
+            # The rise strains the speed of the knee: for the same apex a cubic needs a fifth less of it than a quintic.
+            # The fall lands softly, by a quintic that starts with the cubic's acceleration.
             cubic_advance(*self._axes[2][:2], height, speed, until, dt)
             if to_apex > 0.0
             else quintic_advance(*self._axes[2], height, speed, 0.0, until, dt),

@@ -48,8 +48,8 @@ class CentreOfMassTask:
 
     .. math:: \ddot c^* = \ddot c_{ff} + k_p (c_d - c) + k_d (0 - \dot c)
 
-    When the robot stands, both axes are pulled to the target. When it shifts its weight for a first step, the axis
-    across the heading follows the linear inverted pendulum, :math:`\ddot c_{ff} = \omega^2 (c - p_{cop})` with
+    When the robot stands, both axes are pulled to the target. When it shifts its weight for a first step or hop, the
+    axis across the heading follows the linear inverted pendulum, :math:`\ddot c_{ff} = \omega^2 (c - p_{cop})` with
     :math:`k_p = k_d = 0`.
 
     Attributes:
@@ -243,7 +243,7 @@ def foot_rows(rotation: np.ndarray, axes: slice) -> np.ndarray:
 
 
 class StanceContactTask:
-    r"""Line contact of a standing foot: the sole's centre line does not move, but the foot may roll about it.
+    r"""Contact of a standing foot: the sole's centre line rests; without an ankle roll the foot may roll about it.
 
     .. math::
         \dot V^* = k_d (V_d - V) + (0, 0, 0, k_p (\theta_d - \theta), 0), \qquad V = (\dot p, \omega_y, \omega_z)
@@ -252,8 +252,8 @@ class StanceContactTask:
     axes [rad/s]; :math:`\theta` is the slope of the sole along its length and :math:`\theta_d` that of the ground, both
     positive with the toe down [rad].
 
-    There is no roll row. The sole is 3 cm wide and the leg has no ankle roll, so that two full contacts would have rank
-    11 of 12, and a single one would tie the sway of the base to its roll.
+    A foot whose ankle rolls has a sixth row, which keeps its sole level with the same gains. The legs of an H1 have no
+    ankle roll, so that two full contacts would have rank 11 of 12, and one would tie the sway of the base to its roll.
     """
 
     def __init__(self, params: ControllerParams, side: str, robot: Robot) -> None:

@@ -103,9 +103,9 @@ class Walking:
     def _apex(self, dynamics: Dynamics, command: SmoothCommand, step: np.ndarray) -> float:
         """Return the height of a swing that the drives can follow [m].
 
-        A step that is hurried to catch the robot keeps its height: its nominal duration counts, less the time that the
-        step before took of it. The knee has to stretch the leg in time (`highest_fall`), so that a long step does not
-        keep its height.
+        A step that is hurried to catch the robot keeps its apex: its nominal duration counts, less the time that the
+        step before took of it. A long step has a lower apex, since the knee has to stretch the leg in time
+        (`highest_fall`).
 
         Args:
             dynamics: robot model at the current state.
@@ -161,9 +161,9 @@ class Walking:
         plan, params = self._plan, self._params
         swing, stance = plan.swing, plan.stance
         assert swing is not None and stance is not None
-        # Early in the step the foot is still near the ground that it left: touching it then is not a landing.
         if self.landed and self.loaded:
             return
+        # Early in the step the foot is still near the ground that it left: touching it then is not a landing.
         duration = plan.duration
         if duration - plan.remaining <= params.early_contact_phase * duration:
             return

@@ -22,9 +22,9 @@ from hugwbc.robot import FRICTION_SPEED, SIDES, Robot, load_mirror
 from hugwbc.state import RobotState
 
 _LONGEST_PERIOD = 0.05  # [s], with which a robot still stands; a longer one is in another unit
-_LONGEST_GAP = 0.5  # [s], between two ticks over which the last motion tells where the robot is now
-_STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is made up for
-_ARM_SHARE = 0.95  # of the arms' highest torque that is planned for them without the motion of the body
+_LONGEST_GAP = 0.5  # [s], between two ticks; over a longer one the last velocity does not tell where the robot is now
+_STICKING_SPEED = 0.01  # [rad/s], wanted speed at which most of the friction of a joint at rest is compensated
+_ARM_SHARE = 0.95  # of the arms' highest torque that their task may take, the motion of the body left out
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Diagnostics:
     contact_forces: dict[str, np.ndarray]  # force of the ground by contact point, world axes [N], each of shape (3,)
     fallbacks: int  # number of ticks since the reset without a joint command
     relaxed: int  # number of ticks since the reset in which the joint limits had to be dropped
-    out_of_reach: int  # number of ticks since the reset in which the foothold of a walk was further away than a step
+    out_of_reach: int  # number of ticks since the reset in which the foothold of a walk was out of reach
     failed_plans: int  # number of force plans since the reset that were not solved; the feet pushed evenly instead
     friction: float  # coefficient that the contact forces may use; less than usual after a slip
 
@@ -65,6 +65,9 @@ class WholeBodyController:
             params: gains, weights and limits of an H1, which a robot of another size gets in its own; None for the
                 defaults.
             period: time between two calls of `act` [s]: 0.002 to 0.01, or 0.02 with reduced tracking.
+
+        Raises:
+            ConfigError: if the period is not above 0 s, or is above 0.05 s.
         """
         if not 0.0 < period <= _LONGEST_PERIOD:
             raise ConfigError(
@@ -128,7 +131,7 @@ class WholeBodyController:
         return None if failed else self._solution.acceleration[self._columns]
 
     def reset(self, state: RobotState) -> None:
-        """Forget the past and start from this state, which has position and velocity, standing."""
+        """Forget the past and start standing in this state; raise a ConfigError without position and velocity."""
         _motion(state)
         self._clear()
         self._time = state.time
@@ -145,12 +148,15 @@ class WholeBodyController:
         """Return the joint command for the next period.
 
         There is none after an unsolved QP, or with a state that is not usable (`RobotState.is_usable`): the guard holds
-        the last one for a while, then damps the joints. `diagnostics` counts both.
+        the last one for a while, then damps the joints. `Diagnostics.fallbacks` counts such ticks.
 
         Args:
             state: measured or estimated state, with position and velocity; foot forces may be missing.
             command: command to follow, within its ranges.
             upper_body: targets of the arm joints under external control, within the joints' ranges.
+
+        Raises:
+            ConfigError: if the state has no position or no velocity.
         """
         position, velocity = _motion(state)
         if not state.is_usable:  # a NaN would stay in what the controller remembers
@@ -159,7 +165,7 @@ class WholeBodyController:
         # The guard does not ask while states are not usable.
         passed, self._time = state.time - self._time, state.time
         self._locomotion.follow_jumps(position, velocity, passed if 0.0 < passed < _LONGEST_GAP else self.period)
-        # A command acts only after the delay of the drives: what counts is the state then.
+        # A command acts only after the delay of the drives: the state at that time counts.
         state = self._predictor.predict(state, self.robot.command_delay)
         stepping = self._locomotion.plan.mode is Mode.WALKING
         self._hand_load.update(state, upper_body, self.period, stepping=stepping)
@@ -255,7 +261,7 @@ class WholeBodyController:
         waist = self.robot.waist
         sticks = 1.0 - abs(math.tanh(dq[waist] / FRICTION_SPEED))
         friction[waist] += sticks * self.robot.friction[waist] * math.tanh(self._waist.closing[0] / _STICKING_SPEED)
-        if turn := self._locomotion.turn:  # nor have hips, which would stick at each landing and let go with a jerk
+        if turn := self._locomotion.turn:  # likewise hips, which would stick at each landing and let go with a jerk
             hips = self.robot.pair("hip_yaw")
             sticks = 1.0 - np.abs(np.tanh(dq[hips] / FRICTION_SPEED))
             friction[hips] -= sticks * self.robot.friction[hips] * self._hip_ways * math.tanh(turn / FRICTION_SPEED)

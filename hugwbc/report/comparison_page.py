@@ -32,7 +32,7 @@ def report_html(
     subtitle: str = "",
     chapters: Sequence[Chapter] = (),
 ) -> str:
-    """Return the page, which loads nothing: a lead, the ways, a subtitle, links to the files beside it, tables, plots.
+    """Return the page, which loads nothing: a lead, the paths, a subtitle, links to the files beside it, tables, plots.
 
     It shows 1 to 4 runs. The chapters are shaded in the plots.
     """

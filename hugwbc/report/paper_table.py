@@ -27,7 +27,7 @@ PAIRED_NOTE = (
     "have none."
 )
 PAPER_FILES = "table.tex", "figures.csv", "figure.svg"
-# Of a page in lines, of a table's heading and rules likewise, and of a line of labels and of the caption in letters.
+# Lines of a page, and of a table's heading with its rules; letters of a line of labels, and of one of the caption.
 _PAGE, _HEADING, _LABEL, _CAPTION = 45, 2, 22, 90
 # Of the picture: lane of a name, room for headings and between quantities, lengths of axes, a letter [in].
 _LANE, _HEAD, _BETWEEN, _VALUES, _GAPS, _GAP, _LETTER = 0.2, 0.45, 0.62, 3.4, 2.2, 0.3, 0.075
@@ -56,9 +56,9 @@ def tex_table(tables: Sequence[Table], notes: Sequence[str]) -> str:
 
 
 def _pages(tables: Sequence[Table], left: int) -> list[list[Table]]:
-    """Return what comes onto each page, on the first of which so many lines are left; longer tables are cut.
+    """Return the tables of each page, the first of which has `left` lines; tables that are longer are cut.
 
-    What is indented stays with the row above it.
+    Indented rows stay with the row above them.
     """
     pages: list[list[Table]] = [[]]
     for table in tables:

@@ -1,7 +1,7 @@
 """The runs of a report, and its statement of how it was made.
 
 The paper says how long an episode is (1000 steps of 20 ms), but not how many its tables average over; the full profile
-takes 256 for each gait.
+takes 256 for each gait, and for each intervention.
 """
 
 import dataclasses

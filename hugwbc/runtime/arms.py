@@ -16,8 +16,8 @@ from hugwbc.state import GRAVITY, RobotState
 
 HANDOVER_TIME = 0.5  # [s] in which the step between the servo's and the controller's own arm command fades
 RATE = 3.0  # [1/s], bandwidth at which a payload is learned; the sway of a walk averages out
-BAND = 1.5  # [N], part of a force that counts as friction: without it, joints that stick would make the hands hunt
-LEARNED = 6.0  # [kg], most to learn, a bound for a hand that is pulled down by something else
+BAND = 1.5  # [N], part of a force that counts as friction: without it, sticking joints would make the hands hunt
+LEARNED = 6.0  # [kg], largest payload to learn, in case something else pulls the hand down
 _BEYOND = (
     f"a force on a hand above {STRONGEST:g} N, a payload outside 0 to {HEAVIEST:g} kg, or a stiffness outside "
     f"{STIFFNESS[0]:g} to {STIFFNESS[1]:g} N/m: limited"
@@ -92,8 +92,8 @@ class ArmDrive:
 class PayloadObserver:
     """Learn the payload of each hand from the vertical force on it.
 
-    The learned payload is fed forward by the servo, which takes the sag out of the arms as an integral term would: as
-    long as a joint sticks, its spring's torque counts as load.
+    The servo feeds the learned payload forward, which takes the sag out of the arms as an integral term would: as long
+    as a joint sticks, the torque of its stiffness counts as load.
 
     A hand whose stiffness is wanted must give way, so nothing is learned for it. Nor is anything for a hand that
     presses up or down: where it meets nothing, the force that is missing would count as a payload, and the hand would
@@ -156,7 +156,7 @@ class Handover:
 
     def reset(self) -> None:
         """Forget any difference."""
-        self._driven: tuple[bytes, bool] | None = None  # which from outside; with a wanted stiffness
+        self._driven: tuple[bytes, bool] | None = None  # mask of external control; whether with a wanted stiffness
         self._last: JointCommand | None = None
         self._before = self._offset = np.zeros((len(_VECTORS), self._size))
         self._elapsed = HANDOVER_TIME

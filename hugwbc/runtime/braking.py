@@ -25,12 +25,12 @@ class Braking:
     body, is missing. The commanded velocity therefore falls at `DECELERATION` in the present gait. A posture that
     changes in a leap would turn the body in the air, so that only a walk takes the new one. From a hop the robot would
     stand on one leg; it jumps for `JUMPS` first, which puts both feet down. It stands once its mean velocity over a
-    stride is below `SLOW`, as the state says; the pelvis sways within a stride. A state without velocity counts as slow
-    one stride after the command has come to rest. A walk ends in the middle of a stance (`hugwbc.stride.MidStance`).
-    After a stand of `PAUSE`, in the posture of the command, another gait may start.
+    stride, within which the pelvis sways, is below `SLOW`. A robot of unknown velocity counts as slow one stride after
+    the command has come to rest. A walk ends in the middle of a stance (`hugwbc.stride.MidStance`). After a stand of
+    `PAUSE`, in the posture of the command, another gait may start.
 
     Attributes:
-        active: whether the robot is on that way now.
+        active: whether the robot is being braked, or stands before another gait.
     """
 
     def __init__(self, robot: Robot | None = None) -> None:
@@ -45,7 +45,7 @@ class Braking:
         self._last = command
         self._velocity, self._over_stride = np.zeros(3), OverStride()
         self._at_rest = 0.0  # [s] since the commanded velocity is 0
-        self._time, self._unknown = 0.0, -math.inf  # [s] in this gait, and when the velocity was not known in it
+        self._time, self._unknown = 0.0, -math.inf  # [s] in this gait, and when its velocity was last unknown
 
     def __call__(self, command: Command, state: RobotState, dt: float, *, mid_stance: bool = True) -> Command:
         """Return the command for the next period; a walk may end now if the robot is in mid-stance."""
@@ -88,7 +88,7 @@ class Braking:
         return dataclasses.replace(last, **changed, h=posture.h, p=posture.p, w=posture.w)
 
     def _slow(self) -> bool:
-        """Whether the mean velocity of the last stride is small, after at least one stride."""
+        """Return whether the mean velocity of the last stride is small, after at least one stride."""
         stride = 1.0 / self._last.f - 1e-9
         if self._time < stride:
             return False

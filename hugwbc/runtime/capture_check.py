@@ -10,18 +10,19 @@ from hugwbc.sim.scenes.objects import Picture
 from hugwbc.state import RobotState
 
 LONGEST_AGE = 0.2  # [s], of a picture that corrects the estimate
-_AHEAD = 0.05  # [s], of time to come, by which a picture may be newer than now
+_AHEAD = 0.05  # [s], by which the time of a picture may be ahead of the robot's clock
 _WINDOW = 2.0  # [s], over which motions are compared
-_LONGEST, _LEAST = 0.3, 5  # [s] and pictures, of nothing but contradictions, after which a capture is refused
-_REPEATS = 20  # pictures with equal numbers, which are one
+_LONGEST, _LEAST = 0.3, 5  # [s] and number of pictures with nothing but contradictions that refuse a capture
+_REPEATS = 20  # number of repetitions of a picture from which on the capture counts as frozen
 _TILT = 0.26  # [rad] between the gravity that is seen and that of the IMU
 # [m], [rad], and per way or turn: how far a motion that is seen may differ from the odometry's.
 _WAY, _TURN, _DRIFT = 0.12, 0.2, 0.4
-_STILL = 0.05  # [m], [rad], a motion that is none
-_ALIKE = 0.05  # mean contradictions that differ by less are equal, and the likelier explanation counts
+_STILL = 0.05  # [m], and in a quaternion: largest departure from the mean of a pose that does not move
+_ALIKE = 0.05  # mean contradictions that differ by less count as equal; then the likelier explanation is told
 _QUARTER = {axis: rotations.to_matrix(np.insert(np.eye(3)[i], 0, 1.0) / np.sqrt(2.0)) for i, axis in enumerate("xyz")}
 _SAME, _MIRROR = np.eye(3), np.diag([1.0, -1.0, 1.0])
-# What a capture may do wrong, likely things first: words, and what mends positions, and orientations from either side.
+# What a capture may do wrong, likely things first: words, and the matrices that mend positions from the left, and
+# orientations from the left and from the right.
 _MENDING = {
     "": (_SAME, _SAME, _SAME),
     "its positions are in millimetres": (1e-3 * _SAME, _SAME, _SAME),
@@ -74,7 +75,7 @@ class CaptureCheck:
         self._pairs: collections.deque[tuple[float, np.ndarray, np.ndarray]] = collections.deque()
         self._good: Picture | None = None
         self._right = 0.0  # time of the last picture without a contradiction [s]
-        self._wrong = self._repeated = 0  # pictures since then, and with the same pose to the last digit
+        self._wrong = self._repeated = 0  # number of pictures since then, and in a row with equal poses
         self._ahead: float | None = None  # time of the last picture that was ahead of the robot's clock [s]
 
     def admitted(self, picture: Picture | None, state: RobotState) -> Picture | None:
@@ -101,7 +102,7 @@ class CaptureCheck:
         return self._good
 
     def _see_ahead(self, picture: Picture, state: RobotState) -> None:
-        """Count a picture with a time to come, which is left out: the next ones would seem older than it."""
+        """Count a picture from the future, which is left out: the next ones would seem older than it."""
         if picture.time == self._ahead:
             return
         if self._ahead is None and not self._pairs:

@@ -30,12 +30,12 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     Each value of a command may be within its range, but not all together. While all values but one are at their
     defaults, nothing changes on an H1. Shorter legs need faster steps than the default f at high speed.
 
-    Commands have priority in this order: v_x; then v_y within the ellipse of allowed velocities; omega; f; l. A
-    standing command comes back as it is, because no leg swings.
+    Commands have priority in this order: v_x; then v_y within the ellipse of allowed velocities; omega; f; l. h, p and
+    w stay. A standing command comes back as it is, because no leg swings.
 
     Args:
         command: each value finite and within its range (`Command.clamp`).
-        robot: whose ranges are the semi-axes of the ellipse, and whose legs allow so much (`highest_swing`).
+        robot: its ranges are the semi-axes of the ellipse; its legs bound l (`highest_swing`) and the length of steps.
     """
     if command.gait is Gait.STANDING:
         return command, ()
@@ -51,7 +51,7 @@ def feasible(command: Command, robot: Robot) -> tuple[Command, tuple[CommandChan
     brisk = min(BRISK / math.sqrt(size), own["f"].finishing[1])
     f = max(command.f, min(speed / (2.0 * SLOW_STEP * size), brisk))
     reach = max(highest_swing(robot) + command.h, ranges["l"].default)  # the default is allowed at any height
-    # The free leg of a hop does not swing, and its frequency is not commanded.
+    # In a hop the free leg does not swing, and f is not commanded.
     reaction = math.inf if command.gait.hops else SWING_REACTION / f**2
     l = max(min(command.l, reach, reaction), own["l"].finishing[0])  # noqa: E741  the paper's symbol
     reasons = {
@@ -93,9 +93,9 @@ class CommandChain:
         """Return the command that the controller is to follow in the next period, and count what was changed.
 
         Args:
-            command: asked for.
-            state: of the robot.
-            dt: since the last call [s].
+            command: what the source asks for.
+            state: the robot now.
+            dt: time since the last call [s].
             mid_stance: whether a walk may end now (`hugwbc.stride.MidStance`).
         """
         if not isinstance(command, Command):

@@ -6,12 +6,12 @@ momenta", ICRA 2003) is a first-order low-pass of the generalised external force
 
     dr/dt = k (dp/dt - (tau + C^T v - g) - r) = k (M dv/dt + C v + g - tau - r)
 
-The right-hand form takes one pass of recursive Newton-Euler, with dv/dt the difference between two readings.
+The right-hand form takes one pass of recursive Newton-Euler, with dv/dt the difference quotient of two readings.
 
 What the arms feel of it acts on the hands (`HandForceObserver`). Both feet share what the pelvis and the legs
-feel by least squares, as if nothing touched the hands. Soles that part cannot both stand: the slower one, with more
-load, then bears it all. Each sole is a narrow line: it transmits a force and the moments about its lateral and its
-vertical axis.
+feel by least squares, as if nothing touched the hands. Soles that move apart cannot both stand: the slower one, if it
+has more load, then bears it all. Each sole is a narrow line: it transmits a force and the moments about its lateral
+and its vertical axis.
 """
 
 import math
@@ -29,11 +29,11 @@ _WRENCH = 5  # numbers of a wrench: force, moments about y and z
 _TRANSMITTED = [0, 1, 2, 4, 5, 6, 7, 8, 10, 11]  # of the twelve rows of both soles: all but the moment about x
 _RIDGE = 1e-6  # keeps the least squares solvable where a straight leg transmits no force along itself
 
-RATE = 180.0  # [1/s], bandwidth of the residual: an impact is seen after 1/rate, and noise of joint velocities grows
+RATE = 180.0  # [1/s], bandwidth of the residual: the higher, the sooner an impact is seen, and the larger the noise
 # Shares of the weight: normal force above which a foot that was in the air stands, and below which one that stood is in
 # the air; the gap keeps noise from chattering.
 _TOUCH, _LIFT = 0.1718, 0.1031
-# Weight of the floating base's six rows of the residual against the legs' rows. The pelvis feels what touches the hands
+# Factor on the floating base's six rows of the residual; the legs' rows have 1. The pelvis feels what touches the hands
 # as well: the more it counts, the more of a hand's push goes to the feet (at 1.0 the QP fell when a hand touched a
 # post). The less it counts, the more errors of the legs' masses look like contacts.
 BASE_WEIGHT = 0.3
@@ -43,12 +43,12 @@ BASE_WEIGHT = 0.3
 _PARTING = 1.0
 # When a leg is in the air for certain, whatever the joints seem to feel: its sole moves, well above the other one.
 _RAISED, _MOVES = 0.05, 0.3  # share of the leg's length, [m/s]
-_FAMILIAR = 1.6e5  # [rad^2/s^4], sum of squared accelerations of a joint that counts as much as what was told
+_FAMILIAR = 1.6e5  # [rad^2/s^4], sum of squared accelerations of a joint that counts as much as the robot's table
 _BAND = 0.25  # share of a joint's inertia up to which what seems to be missing counts as noise
-_LEAST, _MOST = -0.5, 4.0  # share of it that can be missing
+_LEAST, _MOST = -0.5, 4.0  # bounds on what can be missing, as shares of a joint's inertia
 _HAND_RATE = 20.0  # [1/s], bandwidth of the hands' forces; noise of torques and joint velocities is mostly above it
 _HAND_PRIOR = 60.0  # [N], standard deviation of a force on a hand before anything is known about it
-_HAND_TORQUE = 0.3  # [N*m], that of a joint's residual besides friction: motor constants, masses, zero positions
+_HAND_TORQUE = 0.3  # [N*m], the same of a joint's residual besides friction: motor constants, masses, zero positions
 
 
 class HandForceObserver:
@@ -61,10 +61,10 @@ class HandForceObserver:
 
     The weights W are the inverse squares of what each joint leaves unknown. The largest part of it is Coulomb friction:
     the drive of a joint at rest holds any torque up to it, which motors do not show. The force of a still hand is known
-    to about that friction divided by its lever arm, 2 to 3 N on the H1. The prior s keeps directions out that an arm
+    to about that friction divided by its lever arm, 2 to 3 N on the H1. The prior s suppresses directions that an arm
     cannot feel, such as along a stretched arm.
 
-    A force is taken to act at the hand frame. One that acts elsewhere on the forearm gives the force at the hand
+    A force is taken to act at the hand frame. One that acts elsewhere on the forearm counts as the force at the hand
     that loads the joints alike.
 
     Attributes:
@@ -111,7 +111,7 @@ class SwingInertia:
 
     Attributes:
         missing: inertia at hip pitch, knee and ankle pitch that the table seems to lack [kg m^2], shape (3,).
-        untold: what counts of it, by joint, shape (n,); None for nothing.
+        untold: the part of it that counts, by joint [kg m^2], shape (n,); None until something has counted.
     """
 
     def __init__(self, kinematics: Kinematics) -> None:
@@ -209,8 +209,8 @@ class ContactObserver:
         """Take in one reading, at whose state the kinematics has been placed; return which feet stand, (2,), bool.
 
         Args:
-            torque: joint torques since the last reading [N*m], shape (n,).
-            dt: since the last reading [s].
+            torque: joint torques, averaged since the last reading [N*m], shape (n,).
+            dt: time since the last reading [s].
             planned: joint accelerations that the controller planned for that time [rad/s^2], shape (n,). Without them
                 nothing is learnt of the legs.
         """
@@ -234,7 +234,7 @@ class ContactObserver:
         self.force = LLT(normal).solve(wrenches.dot(felt)).reshape(_FEET, _WRENCH)[:, :3]
         left, right = self.sole_velocity[:, :3]
         parting, loaded = left - right, int(self.force[1, 2] > self.force[0, 2])
-        # The residual shows the load of a leg that lifts off for some milliseconds more: it is faster, yet has more.
+        # The residual shows the load of a leg for some milliseconds after its lift-off: the faster sole then has more.
         slower = int(right.dot(right) < left.dot(left))
         if loaded == slower and parting.dot(parting) > _PARTING**2:
             rows = slice(_WRENCH * loaded, _WRENCH * (loaded + 1))
@@ -244,7 +244,7 @@ class ContactObserver:
         return self.contact
 
     def _learn(self, acceleration: np.ndarray, planned: np.ndarray) -> None:
-        """Let a leg that is in the air for certain tell its inertia."""
+        """Learn the inertia of a leg that is in the air for certain."""
         left, right = (float(self._kinematics.data.oMf[sole].translation[2]) for sole in self._soles)
         if abs(left - right) > self._raised:
             foot = int(right > left)
@@ -265,7 +265,7 @@ class ContactObserver:
         return forces
 
     def _wrench_jacobians(self) -> np.ndarray:
-        """Rows that turn forces in the world and moments in each sole's axes into generalised forces, (10, 6 + n)."""
+        """Return the rows from forces in the world and moments in a sole's axes to generalised forces, (10, 6 + n)."""
         jacobians = self.sole_jacobians.copy()
         for jacobian, sole in zip(jacobians, self._soles, strict=True):
             jacobian[3:] = self._kinematics.data.oMf[sole].rotation.T.dot(jacobian[3:])

@@ -30,7 +30,7 @@ _ROUNDING = 1e-6  # [s]
 
 
 class Due:
-    """Tells when the next period [s] begins. After a gap in time it leaves periods out, to keep in step with others."""
+    """Tells when periods [s] begin. After a gap in time it leaves periods out, to keep in step with others."""
 
     def __init__(self, period: float) -> None:
         self.period = period
@@ -41,7 +41,7 @@ class Due:
         self._next = first
 
     def __call__(self, now: float) -> bool:
-        """Return whether a period begins now [s], and wait for the next one if so."""
+        """Return whether a period begins now [s], only once for each period."""
         late = now - self._next
         if late < -_ROUNDING:
             return False
@@ -59,10 +59,10 @@ class ControlPeriod:
 
     Attributes:
         guard: the controller, behind a guard.
-        chain: of the command; its `command` is what the robot is asked for now.
+        chain: limits the command; its `command` is what the robot is asked for now.
         log: counts what the stages change (`SafetyLog.report`).
-        period: of the controller [s].
-        estimator: gives the controller the state from noisy sensors; None where the readings tell it.
+        period: the controller's [s].
+        estimator: gives the controller the state from noisy sensors; None where the readings tell the state.
         upper_body: turns hand targets into arm targets; None ignores hand targets, with a warning.
         motors: finds dead motors of the legs.
         estimate: what the controller knows of the robot: the last estimate, or the last reading without an estimator.
@@ -82,7 +82,7 @@ class ControlPeriod:
         estimator: StateEstimator | None,
         upper_body: UpperBodySource | None = None,
     ) -> None:
-        """Connect the parts; refuse controller, source of arm targets or estimator of a robot with other joints."""
+        """Connect the parts; raise a ConfigError if one of them is of a robot with other joints."""
         advice = f"take a controller of {robot.name}, such as qp"
         _refuse_another(controller, robot, f"{getattr(controller, 'name', 'it')} controls the robot", advice)
         advice = f'give UpperBodySource(load_robot("{robot.name}"))'
@@ -103,8 +103,8 @@ class ControlPeriod:
         self.period = self.guard.period
         # An update whenever the controller acts, and as many between as there must be.
         self._update_due = Due(self.period / max(1, math.ceil(self.period / LONGEST_UPDATE - _ROUNDING)))
-        self._unseen: list[RobotState] = []  # by the estimator
-        self._gyro: np.ndarray | None = None  # the last plausible reading of it [rad/s]
+        self._unseen: list[RobotState] = []  # readings that the estimator has not had
+        self._gyro: np.ndarray | None = None  # the last plausible reading of the gyro [rad/s]
         self._free_arms, self._started = UpperBody.none(), False
 
     def locate(self, reading: RobotState, now: float) -> None:
@@ -135,8 +135,8 @@ class ControlPeriod:
         """Take a reading. The estimator is updated once a period, or at equal times within one (`LONGEST_UPDATE`).
 
         Args:
-            reading: newer than all before.
-            now: time at which it arrives, on the robot's clock [s]; the stamp of a reading may be wrong.
+            reading: a reading, newer than all before.
+            now: time at which it arrives, on the robot's clock [s]; its own time stamp may be wrong.
             driven: whether the controller's last command acts, so that its plan tells of the motion.
             behind: whether a newer reading waits.
         """
@@ -154,7 +154,7 @@ class ControlPeriod:
             self._unseen.clear()
 
     def _joined(self) -> RobotState:
-        """Return the mean of what the estimator has not seen, without single readings that cannot be true."""
+        """Return the mean of the readings that the estimator has not had, without those that cannot be true."""
         newest = self._unseen[-1]
         whole = [
             one
@@ -183,7 +183,8 @@ class ControlPeriod:
         """Return the joint command for the next period, which begins at time t of the run [s].
 
         A state that the estimator calls lost (`RobotState.lost`), or a dead motor of a leg, makes the robot kneel down
-        and then damps its joints, until the next `start` (`hugwbc.runtime.lowering`).
+        and then damps its joints, until the next `start` (`hugwbc.runtime.lowering`). Raise a ConfigError before the
+        first `start`.
         """
         if not self._started:
             raise ConfigError("decide was called before the run has begun; call reset of the loop first")
@@ -235,7 +236,7 @@ class ControlPeriod:
 
 
 def _refuse_another(part: object, robot: Robot, does: str, advice: str) -> None:
-    """Refuse a part that is of a robot with other joints; a part that names no robot is for any."""
+    """Refuse a part of a robot with other joints; one without an attribute `robot` is for any robot."""
     own = getattr(part, "robot", robot)
     if isinstance(own, Robot) and own.joint_names != robot.joint_names:
         raise ConfigError(f"{does} {own.name}, which has other joints than {robot.name}; {advice}")

@@ -3,8 +3,7 @@
 A controller of the user's own is an entry point in the group `hugwbc.controllers`, or `FILE.py:NAME`: a callable that
 returns an object with the members of `hugwbc.controller.Controller`. If the callable has a parameter `policy`, it
 receives the value of --policy, or None; if it has a parameter `robot`, it receives the `Robot` that the controller is
-told, with its drives: the default one if none is given.
-The built-in controllers are registered in the same way.
+told, with its drives: the default one if none is given. The built-in controllers are registered in the same way.
 """
 
 import dataclasses
@@ -73,7 +72,9 @@ def learned_controller(
         network: for a contract, the file of its network; None for the one that it names.
 
     Raises:
+        ConfigError: if torch or safetensors, which a file of weights needs, is not installed.
         PolicyFileError: if a file is missing or damaged, or the network does not fit its contract.
+        UnknownNameError: if no policy is shipped under that name.
     """
     from hugwbc.learned.policy import network_policy
 
@@ -305,7 +306,8 @@ class ControllerSpec:
     def identity(self) -> dict[str, Any]:
         """Return what the behaviour depends on, as JSON: name, package, digests of files.
 
-        Equal controllers have equal identities on any machine, because no path is part of it.
+        Equal controllers have equal identities on any machine, because no path is part of it but that of a robot's own
+        table.
 
         Raises:
             PolicyFileError: if one of the files is missing.

@@ -113,7 +113,7 @@ class JointFilter:
 
 
 def joined(readings: Sequence[RobotState], last: RobotState) -> RobotState:
-    """Return the last reading, with what is integrated averaged over some: gyro, accelerometer, torques."""
+    """Return the last reading, with gyro, accelerometer and torques averaged over some readings, if all have them."""
     count, parts = len(readings), []
     for reading in readings:
         gyro, accelerometer, torque = reading.imu_gyro, reading.imu_accelerometer, reading.torque
@@ -145,7 +145,7 @@ class StateEstimator:
     controller plans.
 
     Attributes:
-        robot: that it knows.
+        robot: the robot that it knows.
         contact: which feet stand, shape (2,), bool.
         gyro_bias, accelerometer_bias: in the IMU's frame [rad/s], [m/s^2], shape (3,).
         guard: refuses readings that cannot be true, and fills the gaps.
@@ -224,9 +224,9 @@ class StateEstimator:
     ) -> RobotState:
         """Return the estimate at a new reading.
 
-        Everything but the time, the age and the IMU's raw readings is replaced. What the `guard` refuses is filled in
-        first; the estimate says so (`RobotState.coasted`). A reading that lacks the IMU or the joint torques, is not
-        finite, or is the first and beyond `LARGEST_READING`, is passed on as it is.
+        Everything but the time, the age, the torques and the IMU's raw readings is replaced. What the `guard` refuses
+        is filled in first; the estimate says so (`RobotState.coasted`). A reading that lacks the IMU or the joint
+        torques, is not finite, or is the first and beyond `LARGEST_READING`, is passed on as it is.
 
         Args:
             state: a reading, perhaps of some time ago (`state.age`).
@@ -242,7 +242,7 @@ class StateEstimator:
         gyro, accelerometer, torque = state.imu_gyro, state.imu_accelerometer, state.torque
         if gyro is None or accelerometer is None or torque is None or not self.guard.started:
             return state
-        # What the filter reads; pelvis orientation and velocity, in which one NaN of a waist or an IMU lasts, it gives.
+        # Only what the filter reads: it computes the pelvis's motion itself, in which a NaN of waist or IMU would last.
         if not math.isfinite(sum(float(part.dot(part)) for part in (gyro, accelerometer, torque, state.q, state.dq))):
             return state
         dt = min(max(state.time - self._time, 0.0), _LONGEST_STEP)
@@ -306,7 +306,7 @@ class StateEstimator:
         return self._kinematics.data.oMf[frame].translation.copy()
 
     def _measure_legs(self) -> None:
-        """Read the sole centres seen from the IMU [m], shape (2, 3), and in the world their covariances and turning."""
+        """Read the sole centres seen from the IMU [m], (2, 3), their covariances in the world and turning speeds."""
         places = self._kinematics.data.oMf
         pelvis = places[self._pelvis_frame]
         turned_at, waist = pelvis.act(self._turned_at), pelvis.rotation[:, 2]
@@ -362,7 +362,7 @@ class StateEstimator:
         self._P[rows, rows] += self._soles_noise[foot]
 
     def _correct(self, foot: int) -> None:
-        """Correct by the innovation R h + p - d, which is linear in the error: its position less the foot's."""
+        """Correct by the innovation R h + p - d, which is linear in the error: the position's part less the foot's."""
         rows = slice(9 + 3 * foot, 12 + 3 * foot)
         innovation = self._R.dot(self._soles[foot]) + self._p - self._d[foot]
         spread = self._P[:, _POSITION] - self._P[:, rows]

@@ -35,7 +35,7 @@ class Guard:
         limit: Callable[[JointCommand], JointCommand],
         log: SafetyLog,
     ) -> None:
-        """Stand around a controller of the robot that `check` knows; `limit` brings commands within all limits."""
+        """Guard a controller of the robot that `check` knows; `limit` brings joint commands within all limits."""
         self.name, self.period = check_controller(controller, "the controller")
         self.controller, self.robot = controller, check.robot
         self._check, self._limit, self._log = check, limit, log
@@ -90,7 +90,7 @@ class Guard:
             given = f"act of {self.name} returned a {type(output).__name__} instead of a JointCommand"
             self._log.count("failures", given)
             return None
-        # A controller may give the same object again, with other numbers in it than those that it was asked about.
+        # A controller may give the same object again with other numbers in it, and its `is_finite` is cached.
         output = JointCommand(output.q, output.dq, output.kp, output.kd, output.tau)
         if not output.is_finite or output.q.size != joints:
             fits = output.q.size == joints

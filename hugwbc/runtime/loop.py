@@ -18,7 +18,7 @@ from hugwbc.upper_ik import UpperBodySource
 
 
 def substeps_of(period: float, timestep: float, name: str) -> int:
-    """Return the number of physics steps in a control period."""
+    """Return the number of physics steps in a control period; raise a ConfigError if it is not whole."""
     substeps = round(period / timestep)
     if substeps < 1 or abs(substeps * timestep - period) > 1e-9:
         raise ConfigError(
@@ -48,8 +48,8 @@ class ControlLoop:
     ) -> None:
         """Connect the parts; call `reset` before the first `decide`.
 
-        The limits and the servo of the arms know the simulated robot with its drives. What the controller, the
-        hand IK and the estimator are told is up to them.
+        The limits and the servo of the arms know the simulated robot with its drives. What a given controller, hand IK
+        and estimator know is up to whoever made them.
 
         Args:
             controller: any object with the members of `Controller`, or its name; then it is told the robot.

@@ -14,14 +14,14 @@ from hugwbc.robot import SIDES, Robot, load_mirror
 from hugwbc.state import RobotState
 
 _PLANT_TIME, _FOLD_TIME, _LEAN_TIME = 0.02, 0.21, 0.36  # [s], of the three moves
-_HOLD, _FADE = 0.84, 1.0  # [s], how long the last posture is held, and in which the stiffness then goes to zero
+_HOLD, _FADE = 0.84, 1.0  # [s], how long the last posture is held, and how long the stiffness then takes to zero
 _FINAL_DAMPING_TIME = 0.1  # [s], in which the damping grows when the stiffness begins to fade
 # Joint positions of a leg [rad]: hip's pitch, knee, ankle, and hip's roll, which is outwards.
 _STANDING = np.array([-0.44, 1.07, -0.31, 0.12])  # the leg with load, at the end of the first move
 _SWINGING = np.array([-0.24, 1.10, -0.52, 0.10])  # the other one
 _FOLDED = np.array([0.04, 1.98, -0.25, -0.15])  # both legs, at the end of the second move
 LEANING = np.array([0.5, 2.02, 0.72, -0.15])  # and of the third
-_PLANTED_STRIDE, _FOLDED_STRIDE = 0.37, -0.16  # part of the legs' difference that stays in the first move, and later
+_PLANTED_STRIDE, _FOLDED_STRIDE = 0.37, -0.16  # share of the legs' difference that stays in the first move, and later
 _SHOULDER_PITCH, _SHOULDER_ROLL = 0.28, -0.47  # [rad]; the roll is outwards
 # Of the joints, and of the ankles, as multiples of the robot's own; the last damping holds from the fade on.
 _STIFFNESS, _ANKLE_STIFFNESS = 0.69, 0.02
@@ -30,7 +30,7 @@ _CLEAR_LOAD = 1.5  # how much faster than its share of the load a leg becomes th
 
 
 class Lowering:
-    """One way down; it needs encoders and the feet's loads only at its start, and no IMU."""
+    """One way down. It needs no IMU, and encoders and the feet's loads only at its start."""
 
     def __init__(self, robot: Robot) -> None:
         """Set up for a robot that does not go down yet."""
@@ -47,7 +47,7 @@ class Lowering:
         self.reset()
 
     def reset(self) -> None:
-        """Let the robot stand again."""
+        """Forget the way down: the robot stands again."""
         self._moves: list[tuple[float, float, np.ndarray]] = []  # when each begins and how long it takes [s], and where
         self._from, self._elapsed = self._robot.nominal, 0.0
 

@@ -13,7 +13,7 @@ from hugwbc.state import RobotState
 QUIET = 3.5  # [N*m]; a motor that measures more than this works
 ASKED = 7.0  # [N*m]; a working motor that is asked for so much is not quiet for long
 MISSING = 0.3  # [N*m*s], integral of the torque that a quiet motor was asked for, from which on it is dead
-_MOST = 20.0  # [N*m], what counts of that torque: one large value of a working motor at a change of sign means nothing
+_MOST = 20.0  # [N*m], most of that torque that counts: a single large value at a change of sign means nothing
 _FORGET = 0.3  # [s], in which the integral fades while less than `ASKED` is asked for
 # A longer gap counts as this: nothing is known of it, and one reading alone finds no motor dead.
 _LONGEST_STEP = 0.005  # [s]
@@ -51,7 +51,7 @@ class MotorWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Take all motors to work."""
+        """Assume that all motors work."""
         self.dead = ""
         self._missing = [0.0] * len(self._slope)
         self._commands: collections.deque[_Asked] = collections.deque(maxlen=_KEPT)
@@ -59,7 +59,7 @@ class MotorWatch:
         self._torque = b""  # of the last reading
 
     def note(self, command: JointCommand) -> None:
-        """Keep the joint command that follows on the last reading."""
+        """Keep the joint command that answers the last reading."""
         legs = self._legs
         kp, kd = command.kp[legs], command.kd[legs]
         constant = command.tau[legs] + kp * command.q[legs] + kd * command.dq[legs]
@@ -68,7 +68,8 @@ class MotorWatch:
     def see(self, reading: RobotState, now: float, *, behind: bool = False) -> None:
         """Compare the torques of a new reading, which arrives now [s], with what the commands of its time asked for.
 
-        It is `behind` if a newer one waits: it arrived while the last command was computed, which may not be out yet.
+        A reading is `behind` if a newer one waits: it arrived while the last command was computed, which may not have
+        been sent yet.
         """
         elapsed, self._now = min(max(now - self._now, 0.0), _LONGEST_STEP), now
         if self._commands and (behind or self._behind):

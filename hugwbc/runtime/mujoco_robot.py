@@ -47,7 +47,7 @@ class MujocoRobot:
         names: names of the bodies that are not the robot's.
         actuators: places of the joints' inputs in `data.ctrl`, in the order of `Robot.joint_names`, shape (n,).
         clipped: how often the actuator of a joint could not give the torque that a command asked for.
-        problems: what was asked of grippers, of which there are none.
+        problems: what went wrong, such as a request to a gripper, of which there are none.
     """
 
     def __init__(
@@ -69,7 +69,8 @@ class MujocoRobot:
             joints: names of those joints that the model calls otherwise, without the prefix.
 
         Raises:
-            ModelError: if the model does not hold the robot, holds several, or drives it in another way.
+            ModelError: if the model does not hold the robot, holds several, or differs in joints, axes or actuators.
+            UnknownNameError: if there is no such robot, or `joints` names a joint that it does not have.
         """
         described = load_robot(robot) if isinstance(robot, str) else robot
         self._model, self._data = model, data
@@ -117,7 +118,7 @@ class MujocoRobot:
         return ControlPeriod(controller, source, sight, robot=self.robot, estimator=None, upper_body=upper_body)
 
     def stand(self, x: float = 0.0, y: float = 0.0, ground: float = 0.0, yaw: float = 0.0) -> None:
-        """Place the robot at rest in the nominal pose: on ground of a height [m], with a heading [rad]."""
+        """Place the robot at rest in the nominal pose at x, y [m] on ground of a height [m], with a yaw [rad]."""
         self._hold, self._given_at = 0.0, np.inf  # what moves it next is another run
         data, turn = self._data, rotations.from_yaw_pitch_roll(yaw, 0.0, 0.0)
         data.qpos[self._pose] = (x, y, ground + self._standing, *turn)
@@ -166,7 +167,7 @@ class MujocoRobot:
         wanted = (command.tau + command.kp * (command.q - q) + kd * (command.dq - dq)) / self._gear
         own = self._bias[0] + self._gear * (self._bias[1] * q + self._bias[2] * dq)
         given = np.clip((np.clip(wanted, *self._force_range) - own) / self._gain, *self._input_range)
-        # Nor is the difference of NaN, of which MuJoCo would make 0 for all actuators: the last input stays.
+        # A NaN is not enough either. MuJoCo would make 0 of it for all actuators, so the last input stays.
         enough = np.abs(self._gain * given + own - wanted) <= 1e-6 + 1e-3 * np.abs(wanted)
         self.clipped.update(self.robot.joint_names[i] for i in np.flatnonzero(~enough))
         return np.where(np.isfinite(given), given, self._data.ctrl[self.actuators])
@@ -305,7 +306,7 @@ class MujocoRobot:
 def _find_joints(
     model: mujoco.MjModel, robot: Robot, prefix: str | None, joints: Mapping[str, str]
 ) -> tuple[str, np.ndarray]:
-    """Return what the model puts before the joints' names, and its joints in the robot's order."""
+    """Return what the model puts before the joints' names, and the indices of the joints in the robot's order."""
     for name in joints:
         robot.index(name)
     in_model = {model.joint(i).name: i for i in range(model.njnt)}
@@ -363,7 +364,7 @@ def _lowest_points(model: mujoco.MjModel, pose: mujoco.MjData, bodies: np.ndarra
 
 
 def _sole(described: Robot, link: np.ndarray, points: np.ndarray) -> dict[str, Any]:
-    """Return the described sole without what the model's foot lacks of it; it stands on its lowest points."""
+    """Return the part of the described sole that the model's foot has, at the height of the foot's lowest points."""
     if not len(points):
         return {}
     low, high = (end(points[points[:, 2] < points[:, 2].min() + _FLAT], axis=0) - link for end in (np.min, np.max))

@@ -2,7 +2,7 @@
 
 Each device is judged by itself: the IMU, and the encoder of every joint. What is not a number, beyond what the sensor
 or the joint can do, far from where the last readings lead, or repeated to the last digit although the robot moves, is
-refused. A walk repeats itself stride by stride: a refused reading is replaced by that of the same posture a stride ago
+refused. A walk repeats itself stride by stride: a refused reading is replaced by that of the same posture in the past
 (an analogue forecast, Lorenz, *Atmospheric predictability as revealed by naturally occurring analogues*, 1969). What
 lasts longer than this can be right is told as lost (`RobotState.lost`).
 """
@@ -34,7 +34,7 @@ _REPEATS = 3  # number of repetitions of a reading from which on a device hangs
 _STILL = 0.2  # [rad/s], speed of a joint below which equal readings are not a fault if they show that it stands
 _GAP = 1.5  # usual times between two readings, from which on some are missing
 _LONGEST_STEP = 0.1  # [s], largest time between two readings; a longer one, or one back, is a wrong time stamp
-# [s], how long a device, or all of them, may be missing before it is lost.
+# [s], how long the IMU, an encoder, or all of them may be missing before the state is lost.
 _IMU_LOSS, _ENCODER_LOSS, _ALL_LOSS = 0.3, 0.3, 0.2
 _HISTORY = 1.5  # [s], a stride and a half
 _LEAST_LEAD = 0.3  # [s] between now and the past that is repeated
@@ -79,10 +79,10 @@ def plausible(readings: Sequence[RobotState], gyro: np.ndarray | None, robot: Ro
 
 
 class ReadingGuard:
-    """See the module.
+    """Refuses implausible readings of each device and fills the gaps, as the module says.
 
     Attributes:
-        rejected: number of refused readings of each device so far.
+        rejected: number of refused readings since the reset, by device; `ALL` where all were refused at once.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -104,7 +104,7 @@ class ReadingGuard:
         self.reset(None)
 
     def reset(self, state: RobotState | None, period: float = 0.002) -> None:
-        """Forget the past; a robot that stands still, if given, is the first reading of one in every period [s]."""
+        """Forget the past. Begin with time and attitude of a state, if given; readings come once in a period [s]."""
         self._history, self._least_lead = round(_HISTORY / period), round(_LEAST_LEAD / period)
         self._records, self._end = np.zeros((2 * self._history, self._torque.stop)), self._history
         self._past = self._records[: self._history]  # the latest readings, a view
@@ -130,7 +130,7 @@ class ReadingGuard:
     def admit(self, state: RobotState) -> RobotState:
         """Return a reading in which what was refused is replaced, with `coasted` and `lost` set.
 
-        A reading without an IMU or torques is returned as it is.
+        A reading without an IMU or torques, or a first one beyond `LARGEST_READING`, is returned as it is.
         """
         if state.imu_gyro is None or state.imu_accelerometer is None or state.torque is None:
             return state

@@ -59,6 +59,9 @@ def rollout(
         strict: whether a mistake in the code of the controller or of a source ends the run with a `ConfigError`: what
             it raises, and what is no joint command, command or target. Otherwise it is counted in `Trace.safety`, as on
             a robot.
+
+    Raises:
+        ConfigError: if the duration is not above 0 s and finite, or the parts do not fit each other.
     """
     if not 0.0 < duration < np.inf:
         raise ConfigError(f"duration is {duration} s; give a finite time above 0 s")

@@ -38,7 +38,7 @@ class SafetyFilter:
         self._given: JointCommand | None = None
 
     def __call__(self, command: JointCommand) -> JointCommand:
-        """Return a finite joint command within all limits, and count what was changed."""
+        """Bring a finite joint command within all limits, and count what was changed."""
         if command is self._given:
             return command
         before = np.array((command.q, command.dq, command.kp, command.kd, command.tau))
@@ -53,8 +53,8 @@ class SafetyFilter:
         return self._given
 
 
-# What a body that can still be balanced does at most. Beyond it no controller helps, and the solver of the QP takes 40
-# times as long.
+# The most that a body does that can still be balanced. Beyond that no controller helps, and the solver of the QP takes
+# 40 times as long.
 _LARGEST_TILT = 1.3  # [rad] between the pelvis's axis and the vertical; the robot has fallen at 1.0
 _LARGEST_RATE = 15.0  # [rad/s], of the pelvis
 _LARGEST_SPEED = 6.0  # [m/s], of the pelvis

@@ -9,19 +9,19 @@ from hugwbc.errors import ConfigError
 from hugwbc.extensions import described
 
 T = TypeVar("T")
-# of somebody else's code
+# Counters of mistakes in somebody else's code.
 _MISTAKES = ("failures", "source_failures", "bad_outputs", "hands_refused", "upper_body_rejected")
 _TOLD = (*_MISTAKES, "bad_states", "lowered")  # which whoever stands beside the robot must know at once
 
 
 @dataclasses.dataclass(frozen=True)
 class SafetyReport:
-    """Counts of what the stages of a control period changed since the start of a run, in control periods.
+    """Counts of what the stages of a control period changed since the start of a run, in periods unless noted.
 
     Attributes:
         ticks: control periods.
         commands_clamped: periods in which a command value was out of range or NaN, by command name.
-        commands_guarded: periods in which the other values did not allow a command value, by command name.
+        commands_guarded: changes of a command value that the other values did not allow, by command name.
         hands_refused: hand targets that are not finite, or that the arms cannot follow (`HandTargets.check`).
         hands_held: periods without an arm posture for the hand targets, in which the arms held: the inverse kinematics
             failed, or the state did not tell where the targets are.
@@ -37,9 +37,10 @@ class SafetyReport:
         positions_limited: joint commands with a position target that was clamped.
         torques_limited: joint commands with a feed-forward torque that was clamped.
         speeds_limited: joint commands with a velocity target that was clamped.
-        gains_limited: stiffnesses, and dampings, of joint commands that were clamped to 0 or `gain_limits`.
+        gains_limited: joint commands with a stiffness that was clamped to 0 or `gain_limits`, and likewise dampings.
         overruns: calls of the controller that took longer than its period.
-        readings_refused: states in which the reading of a sensor was replaced, by the sensor.
+        readings_refused: states in which the reading of a sensor was replaced, and readings of the IMU that were left
+            out of a mean, by sensor.
         braked: ticks on which a robot braked or stood before it changed its gait (`hugwbc.runtime.braking`).
         lowered: ticks on which the robot knelt down, or was damped afterwards, with its state lost or a motor dead.
         messages: the first message of each kind of event.
@@ -80,7 +81,7 @@ class SafetyLog:
 
     Attributes:
         strict: whether mistakes of controller and sources raise a `ConfigError` instead; for simulations only.
-        tell: called with the first message of each kind of mistake, of unusable states, and of a way down.
+        tell: called with the first message of each kind of mistake, of unusable states, and of kneeling down.
     """
 
     strict = False

@@ -24,7 +24,7 @@ SMOOTHING_TIME = 0.1  # [s], over which an object's seen poses are averaged
 
 
 class Average:
-    """The share of a new measurement in a running average: that of a mean at first, then of an exponential one."""
+    """The share of a new measurement in a running average, which is the mean at first, then an exponential average."""
 
     def __init__(self, time_constant: float) -> None:
         """Average over a time [s]."""
@@ -64,7 +64,7 @@ class SeenRobot:
         self._past: collections.deque[tuple[float, np.ndarray, float]] = collections.deque(maxlen=256)
 
     def corrected(self, state: RobotState, picture: Picture | None) -> RobotState:
-        """Return the estimate with the position, heading, velocity and forces of the world in which it is seen."""
+        """Return the estimate, its position, heading, velocity and forces moved to the world of the picture."""
         if state.position is None or picture is None:
             return state
         if self._before is None:
@@ -169,9 +169,9 @@ class Sight:
 
         Args:
             world: what is seen.
-            robot: its kinematics, and its commands.
+            robot: the robot that the behaviour is told (`View.robot`).
             noisy: whether the objects are seen with noise, which is averaged.
-            drifting: whether the estimate has no position of its own, so that it is corrected by what is seen.
+            drifting: whether position and heading of the estimate drift, so that they are corrected by what is seen.
         """
         self._world, self._noisy, self._drifting = world, noisy, drifting
         self._kinematics = Kinematics(robot)
@@ -194,12 +194,12 @@ class Sight:
         """Return the view at a time [s]."""
         newest, refused = self._world.picture(), self._check.refusal
         picture = self._check.admitted(newest, state) if self._drifting else newest
-        if picture is newest:  # one that is admitted instead shows what was seen then
+        if picture is newest:  # an earlier picture that is admitted instead keeps the objects that it showed
             self._seen = self._world.names
         if self._drifting:
             state = self._robot.corrected(state, picture)
         age = 0.0
-        if picture is not None:  # an admitted picture may be of long ago
+        if picture is not None:  # the last admitted picture may be old
             age = max(state.time - picture.time, 0.0) if self._drifting else picture.age
         silent = age > SILENT_TIME
         if silent and not self._silent:
@@ -246,8 +246,8 @@ class Sight:
 def carry_out(grips: Iterable[Grip], simulation: Engine) -> None:
     """Carry out requests to the idealised gripper.
 
-    One that cannot be carried out leaves the hand as it is, and is noted in the problems of the scene. One that is out
-    of reach is not: whoever asked sees that the hand holds nothing.
+    A request that raises leaves the hand as it is, and is noted in the problems of the scene. A request for an object
+    out of reach is not noted: whoever asked sees that the hand holds nothing. Without grippers nothing happens.
     """
     for grip in grips:
         try:

@@ -47,7 +47,10 @@ class SourceStage:
             log: counts its failures.
             robot: whose stand is the fallback.
             moves_hands: whether anything moves the hands; if not, hand targets are ignored with a warning.
-            stop: by how much a stop moves the robot, as the controller knows it, shape (3,) (`View.stop`).
+            stop: by how much a stop moves the robot, as the controller knows it [m, m, rad], shape (3,) (`View.stop`).
+
+        Raises:
+            ConfigError: if the source lacks a member.
         """
         self._stop = stop
         self._source, self._sight, self._log, self._moves_hands = source, sight, log, moves_hands
@@ -68,9 +71,9 @@ class SourceStage:
     def reset(self) -> None:
         """Start a run."""
         self._last: tuple[Command, HandTargets | None] = (self._stand, None)
-        self._unheard = 0.0  # [s] since it came
+        self._unheard = 0.0  # [s] since the last good answer
         self._view: View | None = None
-        self._usable: RobotState | None = None  # the last such state
+        self._usable: RobotState | None = None  # the last usable state
         if self._seeing is not None:
             self._seeing.restart()
             self._sight.reset()

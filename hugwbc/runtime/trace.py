@@ -76,8 +76,8 @@ class Trace:
         name: name of the controller.
         time: times of the samples [s], shape (T,).
         command: the eight commanded values, clamped to their ranges, in the order of COMMAND_NAMES, shape (T, 8). They
-            include the h, p and w of hand targets that ask for the whole body, but not the changes by the guard
-            (`runtime.command_chain`), which therefore count as errors.
+            include the h, p and w of hand targets that ask for the whole body, but not what `feasible` and `Braking`
+            change thereafter (`runtime.command_chain`), which therefore counts as error.
         measured: v_x, v_y, omega, h, p, w as executed (see `kinematics.Measured`), shape (T, 6).
         clearance: height of the left and right sole above the ground [m], shape (T, 2).
         qpos, gait, phase, foot_contact, foot_force, pressure_centre, foothold: those of `Snapshot`, in T rows.
@@ -98,7 +98,7 @@ class Trace:
             `touch_downs` [N], shape (touch-downs,) for each foot. The last stance may be cut short by the end.
         mass: mass of the robot's description, without a payload [kg].
         fell: whether the robot fell or the physics diverged.
-        survived_s: time of the first fall, or the whole duration [s].
+        survived_s: time of the first fall, or of the end of the run [s].
         steps: number of control steps executed.
         safety: what was changed on the way to the joints.
         robot: name of the simulated robot.
@@ -190,7 +190,7 @@ def write_trace(path: str | pathlib.Path, trace: Trace) -> pathlib.Path:
 
 
 def read_trace(path: str | pathlib.Path) -> Trace:
-    """Read a record that `write_trace` wrote."""
+    """Read a record that `write_trace` wrote; raise a ConfigError for any other file."""
     path = pathlib.Path(path)
     try:
         with np.load(path, allow_pickle=False) as stored:

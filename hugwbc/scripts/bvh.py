@@ -32,10 +32,11 @@ _OWN = {
 }  # fmt: skip
 _WORDS = "|".join((*(words for _, words, _ in _LIMBS.values()), "toe", _OWN["collar"]))
 _HELPER = re.compile("twist|roll(?!er)|helper", re.IGNORECASE)  # joints within a segment
-_NEXT = 0.75  # the most of a limb's segment that a collar bone or a foot measures
+_NEXT = 0.75  # longest collar bone or foot, as a part of the limb's segment next to it
 JOINTS = tuple(joint for joints, _, _ in _LIMBS.values() for joint in joints)
 _RATES = (5.0, 1000.0)  # [Hz] of cameras
-# Cyclic permutations and half turns that bring one signed axis of the file to z; each keeps left and right apart.
+# Cyclic permutations and a half turn, which bring one signed axis of the file to z; they are rotations, so that left
+# stays left.
 _TO_Z_UP = (
     np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]),
     np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]),
@@ -101,8 +102,9 @@ def find_joints(
 ) -> dict[str, tuple[int, int]]:
     """Return the indices of the left and the right of `JOINTS`.
 
-    A limb is the longest two segments in a row whose joints have names of its side and kind. So a foot is the ankle
-    where toes follow it, and the toes where an ankle is before it.
+    A limb is the longest two segments in a row whose joints have names of its side and kind. So a joint named foot
+    counts as the ankle where toes follow it, and as the toes where an ankle comes before it. What is not clear raises a
+    `ConfigError`.
 
     Args:
         path: for messages.
@@ -157,7 +159,7 @@ def find_joints(
 
 
 def _side(name: str) -> str:
-    """Return "left" or "right" if a joint's name says so."""
+    """Return "left" or "right" if a joint's name says so, else an empty text."""
     parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)]
     said = [s for s in SIDES if any(re.match(f"{s}|{s[0]}$|{s[0]}({_WORDS})", part) for part in parts)]
     return said[0] if len(said) == 1 else ""

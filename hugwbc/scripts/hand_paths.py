@@ -1,7 +1,7 @@
 """Paths of a hand over time: points, lines, grids, circles, swings and random walks.
 
-A path starts at t = 0, and its last position holds for ever. Coordinates are in the frame that the hand motion names
-(see `hugwbc.targets.HandTargets`). Recorded ones are read from CSV files.
+A path starts at t = 0; after its end, if it has one, the hand stays at its last position. Coordinates are in the frame
+that the hand motion names (see `hugwbc.targets.HandTargets`). Recorded paths are read from CSV files.
 """
 
 import functools
@@ -165,7 +165,7 @@ class Swing(HandPath):
         centre: middle of the swing [m].
         amplitude: amplitudes along x, y and z [m].
         phase: phase of each axis, in periods; (0, 0.25, 0) makes an ellipse of x and y.
-        period: time of a swing [s].
+        period: time of a swing there and back [s].
     """
 
     centre: Point

@@ -29,11 +29,11 @@ MOTION_FPS = 50.0  # [Hz]; motions are resampled to this rate, which is the lear
 FRAME_RATES = (0.1, 1e4)  # [Hz], the valid range in files; rates far from any camera's are mistakes
 _FIELDS = ("fps", "joint_names", "positions")
 _READABLE = (".npz", ".csv")
-LARGEST_MOTION = 50_000_000  # [byte] unpacked, more than four hours of 19 joints
+LARGEST_MOTION = 50_000_000  # [byte] unpacked, 1.8 hours of 19 joints at 50 Hz in double precision
 _LISTED = 20  # names in one message
 _TIME = "t"  # the column of a .csv
 _UNEVEN = 0.02  # share of a step by which the times of a .csv may differ from equal steps, being rounded
-_PACE, _JUMP = (0.02, 25.0), 0.5  # [rad/s], [rad]; the arms' motors reach 20 rad/s
+_PACE, _JUMP = (0.02, 25.0), 0.5  # [rad/s], [rad]; an H1's arms reach 20 rad/s
 _ROUNDED = 1e-3  # [rad], rounding in files
 _BEYOND = (0.1, 0.1)  # [rad] past a joint limit, and the share of frames there from which a motion is refused
 # What NumPy and zipfile raise on truncated, corrupted or encrypted archives.
@@ -56,8 +56,8 @@ _SEGMENT = (0.4, 1.6)  # [s], time from one posture of a generated motion to the
 def arm_noise_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and upper bounds of the intervention noise, order of `Robot.arm_names` [rad], shape (arms,).
 
-    They are the authors' within the robot's joint limits, and these limits for joints that the authors' robot lacks. A
-    joint that turns the other way has them the other way round.
+    They are the authors' bounds, cut to the robot's joint limits; these limits alone bound joints that the authors'
+    robot lacks. For a joint that turns the other way, the bounds are negated and swapped.
     """
     bounds = np.stack((robot.lower, robot.upper))
     for part, (axis, ends) in _LEFT_NOISE.items():
@@ -119,7 +119,7 @@ class ArmMotion:
 def load_motion(path: str | pathlib.Path, robot: Robot) -> ArmMotion:
     """Read a motion file for a robot; positions outside the joint limits are clamped, which is logged as a warning.
 
-    So are joints that are not of the arms: the robot's legs and waist do not follow a motion.
+    A warning also names the joints that are not of the arms: the robot's legs and waist do not follow a motion.
     """
     motion, warning = _read_motion(path, robot)
     if motion.unused:
@@ -130,7 +130,7 @@ def load_motion(path: str | pathlib.Path, robot: Robot) -> ArmMotion:
 
 
 def check_motion(what: str, motion: ArmMotion) -> str:
-    """Refuse a motion in other units, with jumps, or far from what arms can do; tell how much is beyond their limits.
+    """Refuse a motion in other units, with jumps, or far beyond joint limits; return a warning of less, "" for none.
 
     Args:
         what: the subject of messages, such as the file.
@@ -282,7 +282,7 @@ def load_motions(folder: str | pathlib.Path, robot: Robot) -> list[ArmMotion]:
 def generate_motions(robot: Robot, seed: int, count: int = 20, duration: float = 20.0) -> list[ArmMotion]:
     """Generate arm motions without recordings: minimum-jerk movements between random postures, at `MOTION_FPS`.
 
-    Each movement takes 0.4 to 1.6 s. Postures are uniform over the middle 60 % of the noise range, around nominal.
+    Each movement takes 0.4 to 1.6 s. Postures are uniform over the noise range, shrunk to 60 % about the nominal one.
 
     Args:
         robot: whose arms move.

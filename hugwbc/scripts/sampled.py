@@ -7,12 +7,12 @@ import numpy as np
 
 from hugwbc.errors import ConfigError
 
-_APART = (1.0, 100.0)  # [s] between samples that are recorded or declared, from which times may be in another unit
+_APART = (1.0, 100.0)  # [s] between recorded samples, and declared ones, from which times may be in another unit
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
 def read_table(path: str | pathlib.Path, columns: str) -> tuple[list[str], np.ndarray]:
-    """Return the names in the first line of a CSV file and its numbers, shape (rows, names); messages say `columns`."""
+    """Return the names in the first line of a CSV file and its numbers, (rows, names); `columns` is for messages."""
     try:  # spreadsheets start their files with a byte order mark
         with pathlib.Path(path).open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.reader(file))
@@ -51,7 +51,7 @@ def check_pace(
     *,
     exact: bool = False,
 ) -> None:
-    """Refuse samples that jump, or whose times are in another unit because all would take hours.
+    """Refuse samples that jump, or that are so slow that their times must be in another unit than seconds.
 
     Args:
         what: the subject of messages.

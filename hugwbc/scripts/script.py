@@ -23,7 +23,7 @@ are in `hugwbc/scripts`.
         motion: wave.npz          # arm joints from a motion file (see `hugwbc.scripts.motion`), instead of hands
 
 A path is one of `hold`, `line`, `grid`, `circle`, `swing` and `wander`, with the fields of the class of that name in
-`scripts.hand_paths`, or `file`, the path of a CSV file (t, x, y, z). Paths of CSV and motion files are relative to the
+`hugwbc.scripts.hand_paths`, or `file`, a CSV file (t, x, y, z). Paths of CSV and motion files are relative to the
 script. YAML anchors may repeat parts.
 """
 
@@ -157,7 +157,7 @@ class HandMotion:
     @model_validator(mode="after")
     @refusing
     def _fits(self, info: ValidationInfo) -> "HandMotion":
-        """Refuse what the arms of the robot cannot follow for which a file is read."""
+        """Refuse targets that the robot for which a file is read cannot follow."""
         if info.context and (robot := info.context.get("robot")) is not None:
             self.at(0.0).check(robot)
         return self
@@ -177,7 +177,7 @@ class HandMotion:
 
 def _check_path(side: str, path: HandPath, frame: HandFrame) -> None:
     """Refuse a path that is in other units, leaves the hand's surroundings, or jumps."""
-    while isinstance(path, hand_paths.Mirrored):  # as far and as fast
+    while isinstance(path, hand_paths.Mirrored):  # it goes as far and as fast
         path = path.path
     times, points, pause = _samples(path)
     if frame == "world":  # the robot may walk there, but not fly
@@ -224,7 +224,8 @@ class Segment:
             continue; others start.
         ramp: time from the previous segment's values to this segment's, for commands and hands [s]; `DEFAULT_RAMP`, or
             the duration where that is shorter, if left out.
-        motion: motion of the arm joints, instead of hands. It continues or starts likewise, and rests at its end.
+        motion: motion of the arm joints, instead of hands. The previous segment's own object continues, another one
+            starts; at its end the arms rest.
         robot: whose ranges and defaults the commands have; None for the one that a file is loaded for, or the paper's.
     """
 
@@ -325,7 +326,7 @@ class Script:
         segment = self.segments[index]
         before, after = self._values[index], self._values[index + 1]
         values = before + segment.blend(elapsed) * (after - before)
-        # Rounding may carry them past the end of a range, and so of the ramp.
+        # Rounding may carry the values past the end of the ramp, and so out of a range.
         values = np.clip(values, np.minimum(before, after), np.maximum(before, after))
         return Command.from_array(values, segment.gait)
 
@@ -365,7 +366,7 @@ def _check_transition(before: Segment, after: Segment, at: tuple[str, int]) -> N
     """Refuse a segment that cannot follow another.
 
     Ranges are boxes and ramps are convex combinations: a ramp with a valid start in the new gait is valid throughout.
-    What a gait allows like the one before, the segment before has kept.
+    A command with the same range in both gaits needs no check: the segment before has kept it within that range.
     """
     start = before.command()
     ranges, allowed = (command_ranges(segment.gait, segment.robot) for segment in (after, before))

@@ -19,15 +19,15 @@ from hugwbc.targets import ORIENTATIONS, HandTargets
 HOST = "127.0.0.1"
 SILENCE = 0.3  # [s] without a message, after which the client is gone
 LONGEST_MESSAGE = 4096  # [bytes]
-_MOST_AT_ONCE = 4096  # messages that one tick takes from the line, more than the system keeps
-_NEWEST = 8  # of these that it reads
+_MOST_AT_ONCE = 4096  # messages that one tick takes from the socket, more than the system keeps
+_NEWEST = 8  # newest of these messages, which it reads
 _HAND_KEYS = ("left", "right", "frame", "left_direction", "right_direction", "together", "whole_body")
 _HAND_KEYS += (*ORIENTATIONS, "orientation_weight")
 _KEYS = ("sequence", "gait", "command", "hands")
 
 
 class SocketSource:
-    """A command source that follows the newest message; without one for `SILENCE`, it asks for rest.
+    """A command source that follows the newest message; without one for `SILENCE`, it tells the robot to stand.
 
     Hand targets stop with the client, too; those that jump are followed within the arms' limits
     (`hugwbc.upper_ik.UpperBodySource`).
@@ -50,7 +50,7 @@ class SocketSource:
         Args:
             port: 0 for any that is free.
             clock: returns seconds, to tell silence.
-            tell: called with what is wrong with messages, at most once a second.
+            tell: called with what is wrong with messages, at most once a second for each kind of problem.
             robot: whose ranges and defaults commands have; None for the paper's.
         """
         if not 0 <= port <= 65535:
@@ -87,7 +87,7 @@ class SocketSource:
         return self._hands
 
     def _receive(self) -> None:
-        """Empty the line, so that the newest messages are never the ones that the system drops, and read those."""
+        """Empty the socket, so that the system never drops the newest messages, and read these."""
         waiting: collections.deque[bytes] = collections.deque(maxlen=_NEWEST)
         taken = 0
         with contextlib.suppress(OSError):  # nothing left to read
@@ -104,7 +104,7 @@ class SocketSource:
                 self.tally.note("refused", str(error))
 
     def _take(self, message: bytes, number: int) -> None:
-        """Follow a message, the so-many-th, or raise an error that says why not, leaving everything as it was."""
+        """Follow message `number`; count a late one; raise an error on a bad one, and leave everything as it was."""
         said = read_object(message, LONGEST_MESSAGE)
         _check_keys("key of a message", said, _KEYS)
         sequence = said.get("sequence")
@@ -124,7 +124,7 @@ class SocketSource:
 
 
 def _check_keys(kind: str, said: object, known: Sequence[str]) -> None:
-    """Refuse what is no object, or has other keys than the known ones."""
+    """Refuse anything but a JSON object whose keys are all known."""
     if not isinstance(said, dict):
         raise ValueError(f"where a {kind} should be, there is no object; give one with some of {', '.join(known)}")
     for name in said:

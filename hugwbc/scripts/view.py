@@ -1,4 +1,4 @@
-"""Sources of commands and hand targets for a control loop, and what those that see know and ask for at a tick."""
+"""Sources of commands and hand targets for a control loop; what seeing sources know and ask for at a tick."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -69,7 +69,7 @@ class SeenObjects(Mapping[str, SeenObject]):
 
 @dataclasses.dataclass(frozen=True)
 class Grip:
-    """A request to the idealised gripper of one hand (`attach`); no hand of an H1 grips like this.
+    """A request to the idealised gripper of one hand (`attach` in `Task.idealised`); no hand of an H1 grips like this.
 
     Attributes:
         side: "left" or "right".
@@ -97,7 +97,7 @@ class Action:
         hands: targets of the hands; None leaves the arms to the controller. Those in the world frame are in that of
             `View.state`.
         grips: requests to the idealised gripper, carried out once.
-        doing: what the robot is at, in words, for tables and the labels of recordings.
+        doing: what the robot is doing, in words, for tables and the labels of recordings.
         progress: what is awaited, how far it is, and the tolerance; it becomes the reason of a timeout.
     """
 
@@ -128,8 +128,8 @@ class View:
         mid_stance: whether the robot is in the moment of its stride in which it should be told to stand
             (`hugwbc.stride`).
         robot: whose ranges and defaults commands have; None for the paper's.
-        hand_tip: distance from the hand frames to the ends of the hands [m]; an H1's by default, as the next one.
-        hand_half_width: distance from the hand frames to the sides of the hands [m].
+        hand_tip: distance from the hand frames to the ends of the hands [m]; an H1's by default.
+        hand_half_width: distance from the hand frames to the sides of the hands [m]; an H1's by default.
     """
 
     time: float

@@ -32,13 +32,13 @@ _SMOOTH_POSE = 0.06  # [s], likewise for hands, h, p and w: the noise of the cap
 _MOVING = (0.15, 0.3)  # [m/s, rad/s], planar speed and yaw rate of the robot above which it walks
 _AROUND = 0.5  # [s] to walk before and after that, so that the gait does not flicker
 _RAMP = 1.0  # [s] from the default command to the clip's first frame
-_MOST_BENT = 0.95  # share of the straight legs' height that a person who stands keeps
+_MOST_BENT = 0.95  # least height of a standing person's hips, as a share of the straight legs' length
 _PACE, _JUMP = (0.02, 15.0), 0.3  # [leg lengths / s], [leg lengths]; sprinters run at 13
 _LYING = np.deg2rad(75.0)  # lean of the trunk, more than in a bow
 _LOW = 0.35  # [leg lengths] between the hips and the ground, less than in a squat
-_LIFTED = 0.2  # [leg lengths] of the lower ankle, above its height at push-off
+_LIFTED = 0.2  # [leg lengths] of the lower ankle above its height on the ground, more than at push-off
 _ASIDE = 0.35  # [leg lengths] from the middle of the trunk to the feet, more than a foot's length
-_MOST_BAD = 0.1  # share of a clip off the feet from which it is refused
+_MOST_BAD = 0.1  # a clip of which a larger share is off the feet is refused
 _TOLD = 6  # spans in one message
 _UNITS = {"h": ("cm", 100.0), "p": ("deg", np.rad2deg(1.0)), "w": ("deg", np.rad2deg(1.0)), "hands": ("cm", 100.0),
           "v_x": ("m/s", 1.0), "v_y": ("m/s", 1.0), "omega": ("rad/s", 1.0)}  # fmt: skip
@@ -49,7 +49,7 @@ class WholeBodyMotion:
     """A clip at `MOTION_FPS` as a command source; the robot stands before its start and holds its end."""
 
     name: str  # name of the clip
-    asked: np.ndarray  # what the clip asks, by name in `MEASURED_NAMES`, shape (frames, 6); units as in `Command`
+    asked: np.ndarray  # what the clip asks, columns `MEASURED_NAMES`, shape (frames, 6); units as in `Command`
     hands: np.ndarray  # where it asks the left and the right hand to be, in the heading frame [m], shape (frames, 2, 3)
     walking: np.ndarray  # whether the robot walks, shape (frames,), bool
     # `hands` as the pitch and waist angle within the command ranges have them [m], the same shape
@@ -154,7 +154,7 @@ def retarget(clip: BodyClip, robot: Robot) -> WholeBodyMotion:
 
 
 def _check_stands(name: str, joints: dict[str, np.ndarray], height: np.ndarray) -> None:
-    """Say from when to when the person does not stay on the feet; refuse a clip with much of that.
+    """Log when the person is off the feet; refuse a clip in which that is more than `_MOST_BAD`.
 
     Args:
         name: of the clip.
@@ -239,8 +239,8 @@ class MotionScore:
     def lines(self) -> list[str]:
         """Return a table of root mean square errors: what the ranges cut from the clip, and what the robot missed.
 
-        The first second, in which the robot goes to the clip's first pose, counts for what is cut only. Velocities of
-        the robot are averaged over 1 s, because every step makes them sway.
+        The first second, in which the robot goes to the clip's first pose, counts for what is cut only. Errors of the
+        robot's velocities are averaged over 1 s, because every step makes them sway.
         """
         motion = self.motion
         cut = _named(_rms(motion.asked - motion.allowed))

@@ -1,12 +1,13 @@
 """Joint drives: ideal ones, and drives with a torque-speed limit, friction and a delay as a real robot has them.
 
-A real drive gives its full torque up to a corner speed v_c. Above it the counter-voltage of the motor leaves less and
-less, and the torque that drives the joint falls linearly to zero at the joint's maximum speed v_max:
+A real drive gives its full torque up to a corner speed v_c. Above it the back-EMF of the motor leaves less voltage, and
+the torque that drives the joint falls linearly to zero at the joint's maximum speed v_max:
 
     tau <= tau_max min(1, (v_max - v) / (v_max - v_c)),   at least 0,
 
-and likewise downwards. Braking torque, against the motion, is available in full at every speed. The maker's own model
-of its drives has the same form (`UnitreeActuator` in unitree_rl_lab), but limits braking as well.
+and the same with opposite signs of torque and speed. Braking torque, against the motion, is available in full at every
+speed. The maker's own model of its drives has the same form (`UnitreeActuator` in unitree_rl_lab), but limits braking
+as well.
 """
 
 import dataclasses
@@ -24,7 +25,7 @@ from hugwbc.settings import NotNegative, settings
 _LONGEST_DELAY = 0.1  # [s]
 # MuJoCo's Coulomb friction is a soft constraint. As soft as its defaults make it, a joint at rest creeps by 0.03 rad/s
 # under 0.9 of its friction; with this impedance, and a time constant of two time steps, by 0.0006 rad/s
-# (docs/arena.md).
+# (docs/log/physics.md).
 _STICK_IMPEDANCE = 0.99
 _STICK_STEPS = 2.0
 _LINE_SEARCH = 50  # iterations; with the 12 of the description the solver stops before the friction has converged
@@ -55,9 +56,9 @@ class Actuators:
         return cls(torque_speed=False, friction=0.0, armature=1.0, delay=0.0)
 
     def known_robot(self, robot: Robot) -> Robot:
-        """Return the robot as known to a controller or estimator that is told these drives, always the same one.
+        """Return the robot as known to a controller or estimator that is told these drives; always the same object.
 
-        The limit of the torque by speed stays that of the robot's table.
+        The torque-speed limit stays that of the robot's table.
         """
         drives = self.friction, self.armature, robot.command_delay if self.delay is None else self.delay
         return robot if drives == (1.0, 1.0, robot.command_delay) else _told(robot, *drives)
@@ -82,7 +83,7 @@ class Actuators:
         return max(1, round(delay / timestep)) if delay > 0.0 else 0
 
 
-@functools.lru_cache(maxsize=64)  # the models of a robot are kept for each
+@functools.lru_cache(maxsize=64)  # other caches, such as that of the kinematics, go by the object
 def _told(robot: Robot, friction: float, armature: float, delay: float) -> Robot:
     """Return a robot with factors on friction and reflected inertia, and a delay [s]."""
     factors = {"friction": friction, "viscous": friction, "armature": armature}
@@ -95,7 +96,7 @@ class TorqueSpeedLimit:
 
     def __init__(self, robot: Robot, torque_limit: np.ndarray) -> None:
         """Take the speeds from a robot, and its torque limits at low speed [N*m], shape (..., n)."""
-        # The last axis of all: downwards and upwards, as in MuJoCo's force range.
+        # The last axis of each array: downwards and upwards, as in MuJoCo's force range.
         self._limit = np.asarray(torque_limit)[..., None] * _WAYS
         self._slope = (1.0 / (robot.velocity_limit - robot.corner_speed))[:, None] * _WAYS
         self._reserve = np.abs(robot.velocity_limit[:, None] * self._slope)

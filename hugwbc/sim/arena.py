@@ -91,7 +91,7 @@ class Arena:
 
     @property
     def known_robot(self) -> Robot:
-        """The robot as known to a controller or estimator that is told the arena's."""
+        """The robot as known to a controller or an estimator that is told the robot and drives of this arena."""
         return self.actuators.known_robot(load_robot(self.robot))
 
     @property

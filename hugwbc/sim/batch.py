@@ -17,7 +17,7 @@ from hugwbc.sim.robot_model import TRAINING_TIMESTEP, load_model, robot_layout
 from hugwbc.sim.simulation import DIVERGED
 from hugwbc.sim.terrain import Ground, HeightField
 
-# Robots for each thread that go through all substeps before the next ones: the data of so many stay in the cache.
+# Robots per thread in a block. A block goes through all substeps before the next one: its data then stay in the cache.
 _BLOCK = 16
 _FAULTS = [int(warning) for warning in (*DIVERGED, mujoco.mjtWarning.mjWARN_BADCTRL)]
 WARNING_COUNT = 1  # column of MuJoCo's warning table with the number of warnings; column 0 holds the last index
@@ -34,12 +34,12 @@ class _Block(NamedTuple):
 
 
 class RobotBatch(abc.ABC):
-    """A batch of robots on the same ground. All tensors are live: they show the state after the last step.
+    """A batch of robots on the same ground.
 
-    They are on one device and have one precision: those of the engine.
+    All tensors are on the engine's device, in its precision, and live: they show the state after the last step.
 
     Attributes:
-        model: the model, of which `expand` gives each robot its own version.
+        model: the model that all robots share; `expand` gives each robot values of its own for a field.
         layout: place of the robot in the model's state.
         count: number of robots.
         qpos, qvel: state of the robot with n joints, shapes (count, 7 + n) and (count, 6 + n); writable, call `forward`
@@ -113,7 +113,7 @@ class RobotBatch(abc.ABC):
 
     @abc.abstractmethod
     def set_const(self, ids: torch.Tensor | None = None) -> None:
-        """Recompute what depends on masses that were written; of some robots, where an engine can choose."""
+        """Recompute what depends on masses after they were written, for these robots alone if the engine can."""
 
     @abc.abstractmethod
     def step(self, substeps: int, targets: torch.Tensor | None = None) -> torch.Tensor:
@@ -133,7 +133,7 @@ class RobotBatch(abc.ABC):
 
     @abc.abstractmethod
     def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return the bodies' origins (count, bodies, 3), rotations (count, bodies, 3, 3) and centres of mass, live."""
+        """Return world origins [m], rotations (count, bodies, 3, 3) and centres of mass [m] of all bodies, live."""
 
     @property
     def footing(self) -> torch.Tensor:
@@ -145,7 +145,7 @@ class RobotBatch(abc.ABC):
         """Set a value of `footing` and search for contacts; needed to resume bit by bit on terrain."""
 
     def faults(self) -> str:
-        """Return in words what the engine left out since the last call; empty if nothing. A GPU is waited for."""
+        """Return in words what the engine left out since the last call; empty if nothing. This waits for a GPU."""
         return ""
 
     def sole_position(self) -> torch.Tensor:
@@ -170,7 +170,7 @@ class BatchSimulation(RobotBatch):
     """The robots on `mujoco.batch`, in double precision; the tensors are views of MuJoCo's arrays."""
 
     def __init__(self, count: int, *, threads: int = 1, **settings: Any) -> None:  # noqa: ANN401
-        """Build the batch, on so many threads, 0 for one per processor, with the settings of `RobotBatch`."""
+        """Build the batch on `threads` threads, 0 for one per processor, with the settings of `RobotBatch`."""
         super().__init__(count, **settings)
         # With persistent data, a step reuses the position and velocity stages that the last step has computed.
         self.batch = Batch(self.model, count, threads, persistent=True)
@@ -192,7 +192,7 @@ class BatchSimulation(RobotBatch):
         self.batch.reset(keyframe=0)
 
     def _bind(self, name: str) -> torch.Tensor:
-        """Return a live field of the data; torch warns of what MuJoCo alone may write."""
+        """Return a live field of the data, without torch's warning that some fields are read-only."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             return torch.from_numpy(self.batch.bind(name))
@@ -201,7 +201,7 @@ class BatchSimulation(RobotBatch):
     def _blocks(self) -> list[_Block]:
         """Divide the robots into blocks, each with the torque-speed limit of its robots, if there is one.
 
-        The limits are those of the first step, after a randomisation.
+        The torque limits are read at the first step, so that a randomisation has to come before it.
         """
         source = self.batch.expand("actuator_forcerange") if self._limited else self.model.actuator_forcerange[None]
         force_range, blocks = source[:, self.layout.ctrl], []
@@ -250,10 +250,10 @@ class BatchSimulation(RobotBatch):
             self.batch.forward(ids=rows)
 
     def link_poses(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:  # noqa: D102
-        if self._poses is None:  # a field costs time in every step from here on
+        if self._poses is None:  # a bound field costs time in every step from here on
             position, matrix, centre = (self._bind(name) for name in ("xpos", "xmat", "xipos"))
             self._poses = position, matrix.unflatten(2, (3, 3)), centre
-            self.batch.forward()  # a field is filled by the next call
+            self.batch.forward()  # a newly bound field is filled by the next call
         return self._poses
 
     def _place_feet(self, ids: np.ndarray) -> None:

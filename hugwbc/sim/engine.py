@@ -26,11 +26,11 @@ from hugwbc.sim.sensors import ROBOT, Reading, SensorProfile, Sensors, sensor_pr
 from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import RobotState
 
-# A robot has fallen if it leans beyond these angles (the paper's early termination) or its pelvis is near the ground:
-# below this share of its nominal height, 45 cm of the H1's 98.
+# A robot has fallen if it leans beyond these angles [rad] (the paper's early termination), or if its pelvis is below
+# this share of its nominal height: 45 of the H1's 98 cm.
 FALL_PITCH, FALL_ROLL, FALL_HEIGHT = 1.0, 0.8, 0.45 / 0.98
 _ROUNDING = 1e-9  # [s], tolerance for rounding errors in sums of time steps
-_LARGEST = 1e9  # [N*m]; where one input is beyond 1e10, MuJoCo gives all drives 0
+_LARGEST = 1e9  # [N*m], bound of a drive's input; if one is beyond 1e10, MuJoCo sets the inputs of all drives to 0
 
 
 def check_seed(seed: int) -> None:
@@ -59,8 +59,8 @@ class Engine(abc.ABC):
         link_names: names of the rows of `external_force`; the first is the world.
         external_force: forces at the links' centres of mass and torques, world frame [N, N*m], shape (links, 6);
             writable, and kept until it is changed.
-        rejected_commands: number of joint commands that were not finite, or beyond `_LARGEST`; the last valid one was
-            held instead.
+        rejected_commands: number of joint commands that were not finite, not of the robot's size or beyond `_LARGEST`;
+            the last valid one was held instead.
         diverged: whether the physics has failed since the last reset. What the robot does from then on means nothing.
         scene: the objects around the robot, as drawn for this episode; None without a scene.
         objects: their states, by name; empty without a scene.
@@ -164,7 +164,7 @@ class Engine(abc.ABC):
     ) -> RobotState:
         """Place the robot on the ground at `xy` [m], with heading `yaw` [rad] and joint positions `q` [rad], (n,).
 
-        By default the joints are nominal, with the ankles turned so that the soles lie on the ground's mean plane.
+        By default the joints are nominal, and on a slope the ankles pitch by its angle along the heading.
         """
 
     @abc.abstractmethod
@@ -178,7 +178,7 @@ class Engine(abc.ABC):
 
     @property
     def known_robot(self) -> Robot:
-        """What a controller or an estimator knows of the robot that is told this one and its drives."""
+        """The robot as known to a controller or an estimator that is told this robot and its drives."""
         return self.actuators.known_robot(self.robot)
 
     @property
@@ -199,7 +199,7 @@ class Engine(abc.ABC):
     @property
     @abc.abstractmethod
     def torque(self) -> np.ndarray:
-        """Joint torques of the last physics step [N*m], shape (n,)."""
+        """Torques of the drives by the last command that reached them [N*m], shape (n,)."""
 
     @property
     @abc.abstractmethod
@@ -217,7 +217,7 @@ class Engine(abc.ABC):
 
     @abc.abstractmethod
     def _advance(self, kp: np.ndarray, kd: np.ndarray, constant: np.ndarray) -> None:
-        """Make one physics step with joint torques `constant - kp q - kd dq`, within the torque limits."""
+        """Make one physics step with torques `variation.strength (constant - kp q - kd dq)`, within their limits."""
 
     @abc.abstractmethod
     def _reading(self) -> Reading:
@@ -229,15 +229,15 @@ class Engine(abc.ABC):
 
     def step(self, command: JointCommand, duration: float) -> RobotState:
         """Apply a joint command for a duration [s], rounded to whole physics steps, and return the new true state."""
-        # Of an object that is given again the numbers may be others.
+        # A copy: the numbers of an object that is given again may have changed, which `advance` would not notice.
         self.advance(changed(command), max(1, round(duration / self.timestep)))
         return self._sensors.truth(self._readings[-1])
 
     def advance(self, command: JointCommand, steps: int = 1) -> None:
         """Apply a joint command for some physics steps; the same object as before is taken to be the same command.
 
-        With a delay, the drives follow the command that many physics steps later; only the first command after a reset
-        acts at once. A command that cannot be used is counted, and the previous command is held instead.
+        The drives follow a command after their delay; only the first command after a reset acts at once. A command that
+        cannot be used is counted, and the previous command is held instead.
         """
         if command is not self._command:
             fits = command.is_finite and command.q.size == self.robot.kp.size

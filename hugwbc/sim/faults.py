@@ -49,11 +49,11 @@ class Fault:
     # time stamps continue), dropped (readings are lost at random, and the last one stands), disordered (time stamps are
     # wrong by up to 20 ms in both directions), or motor-dead (a joint has no torque but its friction)
     kind: Annotated[str, one_of("fault", lambda: FAULTS)]
-    start: NotNegative  # [s]
-    # [s]; infinite for good. A wild speed of duration 0 is a single reading
+    start: NotNegative  # when it begins [s]
+    # how long it lasts [s]; infinite for good. A wild speed of duration 0 is a single reading
     duration: Annotated[float, Field(ge=0.0, allow_inf_nan=True)] = math.inf
     joint: str | None = None  # name of the joint; None for a fault that is not of a joint
-    # of readings that are dropped, within 0 and 1; None for other faults
+    # share of the readings that are dropped, from 0 to less than 1; None for other faults
     share: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class FaultInjector:
             now = reading.time + reading.age
             if fault.start <= now and fault not in self._done:
                 if now >= fault.start + fault.duration:
-                    self._done.add(fault)  # a fault that is shorter than a period still spoils one reading
+                    self._done.add(fault)  # a wild speed that is shorter than a period still spoils one reading
                     if fault in self._held or fault.kind != WILD_SPEED:
                         continue
                 reading = self._with(fault, reading)

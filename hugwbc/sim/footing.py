@@ -51,7 +51,7 @@ class Footing:
     """Positions of the plane and the spheres, for one robot or many."""
 
     def __init__(self, model: mujoco.MjModel, terrain: HeightField, place: Place = np.asarray) -> None:
-        """Find the geoms of a model that `add_footing` has changed; `place` makes tensors of constants."""
+        """Find the geoms of a model that `add_footing` has changed; `place` turns constants into arrays or tensors."""
         spheres = np.flatnonzero(model.geom_conaffinity == FOOT_CONTACT_BIT)
         self.geoms = place(np.append(spheres, model.geom(PLANE_NAME).id))  # indices of the spheres and, last, the plane
         self._heights, self._size = place(terrain.heights), terrain.size
@@ -72,7 +72,8 @@ class Footing:
         rotation, points = self._spheres(xpos, xmat)
         # The position of a diverged robot may be NaN.
         pelvis, below = xp.nan_to_num(xpos[..., self._pelvis, :2]), xp.nan_to_num(points[..., :2])
-        # Height of the plane through the ground below the pelvis at the world's origin; height of the ground above it.
+        # base: height at the world's origin of the mean plane through the ground below the pelvis; above: height of the
+        # ground over this plane at each sphere.
         base = self._height_at(pelvis) - pelvis @ self._gradient
         above = self._height_at(below) - below @ self._gradient - base[..., None]
         # The third row of a foot's rotation is the world's vertical in the axes of the foot.
@@ -81,9 +82,9 @@ class Footing:
         return xp.concatenate((spheres, xp.stack((zero, zero, base), -1)[..., None, :]), -2)
 
     def depth(self, xpos: np.ndarray, xmat: np.ndarray) -> np.ndarray:
-        """Return how deep the lowest sphere lies in the mean plane through the ground below the pelvis, at least 0 [m].
+        """Return how far the spheres reach below the mean plane through the ground below the pelvis, at most [m].
 
-        Arguments as in `positions`; shape (...).
+        At least 0, shape (...); arguments as in `positions`.
         """
         _, points = self._spheres(xpos, xmat)
         pelvis = xpos[..., self._pelvis, :2]

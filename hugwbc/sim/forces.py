@@ -86,11 +86,11 @@ class Disturber:
 class HandPull:
     """Pulls at the hand frames of both hands, half of the force at each.
 
-    The direction is fixed in the robot's heading when the force sets in.
+    Its vector is turned by the robot's yaw when the force sets in, and from then on fixed in the world.
     """
 
     def __init__(self, simulation: Engine, vector: np.ndarray, start: float, rise: float) -> None:
-        """Pull by a vector in the heading frame [N], shape (3,), from `start` [s] on, fully after `rise` [s]."""
+        """Pull with a force in the heading frame [N], shape (3,), from `start` [s] on, in full after `rise` [s]."""
         self._vector, self._start, self._rise = np.asarray(vector, dtype=float), start, max(rise, 1e-6)
         self._simulation, self._kinematics = simulation, Kinematics(simulation.robot)
         names = simulation.robot.hand_links

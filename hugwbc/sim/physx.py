@@ -44,7 +44,7 @@ def load_sapien() -> tuple[Any, Any]:
 
 
 def _principal(link: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frame of a link's principal axes at its centre of mass, shape (4, 4), and the moments about them."""
+    """Return a link's principal axes at its centre of mass as a frame (4, 4), and the moments about them [kg*m^2]."""
     xx, yy, zz, xy, xz, yz = (link[key] for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     axes[:, 2] *= np.sign(np.linalg.det(axes))  # a right-handed frame
@@ -54,7 +54,7 @@ def _principal(link: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _axis_frame(axis: np.ndarray) -> np.ndarray:
-    """Return the rotation that turns the x-axis, about which PhysX's hinges turn, to a joint's axis."""
+    """Return the quaternion (w, x, y, z) that turns the x-axis, about which PhysX's hinges turn, to a joint's axis."""
     x = np.array([1.0, 0.0, 0.0])
     normal = np.cross(x, axis)
     if not normal.any():  # along x, or against it: half a turn about z
@@ -77,7 +77,7 @@ class PhysxSimulation(Engine):
 
     The joint torques are explicit: the PD law of the joint state at each inner step, within the torque limits, is the
     torque in that step. Coulomb friction is a velocity drive of PhysX at speed 0 whose torque is limited to the
-    friction; it holds a joint at rest.
+    friction; it holds a joint at rest. The foot sensors measure the vertical forces only.
     """
 
     engine = "physx"
@@ -300,7 +300,7 @@ class PhysxSimulation(Engine):
         return q, dq
 
     def _collect_contacts(self, impulses: np.ndarray, moments: np.ndarray) -> None:
-        """Add the impulses on both feet [N*s] of the last inner step, and these times the points where they act."""
+        """Add the vertical impulses on both feet [N*s] of the last inner step, and these times the contact points."""
         for contact in self._scene.get_contacts():
             one, other = contact.bodies
             if self._ground not in (one, other):

@@ -41,12 +41,12 @@ def load_model(
     Args:
         timestep: physics time step [s].
         terrain: height field to stand on; None for a plane at z = 0.
-        lean: leave out what does not influence the motion: visual shapes, the sensors of hands and IMU, and the search
-            for contact islands (one robot is one island). The motion is the same bit by bit and takes a quarter less
-            time.
+        lean: leave out what does not influence the motion: visual shapes, the sensors of hand positions and IMU, and
+            the search for contact islands (one robot is one island). The motion is the same bit by bit and takes a
+            quarter less time.
         robot: robot to simulate.
         actuators: drives of the joints, whose friction and inertia the model gets; None for real ones.
-        ground: firmness of the ground, and of the objects; None for firm.
+        ground: firmness of the ground, and of objects other than movable ones; None for firm.
         scene: objects around the robot, drawn for one episode; None for none.
     """
     check_timestep(timestep)
@@ -186,7 +186,7 @@ class Variation:
     hand_payload: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
 
     def loaded(self, mass: float) -> float:
-        """Return the mass of a trunk with the payload [kg], from that without; refuse to leave nothing of it."""
+        """Return the mass of a trunk with the payload [kg], from that without; refuse a sum that is not above 0."""
         if not mass + self.payload > 0.0:
             raise ConfigError(
                 f"payload is {self.payload:g} kg, and the trunk weighs {mass:g} kg; remove less than that"

@@ -22,7 +22,7 @@ class SensorProfile:
     """Which sensors a robot has, and how good they are.
 
     White noise is drawn for every reading, a bias and an offset once for an episode; a walk lets a bias drift. All
-    are standard deviations. A value of 0 means a perfect reading.
+    these are standard deviations; 0 means a perfect reading.
 
     Attributes:
         name: of the profile, in tables and in the identity of results.
@@ -122,7 +122,7 @@ class Reading:
     foot_force: np.ndarray  # ground reaction on the left and the right foot in the world [N], shape (2, 3)
     accelerometer: np.ndarray  # specific force at the IMU over the last step, in its own frame [m/s^2], shape (3,)
     torque: np.ndarray  # joint torques over the last physics step [N*m], shape (n,)
-    # Force on both forearms, of contacts and grippers, in the world [N], shape (2, 3); None in an engine without it.
+    # Force on the links of both hands, by contacts and grippers, in the world [N], shape (2, 3); None without a sensor.
     hand_force: np.ndarray | None = None
 
 
@@ -134,7 +134,7 @@ class Sensors:
         self.profile = profile
         self._rng = np.random.default_rng(seed)
         self._robot, self._joints = robot, len(robot.joint_names)
-        # Of all that is drawn for a reading: joint positions, velocities, torques, then vectors of the IMU.
+        # Deviations of what is drawn for a reading: of joint positions, velocities, torques, then of the IMU's vectors.
         p, joints = profile, np.ones(self._joints)
         vectors = np.repeat((p.gyro, p.attitude, p.accelerometer, p.gyro_walk, p.accelerometer_walk), 3)
         self._deviations = np.concatenate((p.encoder * joints, p.joint_velocity * joints, p.torque * joints, vectors))

@@ -20,7 +20,7 @@ from hugwbc.sim.terrain import Ground, HeightField
 from hugwbc.state import GRAVITY, RobotState
 
 _UPWARDS = np.array([0.0, 0.0, GRAVITY])
-# The part of a state that others may change between two steps: a hand that moves the robot, or a gripper.
+# The part of a state that may change between two steps: a viewer moves the robot or an object, or a gripper acts.
 _MOVED = int(mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_QVEL | mujoco.mjtState.mjSTATE_EQ_ACTIVE)
 # Warnings after which MuJoCo resets the state.
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
@@ -31,7 +31,7 @@ _FLOOR_BODY = "world"
 
 
 class Simulation(Engine):
-    """One robot in MuJoCo with PD joints, an IMU and foot sensors, on a choice of ground, among objects.
+    """One robot in MuJoCo with PD joints, an IMU and foot sensors, on a plane or height field, alone or among objects.
 
     Attributes:
         model, data: MuJoCo's model and data, for viewers and tests; `redraw` makes new ones.
@@ -149,7 +149,7 @@ class Simulation(Engine):
             joints[self.robot.pair("ankle_pitch")] -= math.atan(rise)
         if self.gripper is not None:
             self.gripper.reset()
-        # The drives give no torque before the first command: not by the last gains, nor by the keyframe's target.
+        # The drives give no torque before the first command, neither by the last gains nor by the keyframe's targets.
         self.data.ctrl[self._layout.ctrl], self.model.actuator_biasprm[self._layout.ctrl] = 0.0, 0.0
         self._gains: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self._clear(joints.copy())
@@ -188,7 +188,7 @@ class Simulation(Engine):
             mujoco.mj_step(self.model, data)
         failures = [warning for warning in DIVERGED if self._warnings[warning]]
         self.diverged |= failures != []
-        self._torque = data.actuator_force[drives].copy()  # during this step; `mj_forward` then
+        self._torque = data.actuator_force[drives].copy()  # of this step; `_compute` overwrites it
         if self.gripper is not None:
             self.gripper.update()
         self._compute()
@@ -237,7 +237,7 @@ class Simulation(Engine):
 
     def _place_feet(self, footing: Footing) -> None:
         self.model.geom_pos[footing.geoms] = places = footing.positions(self.data.xpos, self.data.xmat)
-        self.data.geom_xpos[footing.geoms[-1]] = places[-1]  # among objects, MuJoCo does not look at what cannot move
+        self.data.geom_xpos[footing.geoms[-1]] = places[-1]  # among objects (sleep) MuJoCo does not move fixed geoms
 
     def _reading(self) -> Reading:
         data, layout, sensed = self.data, self._layout, self.data.sensordata.copy()
@@ -269,7 +269,8 @@ class Simulation(Engine):
         return self.data.qvel[self._layout.qvel].copy()
 
     @property
-    def torque(self) -> np.ndarray:  # noqa: D102
+    def torque(self) -> np.ndarray:
+        """Torques of the drives in the present state, by the last command that reached them [N*m], shape (n,)."""
         return self.data.actuator_force[self._layout.ctrl].copy()
 
     @property

@@ -151,7 +151,7 @@ def level_terrain(levels: int, amplitude: float, rng: np.random.Generator) -> Le
     """
     if levels < 2 or not 0.0 <= amplitude < 1.0:
         raise ConfigError(f"{levels} terrain levels up to {amplitude} m; give at least 2 levels, and 0 to 1 m")
-    period, spacing = 4.0, 0.2  # [m], after which the heights repeat, and of the grid points
+    period, spacing = 4.0, 0.2  # [m], of the heights, and between the grid points
     cells = round(period / spacing)
     tiles = [np.tile(rng.uniform(-1.0, 1.0, (cells, cells)), (2, 2)) for _ in range(levels)]
     scaled = [tile * amplitude * level / (levels - 1) for level, tile in enumerate(tiles)]

@@ -1,8 +1,8 @@
 """Many robots at once on MuJoCo Warp: the engine of an NVIDIA GPU; on the processor it is slow, and serves tests.
 
-It recomputes for all robots or for none: what a reset of some would change in the others is put back. It computes the
-places of the world's own geoms once, so the plane below the feet is moved by hand. It drops contacts beyond the memory
-set aside for them without a word: `faults` counts the robots.
+MuJoCo Warp recomputes all robots or none: what a reset of some would change in the others is put back. It computes the
+poses of the world's geoms only once, so the plane below the feet is moved by hand. Contacts beyond the memory set aside
+for them are dropped without a message: `faults` counts the robots.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from hugwbc.sim.footing import Footing
 CONTACTS = 24  # for each robot on average; a walking one has 8
 ROWS = 128  # of constraints for each robot: 19 of friction, 4 of a contact, limits of joints; a walking one has 60
 _LARGEST = 1e10  # beyond which MuJoCo calls a state diverged
-_SOLVER = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS  # out of iterations: no fault, in MuJoCo neither
+_SOLVER = mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS  # out of iterations: no fault in MuJoCo either
 _DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "actuator_acc0")
 
 
@@ -56,10 +56,10 @@ class WarpBatch(RobotBatch):
     def __init__(self, count: int, *, device: str = "cuda", contacts: int = CONTACTS, **settings: Any) -> None:  # noqa: ANN401
         """Build the batch; the first one compiles for about a minute, the next ones find that in a cache.
 
-        There is memory for so many contacts of each robot on average. The settings are those of `RobotBatch`.
+        There is memory for `contacts` contacts per robot on average. The settings are those of `RobotBatch`.
         """
         super().__init__(count, **settings)
-        # Warp has no midphase to switch off. Without its own convex collision it takes MuJoCo's of box against box.
+        # Warp has no midphase to switch off. Without native convex collision it takes MuJoCo's test of two boxes.
         flags = self.model.opt.disableflags & ~int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
         self.model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         wp.init()
@@ -97,7 +97,7 @@ class WarpBatch(RobotBatch):
             values = np.repeat(field.numpy()[:1], self.count, axis=0)
             with self._running():
                 setattr(self._model, name, wp.array(values, dtype=field.dtype))
-            self._graph = None  # it knows the old array
+            self._graph = None  # it refers to the old array
         return wp.to_torch(getattr(self._model, name))
 
     def set_const(self, ids: torch.Tensor | None = None) -> None:
@@ -122,17 +122,17 @@ class WarpBatch(RobotBatch):
         self._place_feet()
         with self._running():
             if self._graph is None:
-                self._launch()  # it compiles, where needed
+                self._launch()  # this compiles kernels, where needed
             else:
                 wp.capture_launch(self._graph)
         if self.graphs and self._graph is None:
-            # On a stream of Warp's: torch's default stream cannot be captured. Nothing is computed in it.
+            # On a stream of Warp's: torch's default stream cannot be captured. A capture computes nothing.
             torch.cuda.synchronize(self.device)
             with wp.ScopedDevice(self._device), wp.ScopedCapture() as capture:
                 self._launch()
             self._graph = capture.graph
         state = torch.cat((self.qpos, self.qvel, self.warm_start, self.ctrl), 1)
-        return ~(state.abs() < _LARGEST).all(1)  # of NaN as well
+        return ~(state.abs() < _LARGEST).all(1)  # NaN counts as diverged
 
     @functools.cached_property
     def _limit(self) -> torch.Tensor:
@@ -149,7 +149,7 @@ class WarpBatch(RobotBatch):
         for substep in range(last + 1):
             inputs = [targets, substep, self._joints, limit, self._slope, self._reserve, self._limited, d.qvel]
             wp.launch(_drive, (self.count, m.nu), inputs=inputs, outputs=[d.ctrl, m.actuator_forcerange])
-            m.opt.disableflags |= mjw.DisableBit.SENSOR  # of the last physics step alone
+            m.opt.disableflags |= mjw.DisableBit.SENSOR  # computed in the last physics step alone
             if substep == last:
                 m.opt.disableflags &= ~mjw.DisableBit.SENSOR
             mjw.step2(m, d)
@@ -160,7 +160,7 @@ class WarpBatch(RobotBatch):
 
     def forward(self, ids: torch.Tensor) -> None:
         """Recompute the derived quantities of all robots; forces and warm start change in those of `ids` alone."""
-        # What a diverged robot has left would spread to its new state.
+        # NaN that a diverged robot has left would spread to its new state.
         self.warm_start[ids] = self.warm_start[ids].nan_to_num(0.0, 0.0, 0.0)
         warm_start, forces, torque = self.warm_start.clone(), self._force_sensors, self.torque
         for _ in range(1 if self._footing is None else 2):
@@ -191,7 +191,7 @@ class WarpBatch(RobotBatch):
         return wp.to_torch(self._data.xpos), wp.to_torch(self._data.xmat), wp.to_torch(self._data.xipos)
 
     def faults(self) -> str:
-        """Return in words what was dropped since the last call; empty if nothing was. It waits for the device."""
+        """Return in words what was dropped since the last call; empty if nothing was. This waits for the device."""
         overflow = wp.to_torch(self._data.overflow)
         dropped = overflow & ~int(_SOLVER)
         number, kinds = int((dropped != 0).sum()), int(dropped.amax())

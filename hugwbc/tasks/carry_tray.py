@@ -25,18 +25,18 @@ def held(record: TaskRecord) -> np.ndarray:
 
 
 def carried(record: TaskRecord) -> slice:
-    """Return the samples from when the tray is held on; the last one if it never is."""
+    """Return the samples from the first one in which the tray is held; the last one if it never is."""
     return slice(next(iter(np.flatnonzero(held(record))), -1), None)
 
 
 def way(record: TaskRecord) -> float:
-    """Return the length of the way of the tray since it is held, in straight pieces of a second [m]."""
+    """Return the length of the tray's path from when it is held, in straight pieces of a second [m]."""
     path = record.poses["tray"][carried(record)][::50, :2]
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def turn(record: TaskRecord) -> float:
-    """Return the largest change of the robot's heading since the tray is held [rad]."""
+    """Return the largest change of the robot's heading from when the tray is held [rad]."""
     yaw = np.unwrap(np.asarray(rotations.yaw_of(record.pelvis[carried(record), 3:])))
     return float(np.abs(yaw - yaw[0]).max())
 
@@ -61,7 +61,7 @@ MILESTONES = (
 _DISTANCE = 0.40  # [m], from the pelvis to the middle of the tray
 _BESIDE = 0.045  # [m], of a hand from the edge of the tray
 _ABOVE = 0.05  # [m], of a hand above the plate
-_LIFT = 0.08  # [m], by which the robot is lower than for its arms' comfort when it grips the tray
+_LIFT = 0.08  # [m], by which the robot crouches deeper than its arms need when it grips the tray
 _BACK, _AHEAD = 0.45, 2.5  # [m], before and after the corner
 
 

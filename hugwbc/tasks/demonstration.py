@@ -1,7 +1,7 @@
 """Demonstrations: observations and actions of a behaviour in an episode of a task, as frames.
 
-A frame pairs the known state with the command that followed. All of it is estimated or seen, as on a robot; only the
-verdict is the truth.
+A frame pairs the known state with the command that followed. All of it is estimated or seen, as on a robot; true are
+only the verdict and the joint positions from which cameras are rendered.
 """
 
 import dataclasses

@@ -22,7 +22,7 @@ from hugwbc.tasks.verdict import Milestone, within
 
 GOAL = (-0.1, 0.0)  # [m], where to set it down, in the axes of the other table from its middle
 NEAR = 0.10  # [m]
-ON_THE_FLOOR = 0.3  # [m], height of the box's centre
+ON_THE_FLOOR = 0.3  # [m], height of the centre of a box that has been dropped
 _CARRIED = 0.5  # [m] from the goal
 
 

@@ -54,13 +54,13 @@ def _hold(view: View, goal: np.ndarray, seconds: float) -> Course:
 
 
 def both_up(record: TaskRecord) -> np.ndarray:
-    """Return whether both weights are in a hand and off the table, shape (T,)."""
+    """Return whether both weights are in a hand and off the table, shape (T,), bool."""
     up = np.all([rise(record, name) > _UP for name in WEIGHTS], axis=0)
     return up & (record.held >= 0).all(axis=1)
 
 
 def held_still(record: TaskRecord) -> np.ndarray:
-    """Return whether both hands are within 3 cm of 10 cm above where they took the weights, shape (T,)."""
+    """Return whether both hands are within 3 cm of the points 10 cm above their grips, shape (T,), bool."""
     still = both_up(record)
     for hand in range(2):
         taken = np.flatnonzero(record.held[:, hand] >= 0)

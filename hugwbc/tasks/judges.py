@@ -95,10 +95,11 @@ def half_height(thing: Thing) -> float:
 
 
 def stands_on(record: TaskRecord, body: str, support: str) -> bool:
-    """Return whether a box or cylinder stands on a table, step, box or tray at the end: above it, as high as its top.
+    """Return whether a box, cylinder or tray stands at the end on the top of a table, step, box or tray, within 2 cm.
 
     Raises:
         ConfigError: if body or support is something else.
+        UnknownNameError: if the scene has no such object.
     """
     below = record.thing(support)
     if not isinstance(below, Table | Step | Box | Tray):

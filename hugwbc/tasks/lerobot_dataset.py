@@ -52,8 +52,8 @@ def features_of(
 ) -> dict[str, dict[str, Any]]:
     """Return the columns of the frames: type, shape and the names of their numbers.
 
-    A body has the same seven numbers in all episodes of a task. Where several tasks are in one data set, they share the
-    numbers: body k of each of them is `object_k`, and unused ones are 0.
+    A body has the same seven numbers in all episodes of a task. Tasks of different scenes in one data set share the
+    numbers: body k of each of them, from 0, is `object_k`, and unused numbers are 0.
 
     Args:
         tasks: the tasks.
@@ -328,7 +328,7 @@ class DatasetWriter:
 
 
 def read_episodes(folder: pathlib.Path) -> list[dict[str, Any]]:
-    """Return the rows of the episodes of a data set, as `DatasetWriter` gets them: `settings` are no text."""
+    """Return the rows of the episodes of a data set; `settings` are a dictionary, as `DatasetWriter` was given."""
     path = folder / _EPISODES.format(**_place(0))
     try:
         rows = pq.read_table(path).to_pylist()

@@ -17,7 +17,7 @@ SLOW = 0.15  # [m/s]
 
 
 def held_at_chest(record: TaskRecord) -> np.ndarray:
-    """Return whether the box is at the chest and hardly moves, shape (T,)."""
+    """Return whether the box is at the chest and hardly moves, shape (T,), bool."""
     away = record.poses["box"][:, :3] - record.pelvis[:, :3]
     height, distance = away[:, 2], np.linalg.norm(away[:, :2], axis=1)
     return (height > CHEST[0]) & (height < CHEST[1]) & (distance < CLOSE) & (record.speed("box") < SLOW)

@@ -18,7 +18,7 @@ OPEN = 0.5  # [rad]
 def passed(record: TaskRecord) -> np.ndarray:
     """Return how far the pelvis is behind the doorway [m], shape (T,); negative before it.
 
-    A pelvis that came behind it beside the leaf, so round the frame, is at 0.
+    A pelvis that got behind it outside the doorway, round the frame, is at 0.
     """
     ahead, left, _ = in_axes_of(record, "door/frame", record.pelvis[:, :3]).T
     behind, half = ahead >= 0.0, settled(record.thing("door").size[1]) / 2  # type: ignore[attr-defined]

@@ -60,7 +60,7 @@ class TaskRecord:
             -1 for none. Shape (T, 2).
         touched: time of the first contact between a part of the robot and a body of the scene [s], by their names.
             Hands, base and trunk are called as in `HANDS` and `TRUNK`. What a foot stands on is left out.
-        lasted: how long they touched in all [s], likewise.
+        lasted: how long they touched in all [s], by the same names.
         depth: how deep a hand was in each body that it touched, at most [m].
         fell: whether the robot fell or knelt down (`Trace.down`), or the physics diverged.
         ending: how the behaviour ended.
@@ -134,7 +134,7 @@ class TaskRecord:
 
 
 def bumps(record: "TaskRecord | TaskWatch") -> tuple[str, ...]:
-    """Return what touched the scene beside the hands, such as "the left thigh touched 'box' at 7.2 s, for 1.3 s"."""
+    """Return what besides the hands touched the scene, such as "the left thigh touched 'box' at 7.2 s, for 1.3 s"."""
     found = []
     for (link, body), begin in record.touched.items():
         part, long = link.removesuffix("_link"), record.lasted.get((link, body), 0.0)

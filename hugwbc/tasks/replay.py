@@ -45,8 +45,9 @@ def grips(view: View, wanted: np.ndarray, took: list[bool], nearest: Nearest) ->
 
     Args:
         view: now.
-        wanted: whether the left and the right gripper should hold something, shape (2,): above 0.5 in size. Above 1,
-            its grip breaks at so many times the default force, that of a hand of the robot's size. Negative for a hook.
+        wanted: numbers for the left and the right gripper, shape (2,). One should hold something if its number is above
+            0.5 in size, by a hook if it is negative. The grip breaks at the default force for the size of the robot,
+            times the size of the number where that is above 1.
         took: whether each has held something since it was asked to; updated.
         nearest: finds what a gripper closes on.
     """

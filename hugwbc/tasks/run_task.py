@@ -35,7 +35,7 @@ class TaskRun:
 
     @property
     def seconds(self) -> float | None:
-        """When the behaviour ended, or the time limit in a success without that; None without both [s]."""
+        """When the behaviour ended [s]; if it did not, when the episode ended in a success, and None in a failure."""
         ended = self.record.ending.time
         return self.trace.survived_s if ended is None and self.verdict.success else ended
 
@@ -53,7 +53,7 @@ def run_task(
     stop: Callable[[], bool] = lambda: False,
     strict: bool = True,
 ) -> TaskRun:
-    """Run one episode: until a second after the behaviour has ended, the robot falls, the time limit, or a stop.
+    """Run one episode, until a second after the end of the behaviour, a fall, the time limit or a stop.
 
     Args:
         task: the task.

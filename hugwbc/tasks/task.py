@@ -34,7 +34,8 @@ SCENES = pathlib.Path(__file__).parent / "scenes"
 # What a behaviour is told of an object beside what is seen of it: its form, and not its mass, friction or springs.
 _TOLD = ("size", "height", "radius", "boards", "handle", "hinge", "travel", "cup_radius", "cup_height")
 
-_SHORTEST = 0.85  # reach of the arms, in proportion to the height of the shoulders, with which tasks are done
+# Least reach of the arms, in proportion to the height of the shoulders; 1 for the robot that a task is made for.
+_SHORTEST = 0.85
 
 LONGEST = 120.0  # [s], that an episode of any task may take
 
@@ -61,8 +62,8 @@ class Task:
         name: name on the command line and in tables.
         about: the task in a sentence.
         scene: the objects around the robot, with what varies from episode to episode.
-        behaviour: does the task, told the dimensions of the objects. It is the same for every controller; for every
-            size of robot and scene, `behaviour_in` returns it.
+        behaviour: does the task, told the dimensions of the objects. It is the same for every controller;
+            `behaviour_in` returns it for robot and scene of another size.
         limit: longest duration of an episode, at most 120 [s].
         milestones: what an episode must show, in order.
         idealised: what is not as on a robot, such as "attach"; empty for nothing.

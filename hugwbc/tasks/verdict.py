@@ -60,9 +60,10 @@ class Verdict:
     Attributes:
         success: whether the task was done.
         reason: why not; empty for a success.
-        detail: what the behaviour said when it failed, what happened to the objects, what touched them beside the
-            hands, and after a failure where they ended.
-        score: 1 for a success; otherwise the share of the milestones, in order, up to the first one that was missed.
+        detail: what the behaviour said when it failed, what happened to the objects, what besides the hands touched
+            them, and after a failure where they ended.
+        score: 1 for a success; otherwise the share of the milestones that were reached before the first missed one,
+            which counts by its progress; 0.99 if none was missed.
     """
 
     success: bool
@@ -81,7 +82,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
     """Return the verdict on an episode from its milestones, in the order in which they are due.
 
     A fall is a failure even after the last milestone. So is an object that left the world, physics that diverged, or a
-    robot that runs away.
+    robot that runs away or does not come to rest.
 
     Args:
         record: the episode.
@@ -113,7 +114,7 @@ def judged(record: TaskRecord, milestones: Sequence[Milestone]) -> Verdict:
 
 
 def without_time(problem: str) -> str:
-    """Return a problem of the objects without when it came up, so that equal ones count as one reason."""
+    """Return a problem of the objects without its time, so that equal ones count as one reason."""
     return problem.partition(" at ")[0]
 
 

@@ -61,7 +61,8 @@ WIPING = 15.0  # [N]
 _EDGE = 0.23  # [m], from the pelvis to the edge of the table: near, since some robots lean back while they press
 _ON_TOP = 0.035  # [m], of the hand frame above the table when the hand lies on it
 _SPEED = 0.08  # [m/s]
-# Place of the left hand, as the corners and above the table [m]: at rest it would lie on it and carry the trunk.
+# Place of the left hand, in the axes of `CORNERS` and above the table [m]: at rest it would lie on the table and carry
+# the trunk.
 _ASIDE = np.array([-0.05, 0.35, 0.2])
 
 

@@ -1,4 +1,4 @@
-"""placo's solver of one step that brings both hands to points, by the arms alone or with the body; settings."""
+"""Settings of the inverse kinematics, and placo's solver of one step of both hands, by arms alone or with the body."""
 
 import numpy as np
 import placo
@@ -64,13 +64,13 @@ class ArmIKConfig:
 
 
 class ArmSolver:
-    """Tasks of both hands, posture, damping and collisions, within the limits of the arm joints; all are soft.
+    """Soft tasks of both hands, posture, damping and collisions, within the limits of the arm joints.
 
     Attributes:
         lower, upper: joint position limits minus the margin [rad], shape (k,).
         velocity_limit: highest joint speeds [rad/s], shape (k,).
         placo: placo's robot.
-        columns: places of the arm joints in its configuration, shape (k,).
+        columns: places of the arm joints in the configuration of placo's robot, shape (k,).
         solver: placo's solver, to which further tasks may be added.
         hands: task of each hand, of weight 1.
         damping: task that keeps the step short.

@@ -60,7 +60,7 @@ class BodyReach:
         self.reset()
 
     def reset(self) -> None:
-        """Start the next step from the nominal posture, with the body at the commanded h, p and w."""
+        """Forget the past: the next targets start from the measured arms and the commanded h, p and w."""
         self._active = False
         self.values = np.zeros(3)
         self._place_arms(self._robot.nominal[self._robot.arms])
@@ -104,7 +104,7 @@ class BodyReach:
         return dataclasses.replace(command, **values)
 
     def _follow(self, hands: HandTargets, state: RobotState, ranges: np.ndarray, wanted: np.ndarray, dt: float) -> None:
-        """Take a step of `dt` [s] towards usable targets; what cannot help goes back towards its wanted value."""
+        """Take a step of `dt` [s] to usable targets; those of h, p, w that cannot help go back to the wanted values."""
         low, high = ranges.T
         wanted, values = np.clip(wanted, low, high), np.clip(self.values, low, high)
         helping = _HELPING[hands.frame]
@@ -173,7 +173,7 @@ def _towards(values: np.ndarray, wanted: np.ndarray, dt: float) -> np.ndarray:
 
 
 def on_column(hands: HandTargets, state: RobotState, values: np.ndarray, robot: Robot) -> np.ndarray | None:
-    """Return hand targets in the column's frame: at the nominal height above z = 0 of the world, with its heading.
+    """Return hand targets in the column's frame: that of a level pelvis at its nominal height above z = 0 of the world.
 
     Args:
         hands: the targets.

@@ -25,7 +25,7 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def _to_level(axis: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the shortest turn, about an axis times its angle [rad], of one unit vector to another; shapes (3,)."""
+    """Return the shortest turn of one unit vector to another, as its axis times its angle [rad]; shapes (3,)."""
     about = rotations.cross(axis, up)
     sine = math.sqrt(about @ about)
     return about * (math.atan2(sine, axis @ up) / max(sine, 1e-9))
@@ -61,8 +61,8 @@ class Descent:
                       and, for hands that hold one object, J_right dq - J_left dq = their relative error,
 
     where e is the hand's error, cut to the length of one step, and lambda = damping + |e| (after Sugihara's
-    error-damped Levenberg-Marquardt method, IEEE T-RO 2011, in which lambda grows with the squared error). Together
-    they let steps towards a target out of reach settle at the nearest pose, where plain Gauss-Newton steps
+    error-damped Levenberg-Marquardt method, IEEE T-RO 2011, in which lambda grows with the squared error). The cut
+    and the damping let steps towards a target out of reach settle at the nearest pose, where plain Gauss-Newton steps
     overshoot and chatter across the stretched arm. A hand's speed is limited so that it can stop at its target with a
     given deceleration. Every task is soft, so that the problem always has a solution. If the solver fails nevertheless,
     the step is repeated without collision avoidance.
@@ -71,7 +71,7 @@ class Descent:
         q: arm joint positions [rad], shape (k,).
         hands: hand positions at `q` [m], shape (2, 3).
         residual: distances to the targets after the last step [m], shape (2,).
-        stalled: whether a hand was off its target and the last step brought it no nearer, shape (2,), bool.
+        stalled: whether a hand is off its target and the last step brought it hardly nearer, shape (2,), bool.
         lower, upper: joint position limits minus the margin [rad], shape (k,).
         velocity_limit: highest joint speeds [rad/s], shape (k,).
         placo: placo's robot, at the posture `q`.
@@ -104,7 +104,7 @@ class Descent:
         self.place(self._robot.nominal[self._robot.arms], self._robot.nominal)
 
     def place(self, q: np.ndarray, body: np.ndarray) -> None:
-        """Move to arm positions (k,) [rad], with waist and hips taken from joint positions (n,) [rad]."""
+        """Move to arm positions (k,) [rad], with waist, hips and held joints from joint positions (n,) [rad]."""
         self.q = np.minimum(np.maximum(q, self.lower), self.upper)
         self.forward(self.q, body)
         # Near an obstacle, a hand moves only as fast as its arm can still stop.
@@ -164,7 +164,7 @@ class Descent:
         rows = zip(self.residual.tolist(), self._safe_speed, goal.speed.tolist(), goal.carried.tolist(), strict=True)
         for distance, safe, speed, carried in rows:
             fastest = min(math.sqrt(2.0 * self.config.hand_deceleration * distance), self.config.hand_speed) + speed
-            # The target's own speed does not count next to an obstacle, other than the motion of what carries the arm.
+            # Next to an obstacle, the target's own speed does not count; the speed of what carries the arm still does.
             fastest = carried + (fastest if safe == self.config.hand_speed else min(fastest, safe))
             steps.append(min(distance, fastest * dt))
             parts.append([steps[-1] / max(distance, 1e-9)])
@@ -205,7 +205,7 @@ class Descent:
                 self._pointing[hand] = wanted
 
     def _turn(self, goal: Goal, dt: float) -> None:
-        """Set the hands' orientations, as far as they turn in a step."""
+        """Set each hand's orientation: as far on the way to the goal's as it can turn in a step."""
         config, weight = self.config, self.config.orientation_weight if goal.weight is None else goal.weight
         for hand, axes in enumerate(goal.turns):
             task = self._turn_tasks[hand]

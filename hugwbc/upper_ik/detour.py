@@ -2,7 +2,8 @@
 
 Descent stops where joint limits or the body block the way, above all after earlier targets have wound up the arm. A
 second, virtual pair of arms (`Scout`) goes ahead of the real one in larger steps, and then starts again from postures
-all over the workspace (`PostureTable`). If one of them brings the hand nearer, the real arm goes there (`Detours`).
+all over the workspace (`PostureTable`). If one of them brings the hand nearer, the real arm goes there (`Detours`). In
+this module, k is the number of joints of one arm.
 """
 
 import dataclasses
@@ -18,14 +19,14 @@ from hugwbc.upper_ik.arm_solver import ArmIKConfig
 from hugwbc.upper_ik.descent import Descent, Goal, lengths
 
 COUNT = 2000  # random postures in the table, at most
-TRIES = 20_000  # to find so many that are free of collisions; an H1 takes 2171, a G1 3209
+TRIES = 20_000  # draws, at most, to find `COUNT` that are free of collisions; an H1 takes 2171, a G1 3209
 TRAVEL_COST = 0.02  # [m/rad]; a posture farther away must bring the hand nearer by this much
 APART = 0.8  # [rad], the least difference of two postures that are both worth trying
 
 STARTS = 3  # searches from other postures, after the one from the arm's own posture
 STEPS = 4  # of a search in a tick
 STEP_TIME = 0.02  # [s]
-SETTLED = 0.003  # [m]; a hand that gets nearer by less than this in one tick has arrived
+SETTLED = 0.003  # [m]; a virtual hand that gets nearer by less than this in one tick has arrived
 MOVED = 0.05  # [m]; a target that moved this far is worth another search
 
 ARRIVED = 0.02  # [rad]; distance to the posture at which a detour ends
@@ -85,7 +86,7 @@ class PostureTable:
 
 @functools.lru_cache(maxsize=64)  # robots of models that are not ours are new each time
 def posture_table(robot: Robot) -> PostureTable:
-    """Build the table of random postures, the same in every process; the first call of a robot takes about 60 ms."""
+    """Build the table of random postures, the same in every process; the first call of a robot takes about 0.1 s."""
     descent = Descent(ArmIKConfig(), robot)
     rng = np.random.default_rng(0)
     postures, hands = [], []
@@ -148,7 +149,9 @@ class Scout:
         self._searching[arm] = self.done[arm] = False
 
     def search(self, arm: int, goal: np.ndarray, q: np.ndarray, body: np.ndarray) -> None:
-        """Start an arm's search, or continue from its next start if it has settled; start over if the target moved.
+        """Start an arm's search, or go on from its next start once it has settled.
+
+        A search that is done starts over if its target has moved by more than `MOVED`.
 
         Args:
             arm: 0 for the left, 1 for the right arm.
@@ -265,14 +268,14 @@ class Detours:
                 vias.pop(0)
             way = (vias[0] if vias else postures[joints]) - q[joints]
             longest = float(np.abs(way).max())
-            # Brake with half of the limiter's deceleration, which leaves it a reserve at the end.
+            # Brake with half of the limiter's deceleration, which leaves a reserve at the end.
             brake = np.inf if vias else np.sqrt(self._config.acceleration * longest)
             target[joints] = q[joints] + way * min(1.0, min(self._config.detour_speed, brake) * dt / max(longest, 1e-9))
             self.active[arm] = bool(vias) or longest > ARRIVED
         return self._restrain(q, target, direct, body, dt)
 
     def _least_room(self, clearance: list[float]) -> np.ndarray:
-        """Return the clearance that the arms keep on detours from a posture with the given one [m], shape (2,)."""
+        """Return the clearance to keep on detours from a posture with the given clearance [m], shape (2,)."""
         return np.minimum(self._config.collision_margin, clearance) - ROUNDING
 
     def _restrain(

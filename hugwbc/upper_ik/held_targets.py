@@ -16,19 +16,20 @@ _IN_LINE = 0.9  # least cosine between two steps along a path; noise turns at ra
 _UNEVEN = 1.4  # ratio of two steps that a smooth motion does not make up and down again
 _BASE = 0.06  # [s], over which a velocity is measured
 _GAIN = 0.1  # share of a message in the running averages of its stream
-_MOST = 100  # numbers between two messages; a count may also begin anew
+_MOST = 100  # largest difference of the numbers of two messages that counts; a count may also begin anew
 _UNIT = ("left_direction", "right_direction", *ORIENTATIONS)
 _VECTORS = ("left", "right", *_UNIT, "joints")
 
 
 class HeldTargets:
-    """Interpolation between the messages of a stream of targets, whatever they come by.
+    """Interpolation between the messages of a stream of targets, however they arrive.
 
-    A stream is told by its steps: they lie in one line, with pauses of up to `LONGEST` or, where its rate is near the
-    control loop's, by turns short and long. A path that moves in every tick, noise, a step after a pause and a jump
-    pass at once and unchanged. Each message gets a time at which the hands shall be there, evenly spaced however uneven
-    the arrivals are: one message period, one tick and twice the usual unevenness later. A cubic leads there from the
-    present position and velocity. When the next message is late, the hands move on for up to `AHEAD` and return.
+    A stream is recognised by its steps: they lie in one line, with pauses of up to `LONGEST` between them, or are short
+    and long by turns where its rate is near the control loop's. A path that moves in every tick, noise, a step after a
+    pause and a jump pass at once and unchanged. Each message gets a time at which the hands shall be there, evenly
+    spaced however uneven the arrivals are: one message period, one tick and twice the usual unevenness later. A cubic
+    leads there from the present position and velocity. When the next message is late, the hands move on for up to
+    `AHEAD` and return.
     """
 
     def __init__(self) -> None:

@@ -14,7 +14,7 @@ from hugwbc.kinematics import place_frames
 from hugwbc.robot import SIDES, Robot
 
 _WIDEST = 0.07  # [m]; a box that is wider gets several capsules side by side
-_ROUND = 1.03  # ratio of a capsule's radius to that of the box's corners: a little wider, but shorter at its ends
+_ROUND = 1.03  # ratio of a capsule's radius to the distance of the box's edges: a little wider, but shorter at its ends
 HEIGHT_JOINT, PITCH_JOINT = "column_height", "column_pitch"
 
 
@@ -29,8 +29,8 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
     """Build placo's model of the robot with arms, waist and hips; knees and ankles are fixed.
 
     Its shapes are capsules around the collision boxes of the simulated robot, and the robot's capsules around what has
-    none. (Flat faces would do without the difference, but the nearest points of two parallel ones jump from edge to
-    edge, and the arms chatter.) Its collision pairs are those of the robot's table in which an arm takes part.
+    none. (Boxes themselves would be exact, but the nearest points of two parallel faces jump from edge to edge, and
+    the arms chatter.) Its collision pairs are those of the robot's table in which an arm takes part.
 
     Args:
         robot: gives names, description, capsules and collision pairs.
@@ -59,7 +59,7 @@ def upper_body(robot: Robot, *, on_column: bool = False) -> placo.RobotWrapper:
 
 
 def _turn_hands(model: pin.Model) -> None:
-    """Give hands the axes of the pelvis with all joints at 0, however the frames of their links are turned."""
+    """Turn the hand frames so that they have the pelvis's axes when all joints are at 0, whatever their links have."""
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     for side in SIDES:

@@ -98,7 +98,7 @@ class ArmIK:
         self._last_points: np.ndarray | None = None
         self._hands: np.ndarray | None = None  # where the last step has brought them, before the body moved on [m]
         self._jumped = np.zeros(2, dtype=bool)
-        self._going, self._went = np.zeros(2, dtype=bool), np.full((2, 3), np.inf)  # on a detour; to where the last led
+        self._going, self._went = np.zeros(2, dtype=bool), np.full((2, 3), np.inf)  # on a detour; targets of the last
         self._scout.reset(self._limiter.q)
 
     def hands(self, q: np.ndarray, waist: float) -> np.ndarray:
@@ -128,7 +128,7 @@ class ArmIK:
 
         Args:
             targets: hand positions; a hand without one goes to its rest position next to the body.
-            state: gives waist and hip angles and, for targets outside the pelvis frame, the pelvis pose.
+            state: gives waist and hip angles and, for targets in other frames than the pelvis's, the pelvis pose.
             dt: time since the last call [s]; at most `LONGEST_TICK` counts.
         """
         dt = min(dt, LONGEST_TICK) if dt < np.inf else dt
@@ -166,7 +166,7 @@ class ArmIK:
     def _carried(self, body: np.ndarray, dt: float) -> np.ndarray:
         """Place the arms on a body (n,), and return the speed at which it has carried the hands along [m/s], (2,).
 
-        It is 0 up to the speed at which a hand stays on its target within the tolerance anyway (`Descent`).
+        Speeds at which a hand stays on its target within the tolerance anyway (`Descent`) count as 0.
         """
         self._body, before = body, self._hands
         self._descent.place(self._limiter.q, body)
@@ -210,10 +210,10 @@ class ArmIK:
         return q
 
     def _may_go_round(self, arm: int, goal: Goal) -> bool:
-        """Return whether an arm may seek a detour: one to each orientation, until its target has moved.
+        """Return whether an arm may seek a detour: with an orientation, only one until its target has moved.
 
-        Where a hand cannot have place and orientation both, it ends beside its target: there, each posture that is
-        nearer would turn it away, and lead back.
+        Where a hand cannot have both place and orientation, it ends beside its target. Each posture nearer to the
+        target would turn it away from the orientation, and the direct way would lead back.
         """
         if self._jumped[arm] or goal.turns[arm] is None or np.linalg.norm(goal.points[arm] - self._went[arm]) > MOVED:
             self._went[arm] = np.inf

@@ -37,21 +37,21 @@ SAMPLES = 3.5  # control periods in the shortest harmonic
 LARGEST = 0.05  # [m], of the correction; the pelvis sways by 1 to 2 cm
 FADING = 2.0  # [1/s], at which the correction fades in a stand
 STRIDES = (1.0, 4.0)  # [Hz], range of the stride frequency, so that any command gives a finite stride
-_MOST = 20  # harmonics, those of the lowest frequency
+_MOST = 20  # harmonics
 
 
 class SteadyHands:
     """Turns targets of the "steady" frame into targets of the pelvis frame.
 
     The steady frame lies level at the mean of the pelvis over the last stride and turns with its heading. The targets
-    that come out move smoothly: they contain the mean tilt and the learned series, and no reading of this tick.
+    that come out move smoothly: they contain the mean tilt and the learned series, and no single reading.
     """
 
     def __init__(self, robot: Robot) -> None:
         kinematics = Kinematics(robot)
         self._robot = robot
         frame = kinematics.model.frames[kinematics.frame_id("imu")]
-        # In its link, and where the joint is in the pelvis that turns that link, if one does [m].
+        # Places of the IMU in the frame of its joint, and of this joint in the pelvis, 0 for the root joint [m].
         self._imu = frame.placement.translation.copy()
         self._turned_at = kinematics.model.jointPlacements[frame.parentJoint].translation.copy()
         self._order = np.arange(1, _MOST + 1)
@@ -78,7 +78,8 @@ class SteadyHands:
         Args:
             targets: in the steady frame, usable (`HandTargets.is_usable`).
             hands: where the hands were at the reading, in the pelvis frame [m], shape (2, 3).
-            state: the robot's reading. Without a position, only the rotation of the pelvis is learned.
+            state: the robot's reading. The pelvis's translation is learned from the accelerometer or, without one or at
+                periods from `COARSE` on, from the position; with neither, only the pelvis's rotation is learned.
             command: the one that the controller follows. It gives the stride frequency; nothing is learned, and the
                 correction fades, while it says to stand.
             dt: time since the last call [s].

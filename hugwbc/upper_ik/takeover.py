@@ -71,7 +71,7 @@ class JointLimiter:
         """Return the highest speed from which full braking in steps of `dt` ends within a distance.
 
         A stop in n steps, at speeds v, v - a dt, ..., covers n v dt - n (n - 1) / 2 a dt^2. Here n is the number of
-        steps for which this distance is enough.
+        steps for which the last of these speeds is above 0 and at most a dt.
         """
         unit = self.acceleration_limit * dt
         steps = np.maximum(np.ceil(0.5 * np.sqrt(1.0 + 8.0 * distance / (unit * dt)) - 0.5), 1.0)

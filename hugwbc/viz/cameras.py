@@ -23,11 +23,11 @@ from hugwbc.viz.video import HINT, renderer_environment
 
 SIZE = 224  # pixels in height and width
 CAMERAS = ("head", "front")
-_BEFORE, _DOWN = np.array([0.0315, 0.0, 0.0]), math.radians(40.0)  # of the head's camera: out of the shell [m]; pitch
+_BEFORE, _DOWN = np.array([0.0315, 0.0, 0.0]), math.radians(40.0)  # of the head camera: out of the shell [m]; pitch
 _FIELDS = {"head": math.radians(69.0), "front": math.radians(50.0)}  # of view, both ways; 69 is a D435's horizontal one
-_AHEAD, _HEIGHT = 2.8, 2.5  # of the front camera: before the pelvis in the first heading, and above the ground [m]
+_AHEAD, _HEIGHT = 2.8, 2.5  # of the front camera: ahead of the pelvis in the first heading, and above the ground [m]
 _LIGHT = 0.3  # ambient light: sides in the shade stay visible
-_EVERY = 10  # frames from one that the statistics count to the next
+_EVERY = 10  # one of so many frames counts in the statistics
 
 
 def check_cameras(names: Sequence[str]) -> None:
@@ -44,9 +44,9 @@ def render_films(
 ) -> dict[str, dict[str, Any]]:
     """Write a film of each camera, a name in `CAMERAS`, as NAME.mp4 into an existing folder; return its statistics.
 
-    These are "min", "max", "mean" and "std" of the three channels, from 0 to 1, and "count", the frames that they are
-    of. The model holds the robot and what is around it; qpos are the positions of all joints in each frame, shape
-    (T, model.nq).
+    These are "min", "max", "mean" and "std" of the three channels, from 0 to 1, and "count", the number of frames that
+    they are of. The model holds the robot and what is around it; qpos are the positions of all joints in each frame,
+    shape (T, model.nq). A machine that cannot render raises a `ConfigError`.
     """
     check_cameras(cameras)
     with tempfile.TemporaryDirectory() as place:

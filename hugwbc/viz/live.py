@@ -144,7 +144,7 @@ class LivePage:
         return frame
 
     def _build_objects(self, around: Scene | None) -> None:
-        """Draw what stands around the robot, and lines for the forces on its hands."""
+        """Draw what stands around the robot."""
         self._objects: list[viser.SceneNodeHandle] = []
         self._forces: dict[str, viser.SceneNodeHandle] = {}
         model = None if around is None else around.model()
@@ -207,7 +207,7 @@ class LivePage:
 
     @property
     def _attended(self) -> bool:
-        """Whether a page is there from which a person can stop the robot; viser's part of it alone is none."""
+        """Whether a page is there from which a person can stop the robot; viser's own connection does not count."""
         return not self.link.closed and self.link.silence() <= GONE_TIME
 
     def _push(self, force: np.ndarray) -> None:
@@ -321,7 +321,7 @@ class LivePage:
         """Draw the robot and its objects, show its state, and take the person's requests.
 
         The task is the one that the robot does, empty while the person drives; the speed is simulated time over real
-        time. What the loop commands differs from the source's command where the body helps the hands.
+        time. `commanded` is what the loop commands, which differs from the source's where the body helps the hands.
         """
         self._steer()
         if self.link.dark is not None and self.link.dark != self._dark:
@@ -346,7 +346,7 @@ class LivePage:
         self._say(simulation, forces, task, speed, commanded or self.source.command)
 
     def _show_who_drives(self) -> None:
-        """Let the sliders follow another program's commands while they come, and nobody move them."""
+        """Let the sliders follow another program's commands while these come, and be locked for people meanwhile."""
         following, requested = self.source.following, self.source.requested
         if following is not self._following:
             self._following = following

@@ -105,7 +105,7 @@ class Marks:
         )
 
     def footprints(self, trace: Trace) -> list[tuple[float, Mark]]:
-        """Return the footprints of a run in the order in which they appear, each with the time of that [s]."""
+        """Return the footprints of a run in the order in which they appear, each with its time [s]."""
         downs = sorted((float(t), foot) for foot in range(2) for t in trace.touch_downs[foot] if t <= trace.time[-1])
         return [(t, self.footprint(trace.qpos[int(np.searchsorted(trace.time, t))], foot)) for t, foot in downs]
 

@@ -29,7 +29,7 @@ TITLES = {
 }
 _SIZE = (6.0, 2.6)  # [in]
 _LETTERS = 95  # of the names of chapters that fit above the axes
-_MARGIN = 0.5  # [m] around the ways
+_MARGIN = 0.5  # [m] around the paths
 SMALLEST_SPAN = 0.2  # shortest vertical axis, in the quantity's unit
 # A placeholder that becomes the page's text colour (currentColor) when the picture is written.
 INK = "#010203"
@@ -168,7 +168,7 @@ def _shade(axes: "Axes", chapters: Sequence[Chapter], start: float, end: float) 
 
 
 def path_panel(traces: Sequence[Trace]) -> Panel:
-    """Draw the ways of the robots from above, each with a triangle that points ahead where it ended."""
+    """Draw the paths of the robots from above, each with a triangle that points ahead at its end; a cross is a fall."""
 
     def draw(axes: "Axes") -> None:
         # Names of robots that end side by side are readable, and stand in the order of the robots.

@@ -179,7 +179,7 @@ def run_live(
     clock: RealTime | None = None,
     tell: Tell = print,
 ) -> None:
-    """Run a control loop for a time, falls included [s], at real time if there is a viewer.
+    """Run a control loop for a simulated duration [s], at real time if there is a viewer; falls do not end it.
 
     A robot that fell stands up again, and so does one whose viewer asks for it: `draw` returns True. The commands then
     restart. The run ends early where `until`, called after each control period, returns True. `tell` receives a line
@@ -232,7 +232,7 @@ def drive(
     perform: Callable[[str], str],
     tell: Tell = print,
 ) -> None:
-    """Let a person drive a robot until the duration [s] is over, falls included.
+    """Let a person drive a robot until the simulated duration [s] is over; falls do not end it.
 
     The source of the loop is the page's. `perform` does a task that the page offers, by its name and in its own scene,
     with the loop's controller, and returns how it went. `tell` receives a line for each fall and each task and, at the

@@ -99,7 +99,7 @@ def figures(settings: BehavioursSettings, rows: pl.DataFrame) -> list[Figure]:
 
 
 def other_endings(table: str, place: str, rows: pl.DataFrame) -> Iterator[Figure]:
-    """Yield the share of each ending without success, called by its words behind those of a place; numbers differ."""
+    """Yield the share of each ending without success, called by `place` and its words, with "..." for numbers."""
     failed = rows.filter(~pl.col("success")).with_columns(pl.col("ending").str.replace_all(r"-?\d+(\.\d+)?", "..."))
     endings = failed.group_by("ending", maintain_order=True).len()
     for words, count in endings.iter_rows():
@@ -200,8 +200,8 @@ class BoxesSettings(CountedSettings):
     """Settings of boxes."""
 
     episodes: Count = 20  # number of episodes of each mass and height
-    masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # of an H1's boxes [kg]; another robot's are as large as it is
-    heights: tuple[Positive, ...] = (0.3, 0.6, 0.9)  # of what an H1's stand on [m]
+    masses: tuple[Positive, ...] = (2.0, 4.0, 6.0)  # masses of an H1's boxes [kg]; others' are scaled to the robot
+    heights: tuple[Positive, ...] = (0.3, 0.6, 0.9)  # heights on which an H1's boxes stand [m]; also scaled
     # longest time of an episode [s]
     duration: Annotated[float, Field(gt=0, le=LONGEST)] = 70.0
     varied = BY_BEHAVIOUR | {"engine", "terrain_roughness", "slope"}
@@ -278,7 +278,7 @@ def boxes_episode(controller: Controller, settings: BoxesSettings, plan: Plan) -
 
 
 def boxes_figures(settings: BoxesSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return how often each mass was done from each height, and the other endings."""
+    """Return how often a box of each mass was carried from each height and back, and the other endings."""
     found, size = [], stature(settings.robot)
     for (mass, height), part in rows.group_by("mass", "height", maintain_order=True):
         table, place = f"{size**3 * mass:.3g} kg", f"from {size * height:.3g} m"

@@ -35,7 +35,7 @@ class ContactsSettings(CountedSettings):
 
 
 def plan(settings: ContactsSettings) -> list[Plan]:
-    """Return the default command of the gait for every episode, ahead if the gait moves."""
+    """Return the default command of the gait for every episode, at `V_X` if the gait moves."""
     v_x = 0.0 if settings.gait == Gait.STANDING.label else V_X
     draws = range(settings.episodes)
     return [Plan(draw, dataclasses.replace(settings.default_command(draw), v_x=v_x)) for draw in draws]
@@ -82,7 +82,7 @@ def fit_clock(contact: np.ndarray, gait: Gait, frequency: float) -> tuple[float,
 
 
 def figures(settings: ContactsSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return how much of the time the feet do what the clock says and each is on the ground, and the cost."""
+    """Return how much of the time contacts agree with the clock and each foot stands, cost of transport, and falls."""
     gait = settings.gait.replace("_", " ")
     agreement = bootstrap_mean([None if part is None else 100.0 * part for part in rows["agreement"]])
     table, found = f"Contacts, {gait}", []

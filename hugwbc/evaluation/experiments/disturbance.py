@@ -39,7 +39,7 @@ _KIND_NAMES = {"constant": "constant", "second": "for one second"}
 
 @settings(kw_only=True)
 class DisturbanceSettings(Settings):
-    """Settings of disturbance; a force begins at `settle` or within half a second of it."""
+    """Settings of disturbance; a force begins at `settle` or up to half a second later."""
 
     gait: str = "standing"  # standing, or a gait at its default command
     rollouts: Count = 16  # number of rollouts of each force; the paper's figure has 4096

@@ -34,7 +34,7 @@ COMMANDS: dict[str, tuple[Gait, dict[str, float]]] = {
     "stand": (Gait.STANDING, {}),
 }
 ERRORS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s"}
-PUSH, PUSH_TIME = 50.0, 0.1  # [N], [s]: 5 N*s, or 0.08 m/s
+PUSH, PUSH_TIME = 50.0, 0.1  # [N], [s]: 5 N*s, or 0.08 m/s of an H1
 _PUSHED = (1.0, 2.0)  # [s], when
 _BOTH = tuple(ENGINES)
 
@@ -87,7 +87,7 @@ def push_of(settings: EnginesSettings, number: int) -> Force:
 
 
 def episode(controller: Controller, settings: EnginesSettings, plan: Plan) -> Row:
-    """Return the mean absolute errors of v_x, v_y and omega; None in a fall."""
+    """Return the mean absolute errors of v_x, v_y and omega; None after a fall."""
     trace = simulate(controller, settings, plan)
     errors = tracking_errors(trace, settings.settle)
     return {**{f"error_{name}": None if trace.down else known(errors[name]) for name in ERRORS}, **ending(trace)}

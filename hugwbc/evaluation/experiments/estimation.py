@@ -1,10 +1,10 @@
-"""How well is the state estimated from an H1's own sensors? Velocity, tilt, contacts, drift, and consistency.
+"""How well is the state estimated from a robot's own sensors? Velocity, tilt, contacts, drift, and consistency.
 
 Every episode is a walk at a random velocity, of which the estimator knows nothing but the readings and what the
-controller plans. Its errors are taken at every physics step, at the time of the reading. An estimator is consistent if
-its errors are as large as it believes: the normalised estimation error squared (NEES) of roll, pitch and velocity is 1
-for each degree of freedom on average (Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and
-Navigation*, 2001, section 5.4).
+controller plans. Each estimate is compared with the true state at the time of its newest reading. An estimator is
+consistent if its errors are as large as it believes: the normalised estimation error squared (NEES) of roll, pitch and
+velocity is 1 for each degree of freedom on average (Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to
+Tracking and Navigation*, 2001, section 5.4).
 """
 
 import collections
@@ -32,15 +32,15 @@ from hugwbc.state import RobotState
 
 RANDOM = {"v_x": (-0.3, 1.0), "v_y": (-0.2, 0.2), "omega": (-0.5, 0.5)}  # [m/s], [rad/s]
 DRIFT_WAY = 20.0  # [m], to which drifts are scaled
-_SHORTEST_WAY = 0.5  # [m], in the mean; from less, such as that of stands, no drift is scaled
+_SHORTEST_WAY = 0.5  # [m], mean path; from a shorter one, such as that of stands, no drift is scaled
 _WAY_STEP = 0.5  # [s]; a path is measured in steps of this time, which leaves out the sway of a walk
 _SLOW = 0.1  # [s]; the change of a contact is looked for within this time
 DEGREES = 5  # of freedom of the normalised error: roll, pitch, and the velocity
 _EVERY = 5  # samples between two normalised errors, whose covariance takes time to invert
 _ROUNDING = 1e-6  # [s]
 _DRIFTS = ("drift", "height_drift", "yaw_drift")
-# Figure by field: name and unit in tables, factor from SI units, whether it is an RMS or a mean. Drifts are sums over
-# the sum of the ways.
+# Figure by field: name and unit in tables, factor from SI units, whether it is an RMS or a mean. A drift is the sum of
+# all walks' drifts over the sum of their paths, scaled to `DRIFT_WAY`.
 COLUMNS = {
     "v_x": ("velocity forward", "m/s", 1.0, True),
     "v_y": ("velocity sideways", "m/s", 1.0, True),
@@ -117,12 +117,12 @@ Record = dict[str, np.ndarray]
 
 
 class EstimateErrors:
-    """The errors of an estimator in a control loop, taken after every physics step (`rollout`'s `on_step`)."""
+    """The errors of each estimate in a control loop; called after every physics step (`rollout`'s `on_step`)."""
 
     def __init__(self, estimator: StateEstimator) -> None:
         """Begin without samples."""
         self._estimator = estimator
-        self._truths: collections.deque[RobotState] = collections.deque()  # those that no reading has shown yet
+        self._truths: collections.deque[RobotState] = collections.deque()  # those newer than the last estimate
         self._rows: list[dict[str, Any]] = []
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
@@ -166,9 +166,10 @@ class EstimateErrors:
 
 
 def _heading_errors(level: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return what makes errors in the heading frame of errors of orientation and velocity in the world, shape (5, 6).
+    """Return the matrix from errors of orientation and velocity in the world to `DEGREES` ones in the heading frame.
 
-    The velocity in the heading frame is Rz(-yaw) v; an error of yaw turns it by -(z x v) for each radian.
+    Its shape is (5, 6). The velocity in the heading frame is Rz(-yaw) v; an error of yaw turns it by -(z x v) for each
+    radian.
     """
     matrix = np.zeros((DEGREES, 6))
     matrix[:2, :3] = level[:2]

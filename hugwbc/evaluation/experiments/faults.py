@@ -54,7 +54,7 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     FOR_GOOD[2]: {"faults": ("frozen@START",)},
     FOR_GOOD[3]: {"faults": ("motor-dead=JOINT@START",)},
 }
-_LOW = 0.765  # height of the pelvis over its nominal one, below which something but the feet may touch the ground
+_LOW = 0.765  # share of the pelvis's nominal height, below which something but the feet may touch the ground
 _SPREAD = 1.0  # [s], in which faults start, so that they meet all phases of a stride
 _JOINTS = ("hip_pitch", "knee", "hip_roll", "ankle_pitch", "hip_yaw")
 _ARM_JOINTS = ("shoulder_pitch", "elbow", "shoulder_roll", "shoulder_yaw")
@@ -65,7 +65,7 @@ class FaultsSettings(CountedSettings):
     """Settings of faults."""
 
     episodes: Count = 20  # number of episodes of each fault; encoders and times differ
-    # words; faults whose name contains one of them, such as "for good" or IMU; without any, all
+    # run only the faults with one of these words in their name, such as "for good" or IMU; by default all
     only: tuple[str, ...] = ()
     settle: NotNegative = 3.0  # time from which on the faults start [s]
     duration: Positive = 8.0  # length of an episode [s]
@@ -109,8 +109,9 @@ def plan(settings: FaultsSettings) -> list[Plan]:
 def episode(controller: Controller, settings: FaultsSettings, plan: Plan) -> Row:
     """Run one walk with a fault; it continues after a fall.
 
-    - `faults`: as they were injected. `before`: whether the robot was down, or the physics diverged, without a fault.
-    - `fell`: whether the robot fell, or knelt down since a fault was noticed; `lowered`: whether it knelt down.
+    - `faults`: as they were injected. `before`: whether the robot was down before the fault, or the physics diverged.
+    - `fell`: whether it was, something but its feet touched the ground, or it knelt down since a fault was noticed;
+      `lowered`: whether it knelt down.
     - `noticed_s`: time from the fault until it began to kneel [s]; None if it did not.
     - `refused`: number of control periods in which readings were replaced.
     - `touch_speed`: speed at which a link other than the feet touched the ground for the first time, the highest over
@@ -169,8 +170,8 @@ class GroundSpeeds:
 def figures(settings: FaultsSettings, rows: pl.DataFrame) -> list[Figure]:
     """Return, for every fault, how often it went well, and how fast the robot reached the ground.
 
-    It went well without a fall; after a fault for good, with less than 1 m/s where the robot reached the ground, and
-    never if it was down before.
+    A walk went well without a fall; after a fault for good, if the robot reached the ground at less than 1 m/s and was
+    not down before the fault.
     """
     found = []
     for name in settings.faults:

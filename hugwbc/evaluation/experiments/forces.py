@@ -60,7 +60,7 @@ class ForcesSettings(CountedSettings):
     """Settings of the experiments with forces, which have times of their own."""
 
     gait: str = "standing"  # standing or walking
-    episodes: Count = 2  # number of episodes; of pull and push for each direction
+    episodes: Count = 2  # number of episodes; of pull, for each direction
     varied = frozenset({"settle", "duration", "intervention", "motions", "hand_payload"})
     possible = ("standing", "walking")
 
@@ -106,7 +106,7 @@ class Source:
 
 
 class HandForceErrors:
-    """Errors of the estimated forces on the hands after each physics step, from when a force has risen."""
+    """Errors of the estimated forces on the hands, taken after each physics step from `BEGIN` + `RISE` on."""
 
     def __init__(self, force: Callable[[RobotState], np.ndarray | None]) -> None:
         """Begin, given the true force on each hand in a state [N], shape (2, 3)."""
@@ -114,7 +114,7 @@ class HandForceErrors:
         self._squares: list[float] = []
 
     def __call__(self, truth: RobotState, estimate: RobotState) -> None:
-        """Take the state after a physics step."""
+        """Take the true and the estimated state after a physics step."""
         if truth.time <= BEGIN + RISE or estimate.hand_force is None:
             return
         force = self._force(truth)
@@ -122,7 +122,7 @@ class HandForceErrors:
             self._squares.append(float(np.mean(np.sum((estimate.hand_force - force) ** 2, axis=1))))
 
     def row(self, trace: Trace) -> Row:
-        """Return the root mean square error of a hand's force in the episode [N]; None in a fall."""
+        """Return the root mean square error of a hand's force in the episode [N]; None after a fall."""
         counted = self._squares and not trace.down
         return {"estimate_error": math.sqrt(float(np.mean(self._squares))) if counted else None}
 
@@ -147,7 +147,7 @@ def play(
 
 
 def heading(direction: float) -> np.ndarray:
-    """Return the unit vector of a direction [deg], shape (3,)."""
+    """Return the horizontal unit vector of a direction [deg] in the heading frame, shape (3,)."""
     return np.array([math.cos(math.radians(direction)), math.sin(math.radians(direction)), 0.0])
 
 
@@ -206,7 +206,7 @@ PULL = Experiment(
 # The left hand of a standing robot presses a wall with a requested force.
 
 WALL = 0.42  # [m], distance of the wall's surface ahead of the start, for the arms of an H1
-HEIGHT = 1.12  # at which the hand presses, relative to the pelvis's nominal height
+HEIGHT = 1.12  # at which the hand presses, as a multiple of the pelvis's nominal height
 PRESSURE = 40.0  # [N], requested
 PRESSED, STEADY = 4.0, 1.0  # [s]: press, and how long the hand has to become steady
 
@@ -238,7 +238,7 @@ class PressSource(Source):
 
 
 def press_episode(controller: Controller, settings: PressSettings, plan: Plan) -> Row:
-    """Return the mean distance of the force along the requested one to it from `STEADY` on [N]; None in a fall."""
+    """Return the mean absolute error of the force against the wall [N], `STEADY` after its rise; None after a fall."""
     rising = PRESSURE / 100.0
     duration = BEGIN + rising + PRESSED
     wall = Wall(name="wall", position=(arms_size(settings.robot) * WALL + 0.05, 0.0), size=(0.1, 3.0, 2.5))
@@ -297,7 +297,7 @@ def carry_episode(controller: Controller, settings: CarrySettings, plan: Plan) -
     errors, simulation = HandForceErrors(lambda truth: weight), simulation_of(settings, plan, CARRIED)
     trace = play(controller, settings, plan, Source.of(settings), simulation, CARRIED, errors)
     kept = trace.time >= BEGIN
-    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], kept)  # by the recorded bodies
+    hands = metrics.places(trace, [f"{side}_hand" for side in SIDES], kept)  # the record has only their distances
     sag = None if trace.down else known(float(np.nanmean(trace.hand_target_world[kept, :, 2] - hands[..., 2])))
     return {"sag": sag, **errors.row(trace), **ending(trace)}
 
@@ -409,7 +409,7 @@ def sway_plan(settings: WalkSettings) -> list[Plan]:
 
 
 def sway_episode(controller: Controller, settings: WalkSettings, plan: Plan) -> Row:
-    """Return the root mean square of the hands' acceleration [m/s^2]; None in a fall."""
+    """Return the root mean square of the hands' acceleration [m/s^2]; None after a fall."""
     duration, robot = SWAYED_FROM + SWAYED, settings.robot
     stiff = HandTargets(None, None, joints=robot.nominal[robot.arms])
     hands = HandTargets.of(*hand_places(robot), "steady") if plan.tags["arms"] == "steady" else stiff
@@ -420,7 +420,7 @@ def sway_episode(controller: Controller, settings: WalkSettings, plan: Plan) -> 
 
 
 def sway_figures(settings: WalkSettings, rows: pl.DataFrame) -> list[Figure]:
-    """Return the accelerations of the hands with both arms, their ratio where neither fell, and the falls."""
+    """Return the hands' accelerations, held steady and with stiff arms, their ratio without a fall, and the falls."""
     table = f"Sway of the hands at {V_X:g} m/s"
     steady, stiff = (rows.filter(pl.col("arms") == arms).select("walk", "acceleration") for arms in ("steady", "stiff"))
     both = steady.join(stiff, on="walk", suffix="_stiff").drop_nulls()

@@ -27,7 +27,7 @@ from hugwbc.upper_ik import ArmIK
 LOW, HIGH, ARM = np.array([0.15, 0.08, -0.05]), np.array([0.48, 0.50, 0.55]), 0.6132
 LEG_TIME, DWELL = 1.2, 0.8  # [s] from target to target, and at each
 REACHED = 0.005  # [m]
-_DRAWS = 50  # for each pair of targets, of which an H1 and a G1 reach two thirds
+_DRAWS = 50  # at most, for each pair of targets; an H1 and a G1 reach two thirds of the drawn pairs
 STANDING_START, WALK = 1.0, 0.5  # [s] before a walk, and its velocity forwards [m/s]
 
 
@@ -77,7 +77,7 @@ def reachable_targets(count: int, rng: np.random.Generator, robot: Robot) -> np.
 def hands_script(settings: HandsSettings, rng: np.random.Generator, index: int = 0) -> Script:
     """Script one episode: both hands go from one reachable target to the next while the robot stands or moves.
 
-    The number of the episode, `index`, decides the foot where both hop in turn.
+    The number of the episode, `index`, decides the leg where the gait is hopping.
     """
     gait, robot = settings.gaits[index % 2], settings.conditions.told_arena.known_robot
     count = math.ceil(settings.duration / (LEG_TIME + DWELL)) + 1

@@ -1,9 +1,9 @@
-"""The paper's table of tracking errors while the arms are under external control, and of the feet's displacement then.
+"""The paper's tables of tracking errors and of the feet's displacement while the arms are under external control.
 
 Every kind of intervention gets the same sampled commands, so that two of them differ in the arms alone. The paper's
 ablation crosses what moves the arms in the test with what moved them in training, and prints policies of all
-`TRAININGS`. A learned policy is compared with the paper's policy of the same training, and a controller that was not
-trained with the paper's best one.
+`TRAININGS`. A learned policy is compared with the paper's policy of the same training, and any other controller with
+the paper's best one.
 
 Foot displacement is how far the feet of a robot that should stand travel: the summed path length of both; a robot that
 has to step to stay up has a long one. Feet that stand firmly still creep a little in MuJoCo. That creep is part of the

@@ -4,7 +4,7 @@ The paper studies pairs of commands; this experiment covers the whole space. In 
 independently and uniformly from its finishing range. A controller may follow each command alone and not their
 combinations. Episodes with a fall are left out of the errors and counted.
 
-With `changing`, gait and commands also jump or ramp to others every few seconds; these episodes count falls only.
+With `changing`, the gait also changes every few seconds, and the commands jump or ramp; only falls are counted then.
 """
 
 import numpy as np
@@ -67,7 +67,7 @@ def random_schedule(rng: np.random.Generator, duration: float, robot: Robot) -> 
 
 
 def episode(controller: Controller, settings: RandomCommandsSettings, plan: Plan) -> Row:
-    """Return the drawn commands, and the error of each that the gait samples; None in a fall."""
+    """Return the drawn commands, and their errors, None after a fall; with `changing`, the last gait and the ending."""
     trace, command = simulate(controller, settings, plan), plan.command
     if settings.changing:
         return {"gait": Gait(int(trace.gait[-1])).label, **ending(trace)}

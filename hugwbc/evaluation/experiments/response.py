@@ -32,7 +32,8 @@ SLOW = (0.1, 0.2)  # [m/s], [rad/s], in both directions: velocities that are oft
 class ResponseSettings(Settings):
     """Settings of response."""
 
-    # values of each command, spread evenly over its range; velocities also take 0 and 0.1 and 0.2 both ways
+    # values of each command, spread evenly over its range; its default is added, for velocities also 0.1 and 0.2 both
+    # ways
     points: Annotated[int, Field(ge=2)] = 5
 
 
@@ -63,7 +64,7 @@ def plan(settings: ResponseSettings) -> list[Plan]:
 
 
 def episode(controller: Controller, settings: ResponseSettings, plan: Plan) -> Row:
-    """Return the mean of what is executed of the command after `settle`."""
+    """Return the mean executed value of the command after `settle`; None after a fall."""
     trace = simulate(controller, settings, plan)
     return {"executed": known(executed_means(trace, settings.settle)[str(plan.tags["command"])]), **ending(trace)}
 

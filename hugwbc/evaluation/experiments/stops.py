@@ -27,7 +27,7 @@ WAYS = {
     "turning": lambda speed: {"v_x": speed, "omega": 0.6},
 }
 STILL = 0.1  # [m/s], below which a robot has stopped
-_BRAKING = 4.0  # [s], in which a robot does, from the word on, which comes within a stride
+_BRAKING = 4.0  # [s] after `settle`, in which a robot is told to stand, within a stride, and comes to rest
 
 
 @settings(kw_only=True)
@@ -72,7 +72,7 @@ def plan(settings: StopsSettings) -> list[Plan]:
 
 
 def episode(controller: Controller, settings: StopsSettings, plan: Plan) -> Row:
-    """Return the time from the word to stand until the pelvis is slow for good [s], and its way [m]; None if never."""
+    """Return time [s] and path [m] from the command to stand until the pelvis stays slow; None if it never does."""
     trace, at = simulate(controller, settings, plan), float(plan.tags["at"])
     speed = np.linalg.norm(trace.measured[:, :2], axis=1)
     begin = int(np.searchsorted(trace.time, at))

@@ -1,4 +1,4 @@
-"""Every number of the training, with its meaning; each is a flag of `hugwbc train` and a setting of recipes."""
+"""Settings of training and calibration, with their meanings: options of `hugwbc train`, and settings of recipes."""
 
 from hugwbc.learned.config.environment import (
     CommandConfig,

@@ -22,8 +22,8 @@ from hugwbc.settings import Count, Gain, NotNegative, Positive, Share, settings
 class CommandConfig:
     """How training draws commands.
 
-    Gaits have the fractions below of the time, however early robots fall in them; the rest is jumping. A robot with a
-    load in its hands walks where it should hop.
+    Each gait has its fraction of the time, however early robots fall in it; jumping has the rest. A robot with a load
+    in its hands gets a walk in place of a hop.
     """
 
     standing_fraction: Share = 0.2
@@ -55,8 +55,8 @@ class CommandConfig:
 class CurriculumConfig:
     """Curricula of penalty scale, arm noise and speed; gates compare tracking rewards relative to their maxima.
 
-    They move after every so many environment steps, whatever the length of the learner's iterations; the settings count
-    these moves.
+    The curricula move once per `steps` environment steps, whatever the length of the learner's iterations; intervals
+    are counted in these moves.
     """
 
     steps: Count = 24_576
@@ -112,7 +112,7 @@ class TerrainConfig:
 class RewardWeights:
     """Weights of the paper's reward table, one per row. Every reward is multiplied by the control period.
 
-    The curricula compare the tracking of velocities with its maximum, so that their weights are positive.
+    The two weights of velocity tracking must be positive: the curricula compare these rewards with their maxima.
     """
 
     linear_velocity_tracking: Positive = 2.0
@@ -256,7 +256,7 @@ class EnvConfig:
     terrain: TerrainConfig = dataclasses.field(default_factory=TerrainConfig)
 
     def __post_init__(self) -> None:
-        """Check what no single type can say."""
+        """Check what the types of the fields cannot."""
         further_terms(self.observations, load_robot(self.robot))
         for name in self.terms:
             if hasattr(self.rewards, name) or hasattr(self.extra, name):
@@ -288,7 +288,7 @@ class EnvConfig:
         return self._with_yaw(robot.kd, self.yaw_damping_factor, robot)
 
     def contract(self) -> Contract:
-        """Return the contract of a policy that is trained here."""
+        """Return the contract of a policy that is trained in this environment."""
         robot = load_robot(self.robot)
         return Contract(
             name="learned",
@@ -314,7 +314,7 @@ class EnvConfig:
         return scaled
 
 
-# What an environment can take over without rebuilding its robots; of that, what is read only at the start.
+# Settings that an environment adopts without rebuilding its robots, and those among them that it reads only once.
 ADOPTED = ("command", "rewards", "extra", "loads", "curriculum", "squat_gain", "swing_gain")
 READ_ONCE = ("curriculum.steps", "curriculum.agile_fraction", "curriculum.penalty_start")
 

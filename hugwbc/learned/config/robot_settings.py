@@ -89,9 +89,9 @@ class RandomizationConfig:
 
 @settings
 class LoadConfig:
-    """Loads of the hands, pulls and pushes of the robot: the largest values that training draws.
+    """Payloads of the hands, and forces on hands and trunk: the largest values that training draws.
 
-    Robots of the agile group and hopping ones carry nothing and are not pulled. A schedule makes a curriculum of it.
+    Hopping robots and those of the agile group have none. Schedules of these settings make a curriculum.
     """
 
     payload: NotNegative = 0.0

@@ -51,7 +51,7 @@ def scheduled(settings: Settings, schedules: Mapping[str, Schedule], steps: floa
 
     Args:
         settings: a dataclass of settings, which may hold others.
-        schedules: by dotted name of the setting, such as ppo.horizon. Whole numbers are rounded.
+        schedules: by dotted name of the setting, such as ppo.horizon. Values of whole-number settings are rounded.
         steps: environment steps.
     """
     values: dict[str, Any] = {}
@@ -62,7 +62,7 @@ def scheduled(settings: Settings, schedules: Mapping[str, Schedule], steps: floa
 
 
 def value_of(settings: object, name: str) -> Any:  # noqa: ANN401  whatever the setting is
-    """Return the value of a setting by dotted name, such as ppo.horizon."""
+    """Return the value of a setting by dotted name, such as ppo.horizon; raise UnknownNameError if there is none."""
     value: Any = settings
     for part in name.split("."):
         names = [field.name for field in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []

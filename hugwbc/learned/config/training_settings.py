@@ -39,7 +39,7 @@ _BUILT_ONCE = (
     *(f"env.{name}" for name in READ_ONCE),
     "ppo.learning_rate",
     "ppo.critic_learning_rate",
-)  # settings of networks, optimiser, clock, drives and the beginning of curricula
+)  # settings of robots, networks, optimiser, control period and PD gains, and what curricula read only at the start
 
 
 @settings
@@ -146,7 +146,7 @@ class TrainConfig:
         return scheduled(dataclasses.replace(self, schedules={}), self.schedules, steps)
 
     def __post_init__(self) -> None:
-        """Refuse unknown names and values of schedules now, not in the middle of the night."""
+        """Refuse unknown names and invalid values of schedules before the training begins, not hours later."""
         for name in self.schedules:
             if not name.startswith(("env.", "ppo.")) or name in _BUILT_ONCE:
                 raise ConfigError(
@@ -160,7 +160,7 @@ class TrainConfig:
                     at=("schedules", name),
                 )
         places = {place for schedule in self.schedules.values() for place in schedule.points}
-        # Just before a point, too: what changes in steps still has its last value there.
+        # Just before a point, too: a schedule of the shape steps has its previous value there.
         for steps in sorted(places | {math.nextafter(place, 0.0) for place in places}):
             try:
                 self.at(steps)

@@ -3,7 +3,7 @@
 The paper's section on intervention training: I(t) flips with probability p per step, and while I = 1 the arms follow
 alpha * target + (1 - alpha) * policy. The targets are the paper's noise (uniform, drawn every `NOISE_INTERVAL` steps
 and approached linearly during the first two thirds of the interval) or motions, which each robot plays one after the
-other, faded into each other.
+other with a fade between them.
 """
 
 import pathlib
@@ -33,10 +33,10 @@ class NoiseTargets:
     def __init__(
         self, robot: Robot, count: int, interval: int, generator: torch.Generator, paired: float = 0.0
     ) -> None:
-        """Start at the nominal posture; the share `paired` of the draws is mirror-symmetric, as of arms that carry."""
+        """Start from the nominal posture; a share `paired` of the draws is mirror-symmetric, as of arms that carry."""
         self.interval, self._paired = interval, paired
         device = generator.device
-        # The partner of each arm joint, from 1, with its sign.
+        # The partner of each arm joint, counted from 1, with the sign of the mirror.
         signed = load_mirror(robot).arms(1.0 + np.arange(len(robot.arms)), robot)
         self._partner = torch.as_tensor(np.abs(signed).astype(int) - 1, device=device)
         self._sign = torch.as_tensor(np.sign(signed), dtype=torch.float32, device=device)
@@ -158,7 +158,7 @@ def make_arm_targets(
     paired: float = 0.0,
     period: float = PERIOD,
 ) -> ArmTargets:
-    """Build the source of arm targets: motions, of a folder or generated with a seed, or else the paper's noise."""
+    """Build the source of arm targets: for the kind "motion", those of a folder or generated ones; else the noise."""
     if kind != "motion":
         return NoiseTargets(robot, count, NOISE_INTERVAL, generator, paired)
     clips = generate_motions(robot, motions_seed) if motions is None else load_motions(motions, robot)
@@ -169,7 +169,7 @@ class Intervention:
     """The intervention of n robots: its indicators and its targets.
 
     Attributes:
-        eligible: whether a robot may be intervened now, shape (n,), bool.
+        eligible: whether the arms of each robot may be taken over now, shape (n,), bool.
         active: the paper's I(t), shape (n,), bool.
         source: source of the arm targets.
     """
@@ -196,7 +196,7 @@ class Intervention:
         self.source.step()
 
     def blend(self, policy: torch.Tensor, alpha: float) -> torch.Tensor:
-        """Blend external targets into the policy's where I = 1 at a noise level, both [rad], shape (n, arm joints)."""
+        """Return the policy's targets, where I = 1 blended with external ones by alpha [rad], shape (n, arm joints)."""
         blended = alpha * self.source.targets() + (1.0 - alpha) * policy
         return torch.where(self.active[:, None], blended, policy)
 
@@ -214,8 +214,8 @@ class ArmGains:
     """Stiffness and damping of the arm joints of n robots, between the policy's and the servo's.
 
     Under an intervention of noise level alpha the arms follow a mixture of external targets and the policy's, and their
-    gains are the same mixture. The servo's feed-forward torque is left out: the sag without it is 2 degrees, and the
-    pelvis bears the same weight.
+    gains are the same mixture. The servo's feed-forward torque is left out: without it the arms sag by 2 degrees, and
+    the pelvis bears the same weight.
     """
 
     def __init__(self, simulation: RobotBatch, robot: Robot) -> None:

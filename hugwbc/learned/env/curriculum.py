@@ -1,7 +1,8 @@
 """Curricula of the training (penalty scale, noise level of the intervention, speeds), and the draws of commands.
 
-A level moves when the tracking rewards that it depends on are high enough: its gate is open. Every gate says in words
-why it is closed, and all levels are in `state_dict`. A user's settings may have rules that move further settings.
+The penalty scale grows by itself. Noise level and speed each grow if the tracking rewards that they depend on are high
+enough: their gate is open. Every gate says in words why it is closed, and all levels are in `state_dict`. A user's
+settings may have rules that move further settings.
 """
 
 import dataclasses
@@ -28,7 +29,7 @@ class Curriculum:
 
     Attributes:
         config: thresholds and steps.
-        robot: whose ranges of commands count.
+        robot: the robot, whose ranges of commands count.
         iteration: number of moves so far.
         penalty_scale: factor on the regularisation rewards.
         alpha: noise level of the intervention.
@@ -37,7 +38,7 @@ class Curriculum:
         agile, intervened: mean linear and angular tracking reward of both groups, relative to their maxima, at the last
             move; None if the group is empty.
         values: settings that the rules have moved, by name.
-        gates: last decision of each curriculum's gate, in words.
+        gates: last decision of each curriculum, in words.
     """
 
     config: CurriculumConfig
@@ -98,7 +99,7 @@ class Curriculum:
         return self.iteration <= self.config.warm_up_iterations
 
     def apply_rules(self, config: EnvConfig) -> None:
-        """Let the rules of the settings move the values of those that they are for, at a move."""
+        """Let each rule of the settings move the value of its setting, unless the warm-up is still on."""
         if self._warming_up:
             return
         for name, rule in self.config.rules.items():
@@ -156,7 +157,7 @@ class Curriculum:
 
 
 def _pair(value: Any) -> tuple[float, float] | None:  # noqa: ANN401  what a file holds
-    """Return the two numbers of a file, if there are any: runs of earlier versions have none."""
+    """Return the two numbers in a file; None if there are none, as in files of earlier versions."""
     if value is None:
         return None
     linear, angular = value
@@ -179,10 +180,10 @@ def draw_commands(
 ) -> torch.Tensor:
     """Draw commands for gaits.
 
-    Each command is uniform over its range at the end of the training, but v_x and |omega| up to what they are at the
-    start; in the agile group, up to what the curriculum has reached. Each behaviour command is at its default with
-    probability `default_fraction`, but in `combined_fraction` of the commands, or `combined_stands` of the stands, none
-    is. Standing and stepping in place have no velocity.
+    Each command is uniform over its range at the end of the training, but v_x and |omega| are at most what they are at
+    the start, or in the agile group what the curriculum has reached. Each of f, l, h, p and w is at its default with
+    probability `default_fraction`; in `combined_fraction` of the commands, or `combined_stands` of the stands, all five
+    are drawn. Standing and stepping in place have no velocity.
 
     Hopping has the paper's smaller command space: v_x, v_y, omega and h. The other commands stay at their defaults, so
     that their tracking rewards act as regularisers.

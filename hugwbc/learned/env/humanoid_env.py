@@ -82,7 +82,7 @@ class HumanoidEnv:
         curriculum: levels of penalty, noise and speed.
         intervention: external control of the arms.
         statistics: running figures.
-        command, gait, phase: commands (n, 8), gaits (n,) and common phases (n,).
+        command, gait, phase: commands (n, 8), gaits (n,) and common phases, in [0, 1), (n,).
         age: control steps since the start of the episode, shape (n,).
         actions: last three policy outputs, newest first, shape (3, n, joints).
         history: last five proprioceptive frames, oldest first, shape (n, 5, size).
@@ -95,7 +95,7 @@ class HumanoidEnv:
         body: constants of the robot.
         waist: joint target of the waist before the action is added [rad], shape (n,).
         posture: height [m] and pitch [rad] that the feed-forward of squats has reached, shape (n, 2).
-        nominal_qpos: nominal stand at the origin, shape (7 + joints,).
+        nominal_qpos: nominal stand at the origin, as in `RobotBatch.qpos`, shape (7 + joints,).
         action_scale: radians of joint target per unit of action, shape (joints,).
     """
 
@@ -233,7 +233,7 @@ class HumanoidEnv:
         return torch.cat((forces, self.intervention.active[:, None].to(forces.dtype)), 1)
 
     def _apply(self, action: torch.Tensor) -> None:
-        """Write the joint targets of a control step: action, commanded waist angle, external control of the arms."""
+        """Write the joint targets of a control step: action, feed-forward of commands, external control of the arms."""
         self.waist, posture = self._commanded.follow(self.waist, self.posture, self.command)
         self.posture = posture.float()
         offsets = self._commanded.offsets(self.waist, self.posture, self.phase, self.gait, self.command)
@@ -253,7 +253,7 @@ class HumanoidEnv:
         self.bias = self.bias + self.dt / BIAS_TIME * (torch.nan_to_num(error) - self.bias)
 
     def _transition(self, previous: Readings, fallen: torch.Tensor) -> Transition:
-        feet = gaits.foot_phases(self.phase, self.gait)  # of both feet
+        feet = gaits.foot_phases(self.phase, self.gait)
         return Transition(
             **vars(self.readings),
             command=self.command,
@@ -307,8 +307,8 @@ class HumanoidEnv:
         if not count:
             return
         self._place(robots)
-        # A gait keeps its share of the time, however early its episodes end: drawn anew at each start, hops that are
-        # not yet mastered had 2 % of the time instead of 20.
+        # A gait keeps its share of the time, however early its episodes end. If gaits were drawn anew at each start,
+        # hops that are not yet mastered would have 2 % of the time instead of 20 %.
         between = self.config.command.resample_steps
         lasted = (self.age[robots] - 1) % between + 1
         again = rand(self.generator, count) >= lasted / between
@@ -329,7 +329,7 @@ class HumanoidEnv:
     def _place(self, robots: torch.Tensor) -> None:
         """Let robots (indices) stand: nominal joints with noise, a random heading, a pelvis that moves.
 
-        The joint target that has acted for ever is where the joints are.
+        The joint targets, past ones included, are the joints' positions.
         """
         count, generator = robots.numel(), self.generator
         yaw = uniform(generator, count, -math.pi, math.pi)
@@ -349,7 +349,7 @@ class HumanoidEnv:
         return draw_gaits(robots.numel(), self.config.command, self.generator)
 
     def _draw_commands(self, robots: torch.Tensor, gait: torch.Tensor) -> None:
-        """Draw new commands for robots (indices), in gaits, both of shape (k,)."""
+        """Give robots (indices) new gaits, both of shape (k,), and draw commands for them."""
         if robots.numel():
             self.gait[robots] = gait
             told = self.config.command, self.curriculum, self.generator
@@ -370,7 +370,7 @@ class HumanoidEnv:
         history = self.history[robots].flatten(1)
         sensed = self._sensed(robots, *obs.in_units(self.history[robots, -1], self._pose, self.robot))
         command = observe(COMMAND, sensed)
-        # In most steps no episode ends: a user's term need not know what no robot senses.
+        # In most steps no episode ends, and this is called for no robot: a user's term need not handle that.
         further = observe(self.further, sensed) if len(command) else self._further_noise.expand(0, -1)
         if any(term.noise for term in self.further):
             further += symmetric(self.generator, *further.shape) * self._further_noise
@@ -398,7 +398,7 @@ class HumanoidEnv:
         return Observation(history, torch.cat((command, further), 1), critic, estimate)
 
     def _sensed(self, robots: torch.Tensor | slice, *frame: torch.Tensor) -> Sensed:
-        """Return what robots (all, or indices) sense, in the order of `terms.FRAME`, and are told."""
+        """Return what robots (all, or indices) sense, given in the order of `terms.FRAME`, and are told."""
         told = (self.command, self.gait, self.phase, self.intervention.active)
         return Sensed(*frame, *(value[robots] for value in told), pose=self._pose)
 
@@ -409,7 +409,7 @@ class HumanoidEnv:
 
 
 def _engine(device: str, threads: int) -> tuple[Callable[..., RobotBatch], torch.device]:
-    """Return what makes the robots for a device of `HumanoidEnv`, and the device of their tensors."""
+    """Return the maker of the robots for the `device` of `HumanoidEnv`, and the device of their tensors."""
     if device == "cpu":
         return functools.partial(BatchSimulation, threads=threads), torch.device("cpu")
     from hugwbc.sim.warp_batch import WarpBatch

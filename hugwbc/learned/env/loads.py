@@ -39,7 +39,7 @@ class Loads:
         generator: torch.Generator,
         dt: float,
     ) -> None:
-        """Take the robots as they are without loads, and which of them, (n,), bool, may have some."""
+        """Take the robots without loads, which of them may have some, (n,), bool, and the control period `dt` [s]."""
         self.config, self._eligible, self._generator, self._dt = config, eligible, generator, dt
         self._simulation, count, device = simulation, simulation.count, simulation.device
         self._forearms = torch.tensor([simulation.model.body(link).id for link in robot.hand_links], device=device)
@@ -54,7 +54,7 @@ class Loads:
     # Payloads -------------------------------------------------------------------------------------------------------
 
     def reset(self, robots: torch.Tensor, hopping: torch.Tensor) -> None:
-        """End the forces on robots (indices) and draw what each carries in a new episode: nothing if it hops, (k,)."""
+        """End the forces on robots (indices), and draw payloads of new episodes; robots that hop, (k,), get none."""
         self.hand_time[robots], self.trunk_time[robots] = -1.0, -1.0
         self.hand_force[robots], self.trunk_force[robots] = 0.0, 0.0
         if self.config.payload == 0.0 and not bool(self.payload[robots].any()):
@@ -72,14 +72,14 @@ class Loads:
         if self._empty is None:
             without = [field[:, arms].double() for field in fields]
             to_hand = self._hands - without[1]
-            # Along the principal axes of the forearm, which stay.
+            # Along the principal axes of the forearm, whose directions are kept.
             axes = simulation.model.body_iquat[arms.numpy(force=True)]
             lever = torch.as_tensor(rotations.rotate_inverse(axes, to_hand.numpy(force=True)), device=arms.device)
             self._empty = *without, to_hand, lever**2
         mass, centre, inertia, to_hand, squares = (part[ids] for part in self._empty)
         load = self.payload[ids].double()
         total = mass + load
-        # Of two point masses about their common centre.
+        # The reduced mass of two point masses, for their inertia about the common centre.
         reduced = (mass * load / total)[..., None]
         inertia = inertia + reduced * (squares.sum(-1, keepdim=True) - squares)
         for field, values in zip(fields, (total, centre + (load / total)[..., None] * to_hand, inertia), strict=True):
@@ -89,7 +89,7 @@ class Loads:
     # Forces ---------------------------------------------------------------------------------------------------------
 
     def step(self, hopping: torch.Tensor) -> None:
-        """Let forces begin and end, and apply them in the next control step; hopping robots, (n,), bool, have none."""
+        """Let forces begin and end, and apply them in the coming control step; robots that hop, (n,), have none."""
         c = self.config
         if c.hand_force > 0.0:
             begun = self._advance(self.hand_time, c.hand_interval, c.hand_time, hopping)

@@ -1,6 +1,6 @@
 """Domain randomisation: model parameters and action latency of each robot, pushes, errors of the sensors.
 
-Parameters are friction, masses and their centres, gains, strength and offset of the joints.
+Parameters are friction, masses and their centres, and gains, strength, offset and drive friction of the joints.
 """
 
 import dataclasses
@@ -49,7 +49,7 @@ def symmetric(generator: torch.Generator, *shape: int) -> torch.Tensor:
 
 
 def restore(generator: torch.Generator, state: torch.Tensor) -> None:
-    """Continue from the state of a generator; from that of another kind of device, begin with a seed made of it."""
+    """Set the state of a generator; a state from another kind of device serves as a seed."""
     if state.shape == generator.get_state().shape:
         generator.set_state(state)
     else:
@@ -75,6 +75,9 @@ def randomize(
 
     Returns:
         Friction coefficient of each robot, shape (count,).
+
+    Raises:
+        ConfigError: if `torso_mass` could take away all mass of the trunk.
     """
     model, count, put = simulation.model, simulation.count, simulation.tensor
     floor = model.geom("floor").id
@@ -152,7 +155,8 @@ def _randomize_drives(simulation: RobotBatch, config: RandomizationConfig, rng: 
 def push(simulation: RobotBatch, config: RandomizationConfig, generator: torch.Generator) -> torch.Tensor:
     """Change the horizontal velocity of the pelvis of random robots before a control step.
 
-    Returns which robots were pushed, shape (n,), bool.
+    Returns:
+        Which robots were pushed, shape (n,), bool.
     """
     pushed = rand(generator, simulation.count) < 1.0 / config.push_interval
     ids = pushed.nonzero().squeeze(1)
@@ -176,7 +180,7 @@ class Latency:
             substeps: physics steps in a control step.
             simulation: the robots.
         """
-        # How many control steps ago the target was given that acts in each physics step, shape (substeps, n).
+        # Age of the target that acts in each physics step [control steps], shape (substeps, n).
         age = np.maximum(-((np.arange(substeps)[:, None] - delay) // substeps), 0)
         self._simulation, self._age = simulation, torch.as_tensor(age, device=simulation.device)
         self._robots = torch.arange(len(delay), device=simulation.device)
@@ -229,7 +233,7 @@ class SensorErrors:
     """
 
     def __init__(self, count: int, joints: int, scale: tuple[float, float], generator: torch.Generator) -> None:
-        """Draw the factors of the robots; their errors are zero until `reset`."""
+        """Draw the factors of the robots; offsets and biases are zero until `reset`."""
         self._generator = generator
         low, high = scale
         self.active = high > 0.0
@@ -247,7 +251,7 @@ class SensorErrors:
         self.tilt_bias[robots] = scale * self._normal(p.attitude_bias, count, 3)
 
     def sensed(self, readings: Readings) -> Readings:
-        """Return the readings with the errors of the sensors in what a policy observes."""
+        """Return the readings with sensor errors in q, dq, angular velocity and gravity, which a policy observes."""
         if not self.active:
             return readings
         p, scale = ROBOT, self.scale

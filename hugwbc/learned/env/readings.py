@@ -1,4 +1,4 @@
-"""Data that rewards and observations read: the simulation's state as float32 tensors, and a control step made of it.
+"""Data that rewards and observations read: the state of the simulation and a control step, as float32 tensors.
 
 Quantities are in SI units. The heading frame has its origin at the pelvis and turns with the pelvis' yaw only.
 """
@@ -83,10 +83,10 @@ class Transition(Readings):
         descent: downward speed of each sole one step before, shape (n, 2).
         target_clearance: swing profile of both feet, shape (n, 2).
         contact: expected contact C of both feet, shape (n, 2).
-        bounce: height and speed of the flight of jumps and hops by the clock (`hugwbc.gait.bounce`), shape (n, 2).
+        bounce: height and vertical speed of jumps and hops by the clock (`hugwbc.gait.bounce`), shape (n, 2).
         in_phase: whether both feet have the same phase, shape (n,), bool.
         intervention: the paper's I(t), shape (n,), bool.
-        fallen: whether the episode ends early, shape (n,), bool.
+        fallen: whether the episode ends early, by a fall or a simulation that diverged, shape (n,), bool.
     """
 
     command: torch.Tensor
@@ -114,7 +114,7 @@ class StepResult:
         reward: sum of the weighted terms, shape (n,).
         terminated: whether the episode ended with a fall, or with a simulation that diverged, shape (n,), bool.
         truncated: whether it only ran out of time, shape (n,), bool.
-        final: observations of the robots whose episode ended, in order, before their reset.
+        final: observations of the robots whose episode ended, in the order of their indices, before their reset.
         disturbed: whether something happened to each robot in the step that was not its doing (a new command, a push, a
             force or an intervention that began or ended), shape (n,), bool.
     """
@@ -137,7 +137,8 @@ class Body:
 
     Attributes:
         nominal, lower, upper: nominal joint positions and their limits [rad], shape (joints,).
-        arms, held, hips, waist_and_legs: indices of joints; `held` are those in no chain, such as wrists.
+        arms, held, hips, waist_and_legs: indices of joints; `held` are those in no chain, such as a G1's waist roll and
+            pitch, and `waist_and_legs` are all but the arms.
         waist: index of the waist joint.
         dt: control period [s].
     """
@@ -207,7 +208,7 @@ def read(simulation: RobotBatch, ground: RoughGround | None = None) -> Readings:
 
 
 def has_fallen(readings: Readings, robot: Robot) -> torch.Tensor:
-    """Return whether a robot is inclined too far or its pelvis too low, which ends its episode, shape (n,), bool.
+    """Return whether robots are inclined too far or their pelvis is too low, which ends an episode, shape (n,), bool.
 
     The paper also ends episodes at contacts of the trunk. Before one of the limits here is passed, only the robot's
     own arms touch the trunk, moved by the intervention. That is not a fall, and the policy cannot avoid it.
@@ -235,7 +236,7 @@ def command_errors(s: Readings, command: torch.Tensor, waist: int) -> torch.Tens
 
 
 def feet_on_ground(foot_force: torch.Tensor) -> torch.Tensor:
-    """Return which feet carry more than `CONTACT_THRESHOLD`, shape (n, 2), bool.
+    """Return which feet meet a force of more than `CONTACT_THRESHOLD`, shape (n, 2), bool.
 
     Args:
         foot_force: ground reaction on both feet [N], shape (n, 2, 3).

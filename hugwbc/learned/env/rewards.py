@@ -1,8 +1,8 @@
 """The rewards: the rows of the paper's table, then the terms that it lacks, one pure function each.
 
-A function maps a `Transition` and the constants of the `Body` to one number per robot, shape (n,). Its name is the
-term's, and its docstring has the formula and says what was corrected. Weights are in `hugwbc.learned.config`
-(`RewardWeights` and `ExtraWeights`), with the reasons for the terms of our own.
+A function maps a `Transition` and the constants of the `Body` to one number per robot, shape (n,). Its name is that of
+the term, and its docstring has the formula and what differs from the paper. Weights are in `hugwbc.learned.config`
+(`RewardWeights` and `ExtraWeights`), with the reasons for the terms of our own. C_i is the expected contact of foot i.
 """
 
 import dataclasses
@@ -86,7 +86,7 @@ def roll_pitch_angular_velocity(t: Transition, body: Body) -> torch.Tensor:
 
 
 def vertical_body_movement(t: Transition, body: Body) -> torch.Tensor:
-    """v_z^2 in stands and walks. The paper's term also counts the flight of jumps and hops, which it asks for."""
+    """v_z^2 in stands and walks. The paper's term also counts jumps and hops, whose flight other terms ask for."""
     return t.velocity[:, 2].square() * ~flies(t.gait)
 
 
@@ -99,7 +99,7 @@ def feet_slip(t: Transition, body: Body) -> torch.Tensor:
 
 
 def _upper_mask(t: Transition, body: Body) -> torch.Tensor:
-    """Return 1 for every joint that the policy drives: the paper masks the upper body's regularisation while I = 1."""
+    """Return 0 for the arms while I = 1, when the paper masks the upper body's regularisation, and 1 for the rest."""
     # What intervened arms do is not the choice of the policy: penalising it would only add noise to the reward.
     mask = torch.ones_like(t.action)
     mask[:, body.arms] = (~t.intervention).to(mask.dtype)[:, None]
@@ -127,7 +127,7 @@ def joint_acceleration(t: Transition, body: Body) -> torch.Tensor:
 
 
 def upper_joint_deviation(t: Transition, body: Body) -> torch.Tensor:
-    """|q_upper - q_upper_nominal|^2 of the arms, masked while I = 1, and of joints that no command moves."""
+    """|q_upper - q_upper_nominal|^2 of the arms, masked while I = 1, and of joints in no chain (`Robot.held`)."""
     deviation = (t.q - body.nominal).square()
     return deviation[:, body.arms].sum(1) * ~t.intervention + deviation[:, body.held].sum(1)
 
@@ -138,7 +138,7 @@ def hip_joint_deviation(t: Transition, body: Body) -> torch.Tensor:
 
 
 def feet_symmetry(t: Transition, body: Body) -> torch.Tensor:
-    """1[bar phi_1 = bar phi_2] |p_xz of foot 0 - p_xz of foot 1|^2, in the heading frame."""
+    """1[phi_left = phi_right] |p_xz of the left foot - p_xz of the right foot|^2, in the heading frame."""
     return t.in_phase * (t.foot_offset[:, 0].square() + t.foot_offset[:, 2].square())
 
 
@@ -165,7 +165,7 @@ def body_roll_tracking(t: Transition, body: Body) -> torch.Tensor:
 
 
 def joint_limits(t: Transition, body: Body) -> torch.Tensor:
-    """Radians beyond 95 % of the range, summed over legs and waist (not in the paper)."""
+    """Radians beyond 95 % of the range, summed over all joints but the arms' (not in the paper)."""
     centre, half = (body.upper + body.lower) / 2.0, (body.upper - body.lower) / 2.0
     excess = ((t.q - centre).abs() - LIMIT_FRACTION * half).clamp(min=0.0)
     return excess[:, body.waist_and_legs].sum(1)
@@ -258,7 +258,7 @@ def bounce_error(t: Transition, body: Body) -> torch.Tensor:
 
 
 def unequal_support(t: Transition, body: Body) -> torch.Tensor:
-    """1[bar phi_1 = bar phi_2] while one foot is on the ground and the other is not (not in the paper)."""
+    """1[phi_left = phi_right] while one foot is on the ground and the other is not (not in the paper)."""
     on_ground = feet_on_ground(t.foot_force)
     return (t.in_phase & (on_ground[:, 0] != on_ground[:, 1])).to(t.command.dtype)
 
@@ -296,7 +296,7 @@ def reward_terms(config: EnvConfig) -> dict[str, RewardTerm]:
 
 
 def check_terms(terms: Mapping[str, RewardTerm], transition: Transition, body: Body) -> None:
-    """Try the terms of a user's settings on a control step, before the first one counts."""
+    """Try the terms of a user's settings on a control step; raise ConfigError unless each gives finite numbers."""
     for name, term in terms.items():
         value = term.function(transition, body)
         shape = tuple(transition.fallen.shape)

@@ -14,7 +14,7 @@ from hugwbc.learned.policy.terms import LENGTH_SCALE
 from hugwbc.sim.batch import RobotBatch
 from hugwbc.sim.terrain import level_terrain, on_grid
 
-_LATE = 0.25  # [m], hysteresis: a robot is moved by a period this far beyond half of it, and so not moved to and fro
+_LATE = 0.25  # [m], by which a robot must be beyond half a period before it is moved, so as not to move to and fro
 _FOOTPRINT = torch.cartesian_prod(torch.linspace(-0.2, 0.3, 6), torch.linspace(-0.25, 0.25, 6))  # of a stand [m]
 
 
@@ -47,7 +47,7 @@ class RoughGround:
         self._moves = torch.zeros(4, device=device)
 
     def height_at(self, xy: torch.Tensor) -> torch.Tensor:
-        """Return the height of the ground [m] at points (..., 2), as `HeightField.height_at`; NaN is the origin."""
+        """Return the height of the ground [m] at points (..., 2) [m], as `HeightField.height_at`; NaN counts as 0."""
         # A diverged robot may be anywhere.
         column, row = (torch.nan_to_num(xy) * self._scale + self._middle).unbind(-1)
         return on_grid(self._heights, column, row)
@@ -57,12 +57,18 @@ class RoughGround:
         return self.height_at(_around(xy, heading, self._points))
 
     def depths(self, position: torch.Tensor, heading: torch.Tensor, nominal_height: float) -> torch.Tensor:
-        """Return how far the sample points lie below pelvises, (k, 3), minus the nominal height, scaled, (k, 221)."""
+        """Return the depths of the sample points below pelvises, (k, 3), less the nominal height, scaled, (k, 221)."""
         below = position[:, 2:] - nominal_height - self.samples(position[:, :2], heading)
         return below.clamp(-1.0, 1.0) * LENGTH_SCALE
 
     def starts(self, robots: torch.Tensor, heading: torch.Tensor, sample: torch.Tensor) -> torch.Tensor:
-        """Return positions on the robots' levels to start at, above the highest ground under a stand, shape (k, 3)."""
+        """Return places on the robots' levels to start at [m], shape (k, 3): z is the highest ground under a stand.
+
+        Args:
+            robots: indices, shape (k,).
+            heading: yaw of each [rad], shape (k,).
+            sample: place of each within a period of the ground, from 0 to 1, shape (k, 2).
+        """
         xy = self._centres[self.level[robots]] + (sample - 0.5) * self._period
         z = self.height_at(_around(xy, heading, self._footprint)).amax(1)
         return torch.cat((xy, z[:, None]), dim=1)
@@ -113,7 +119,7 @@ class RoughGround:
         return float(distributed.mean(self.level.float().mean()))
 
     def report(self) -> str:
-        """Describe in words what happened since the last call."""
+        """Describe in words how this process's robots moved between levels since the last call."""
         up, down, held, reward = self._moves.tolist()
         self._moves.zero_()
         text = f"level {self.mean_level:.2f} of {self._config.levels - 1}, {up:.0f} up, {down:.0f} fell back"

@@ -96,13 +96,13 @@ class Statistics:
         return linear, angular
 
     def set_gates(self, **known: tuple[float, float] | None) -> None:
-        """Let the running means of gates go on from known values, as `gate` returned them; None leaves one."""
+        """Let the running means of gates go on from values that `gate` returned; None leaves a mean as it is."""
         for name, value in known.items():
             if value is not None:
                 self._gates[name] = self._gates[name].new_tensor(value)
 
     def faults(self) -> str:
-        """Return in words which rewards were not finite since the last call; empty if none. A GPU is waited for.
+        """Return in words which rewards were not finite since the last call; empty if none. On a GPU it waits.
 
         Those of robots whose physics failed do not count.
         """
@@ -124,8 +124,8 @@ class Statistics:
         self._gates = {name: state[f"gate_{name}"].clone() for name in GATES}
 
     def _average(self, names: Sequence[str], totals: torch.Tensor, counts: torch.Tensor) -> None:
-        """Add totals over some samples, shape (number of names,) each; on the device, which is not waited for."""
-        # A total that is not finite comes from a robot whose physics failed: leave it out.
+        """Add totals over some samples, shape (number of names,) each, on the device and without waiting for it."""
+        # A total that is not finite comes from a robot whose physics failed, or from a user's reward: leave it out.
         finite = totals.isfinite()
         added = torch.stack((torch.where(finite, totals, 0.0), torch.where(finite, counts, 0)))
         key = tuple(names)

@@ -1,6 +1,6 @@
 """The learned policy: observation terms, networks, contracts and the files that hold them, and the controller itself.
 
-What needs torch is loaded on request: paths, contracts and exported networks do not.
+Parts that need torch are imported on first use; paths, contracts and exported networks do not need it.
 """
 
 from typing import TYPE_CHECKING, Any

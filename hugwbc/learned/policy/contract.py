@@ -1,4 +1,4 @@
-"""Contracts: what is needed to run a policy's network, ours or another project's; a file or a network's metadata.
+"""Contracts: what is needed to run a policy's network, ours or another project's.
 
 docs/evaluation.md describes every field. Our own policies carry a contract in their metadata, and other people's have
 one as YAML beside the network's file.
@@ -28,12 +28,12 @@ _OF_THE_CLOCK = ("phase_sin", "phase_cos", "foot_sin", "foot_cos")
 LARGEST_CHANGE = {"v_x": 0.3, "v_y": 0.25, "omega": 0.3, "h": 0.06, "p": 0.1, "w": 0.3, "l": 0.3}
 """Largest difference between a command and what is asked for [m/s, m/s, rad/s, m, rad, rad, m]. The gait's clock takes
 f as it is, so that f has no curve."""
-Curves = dict[str, dict[str, list[list[float]]]]  # gait -> command -> pairs of command and what to ask for
+Curves = dict[str, dict[str, list[list[float]]]]  # gait -> command -> pairs (command, what to ask for)
 _MOST_KNOTS = 100
 _L = COMMAND_NAMES.index("l")
-_BEYOND = 0.2  # [rad], beyond our range of a joint that another project's pose may lie
+_BEYOND = 0.2  # [rad], by which another project's pose may lie beyond our range of a joint
 
-MOST_STOP = (0.3, 0.3, 0.5)  # [m, m, rad], by which a stop may move a robot
+MOST_STOP = (0.3, 0.3, 0.5)  # [m, m, rad], by which a stop may move a robot in its heading frame, either way
 _StopWay = Annotated[float, Field(ge=-MOST_STOP[0], le=MOST_STOP[0])]
 _StopTurn = Annotated[float, Field(ge=-MOST_STOP[2], le=MOST_STOP[2])]
 CommandName = Annotated[str, one_of("command", lambda: COMMAND_NAMES)]
@@ -53,14 +53,17 @@ def _known(names: Iterable[str], robot: Robot, *place: str | int) -> None:
 
 
 def _of_robot(names: Any, info: ValidationInfo) -> Any:  # noqa: ANN401  what a file holds
-    """Return the joints of the contract's robot for "all", and refuse others than its joints."""
+    """Return the names, or all joints of the contract's robot for "all"; refuse names that are no joints of it."""
     robot = load_robot(info.data.get("robot", DEFAULT_ROBOT))
     _known(names if isinstance(names, list | tuple) else (), robot)
     return robot.joint_names if names == "all" else names
 
 
 def check_curves(curves: Curves) -> Curves:
-    """Return curves: rising commands, and what to ask for: at most `LARGEST_CHANGE` more or less, or a part of them."""
+    """Return the curves, which must have rising commands, and ask for values close to them or for a part of them.
+
+    Close is within `LARGEST_CHANGE`; a part has the same sign and is not larger.
+    """
     for label, of_gait in curves.items():
         Gait.parse(label)
         for name, pairs in of_gait.items():
@@ -142,7 +145,7 @@ class History:
 
     frames: Annotated[int, Field(ge=1, le=1000)] = 1  # number of observations in the input, including the newest
     order: Literal["oldest_first", "newest_first"] = "oldest_first"  # order in time
-    # whole observations one after the other, or each term with its past
+    # by_frame: whole observations one after the other; by_term: each term with its past
     layout: Literal["by_frame", "by_term"] = "by_frame"
     start: Literal["first_frame", "zeros"] = "first_frame"  # what replaces observations before the first
 
@@ -164,8 +167,8 @@ class Contract:
     observation: Annotated[Terms, Field(min_length=1)]  # terms of the network's input
     history: History = dataclasses.field(default_factory=History)  # earlier observations in that input
     command: Terms = ()  # terms of a second input, which has no history; the network has none if there are no terms
-    action_clip: Positive | None = None  # bound of the actions, before scaling
-    observation_clip: Positive | None = None  # bound of the scaled observations
+    action_clip: Positive | None = None  # largest size of an action, before scaling
+    observation_clip: Positive | None = None  # largest size of a number of the scaled inputs
     # recurrent state of an ONNX network: the name of each state input and of the output with its next value. A
     # TorchScript network keeps its state itself
     state: dict[str, str] = dataclasses.field(default_factory=dict)
@@ -177,15 +180,16 @@ class Contract:
     # positions of joints that the policy does not move, if they differ from the robot's nominal pose [rad]
     held_pose: dict[str, float] = dataclasses.field(default_factory=dict)
     waist_rate: NotNegative = 0.0  # speed at which the waist's joint target follows the commanded w [rad/s]
-    # factor of the commanded height and pitch that the legs' joint targets follow
+    # factor on the commanded height and pitch that the legs' joint targets follow
     # (`hugwbc.learned.policy.leg_feed_forward`)
     squat_gain: Gain = 0.0
     swing_gain: Share = 0.0  # share of the clock's swing of the feet, up to the commanded height, that they follow
     # what to ask the network for, by gait and command: pairs of a command and its value in `asked`
     feed_forward: Annotated[Curves, AfterValidator(refusing(check_curves))] = dataclasses.field(default_factory=dict)
-    # by how much a stop in mid-stance moves the robot, in its heading frame [m, m, rad]
+    # by how much a stop in mid-stance moves the robot: ahead, to the left and in heading [m, m, rad]
     stop: tuple[_StopWay, _StopWay, _StopTurn] = (0.0, 0.0, 0.0)
-    # TorchScript (.pt, .pth) or ONNX (.onnx) file of the network, beside the contract; None if it is given otherwise
+    # file of the network, TorchScript (.pt, .pth, .ts, .jit) or ONNX (.onnx), relative to the contract's folder; None
+    # if it is given otherwise
     policy: Beside | None = None
 
     def __post_init__(self) -> None:
@@ -216,7 +220,7 @@ class Contract:
         return load_robot(self.robot)
 
     def columns(self, term: Term) -> np.ndarray | None:
-        """Return which numbers of the table's term are read; None for all."""
+        """Return the indices of the numbers of a term of `TERMS` that are read; None for all."""
         if term.term in _KINDS_OF_JOINTS and term.joints != "all":
             return self.described.indices(self.joints if term.joints is None else term.joints)
         return None if term.names is None else np.array([COMMAND_NAMES.index(name) for name in term.names])
@@ -235,13 +239,13 @@ class Contract:
 
     @property
     def input_sizes(self) -> tuple[int, ...]:
-        """Numbers of values of the network's inputs: observations, and commands if it has them apart."""
+        """Sizes of the network's inputs: observations with their history, and commands if they are a second input."""
         sizes = (self.observation_size * self.history.frames, sum(map(self.size, self.command)))
         return sizes if self.command else sizes[:1]
 
     @property
     def follows_gait(self) -> bool:
-        """Whether the policy reads our gait's clock."""
+        """Whether the policy reads our gait or the phases of its feet."""
         return any(term.term in ("gait", "foot_sin", "foot_cos") for term in (*self.observation, *self.command))
 
     def asked(self, command: np.ndarray, gait: np.ndarray) -> np.ndarray:
@@ -252,9 +256,9 @@ class Contract:
         measurement at run time, so that they cannot make anything unstable, and they cannot take out what changes from
         robot to robot. Commands without a curve are unchanged.
 
-        A curve may ask for swings that are higher than any command, since drives follow them late. Only the
-        feed-forward of the legs takes all of that (`leg_feed_forward`); what the network reads ends where its training
-        did (`read`).
+        A curve may ask for swings that are higher than any command, since drives follow swings late. Only the
+        feed-forward of the legs takes such values (`leg_feed_forward`); the network reads values within the range of
+        its training (`read`).
 
         Args:
             command: commands, shape (n, 8).
@@ -269,7 +273,7 @@ class Contract:
         return result
 
     def read(self, asked: np.ndarray) -> np.ndarray:
-        """Return what the network reads of `asked`: swings no higher than commands are."""
+        """Return what the network reads, given `asked`, shape (n, 8): swing heights end at the highest command."""
         result = asked.copy()
         result[:, _L] = np.minimum(asked[:, _L], command_ranges(Gait.WALKING, self.described)["l"].finishing[1])
         return result
@@ -284,7 +288,13 @@ def load_contract(name: str | pathlib.Path) -> Contract:
 
 
 def contract_of(metadata: Mapping[str, Any], origin: pathlib.Path) -> Contract:
-    """Return the contract in a network's metadata; the folder of a robot of one's own may lie beside the network."""
+    """Return the contract in a network's metadata.
+
+    The table of a robot of your own is looked for where it was, then in the robot's folder beside the network.
+
+    Raises:
+        PolicyFileError: if there is no contract, or one that is not valid here.
+    """
     fields = metadata.get("contract")
     if not isinstance(fields, Mapping):
         raise PolicyFileError(f"{origin} has no contract that this hugwbc reads; use the version that wrote it")

@@ -1,4 +1,4 @@
-"""Observations of the training in torch: what critic and estimator read and return, and mirror images of all."""
+"""Observations of the training in torch: what actor and critic read, what the estimator learns, and mirror maps."""
 
 import dataclasses
 import functools
@@ -30,17 +30,17 @@ def side_by_side(parts: Sequence[Part], *values: torch.Tensor) -> torch.Tensor:
 
 
 def noise_amplitude(parts: Sequence[Part], robot: Robot) -> torch.Tensor:
-    """Return the half-widths of the noise on parts side by side, in observation units, shape (sum of sizes,)."""
+    """Return the half-widths of the noise on parts side by side, as the networks read them, shape (sum of sizes,)."""
     return torch.cat(
         [torch.zeros(0), *(torch.ones(part.count(robot)) * part.noise * torch.tensor(part.scale) for part in parts)]
     )
 
 
 def in_units(frame: torch.Tensor, pose: torch.Tensor, robot: Robot) -> tuple[torch.Tensor, ...]:
-    """Return what proprioceptive frames, shape (n, size), say in physical units, with absolute joint positions.
+    """Return the parts of proprioceptive frames in physical units, with absolute joint positions, in double precision.
 
     Args:
-        frame: the frames, as the network reads them.
+        frame: the frames, as the network reads them, shape (n, size).
         pose: joint positions at action 0 [rad], shape (joints,).
         robot: the robot.
     """

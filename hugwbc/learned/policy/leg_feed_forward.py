@@ -1,18 +1,19 @@
 """Feed-forward of the legs: postures that lower and tilt the pelvis, and lift the feet, by commanded amounts.
 
-Hip, knee and ankle are the corners of a triangle with the lengths of thigh T and shank S. A leg whose hip is above its
-ankle at a distance d leans the shank as the law of cosines says; for equal links this is acos(d / 2 S). An ankle bends
-only so far. From there on the thigh alone leans, and the hip moves back:
+Hip, knee and ankle are the corners of a triangle with the lengths of thigh T and shank S. If the hip is at a distance d
+straight above the ankle, the law of cosines gives the lean of the shank; for equal links it is acos(d / 2 S). At the
+limit of the ankle the shank stops, the thigh alone leans further, and the hip moves back:
 
     d = d_0 + h - c,   shank = min(acos((d^2 + S^2 - T^2) / 2 d S), ankle's limit),
     thigh = acos((d - S cos(shank)) / T),   knee = thigh + shank,   hip = -thigh - p,   ankle = -shank,
 
-relative to the nominal posture, at h = p = 0, with c the clearance of the sole in its swing; the sole stays level. It
-says nothing of balance or of the length of a step, which are left to the policy.
+relative to the nominal posture at h = p = 0, with d_0 the distance d there, h and p the height and the pitch of the
+pelvis, and c the clearance of the sole in its swing; the sole stays level. Balance and the length of a step are left to
+the policy.
 
-A level sole ends at 0.31 m of an H1, and drives follow late, so that a command of 0.35 m lifts it by 0.23 m. A policy's
-curves (`Contract.feed_forward`) may ask for more than any command. From the highest command on the limits of shank and
-knee widen: the toes sink, and the knee's target leads its drive beyond the joint's range.
+The joint limits of an H1 end the lift of a level sole at 0.32 m, and drives follow late, so that a command of 0.35 m
+lifts it by 0.23 m. A policy's curves (`Contract.feed_forward`) may ask for more than any command. Above the highest
+command the limits of shank and knee widen: the toes sink, and the knee's target goes beyond the joint's range.
 """
 
 import math
@@ -27,7 +28,8 @@ from hugwbc.robot import Robot
 
 HEIGHT_RATE, PITCH_RATE = 0.5, 1.0  # [m/s], [rad/s], at which the feed-forward follows the commands
 _MARGIN = 0.98  # of a straight leg's length, and of the joints' ranges
-# [rad], [rad], what shank and knee may do more in a swing that is higher than any command by this share of a leg.
+# [rad], [rad]: how far the limits of shank and knee widen, in full from a swing that exceeds the highest command by the
+# third number, a share of the leg's length.
 _LEAN, _BEND, _HIGHER = 0.5, 0.75, 0.375
 _F, _L, _W = (COMMAND_NAMES.index(name) for name in ("f", "l", "w"))
 _SQUAT = slice(COMMAND_NAMES.index("h"), COMMAND_NAMES.index("p") + 1)
@@ -41,10 +43,10 @@ class LegFeedForward:
         joints = np.array([robot.pair(part) for part in ("hip_pitch", "knee", "ankle_pitch")])
         knee = robot.nominal[joints[1, 0]]
         thigh, shank, self._length = robot.thigh, robot.shank, robot.leg_length
-        # By the law of tangents, what the leans of the nominal posture differ by.
+        # By the law of tangents: half of the difference between the leans of the nominal posture.
         apart = math.atan((shank - thigh) / self._length * math.tan(0.5 * knee))
         self._nominal = float(0.5 * knee) + apart, float(0.5 * knee) - apart  # of thigh and shank
-        # Factors of the law of cosines, for a distance as a share of the leg.
+        # Factors of the law of cosines, for a distance as a share of the leg's length.
         self._by_shank = self._length / (2.0 * shank), (shank - thigh) / (2.0 * shank)
         self._by_thigh = self._length / thigh, shank / thigh
         self._upright = math.cos(self._nominal[1]) + thigh / self._length * (
@@ -52,8 +54,8 @@ class LegFeedForward:
         )
         centre, half = 0.5 * (robot.upper + robot.lower), 0.5 * _MARGIN * (robot.upper - robot.lower)
         low, high = ((bound - robot.nominal)[joints] for bound in (centre - half, centre + half))
-        self._shank = float(self._nominal[1] - low[2].max())  # largest lean
-        self._lean = float(knee + high[1].min()) - self._shank  # of the thigh, where shank and knee end
+        self._shank = float(self._nominal[1] - low[2].max())  # largest lean that the ankle allows
+        self._lean = float(knee + high[1].min()) - self._shank  # of the thigh, at the limits of shank and knee
         self._links = shank / self._length, thigh / self._length
         self._highest = highest_swing(robot)
         self._low, self._high = place(low), place(high)
@@ -72,7 +74,7 @@ class LegFeedForward:
         """
         xp, height, pitch = namespace(height), double(height)[:, None], double(pitch)[:, None]
         share = self._upright + (height - clearance) / self._length
-        # 0 for all that a command asks for, 1 for a swing that is `_HIGHER`.
+        # 0 up to the highest command, 1 for a swing that is higher by `_HIGHER` of the leg's length.
         wide = _clip((clearance - self._highest + xp.zeros_like(share)) / (_HIGHER * self._length), 0.0, 1.0)
         limit, lean = self._shank + _LEAN * wide, self._lean + (_BEND - _LEAN) * wide
         lowest = self._links[0] * xp.cos(limit) + self._links[1] * xp.cos(lean)
@@ -98,7 +100,7 @@ def _clip(values: Array, low: Array | float, high: Array | float) -> Array:
 
 
 def _lean(cosines: Array) -> Array:
-    """Return the angles of cosines [rad]; none is NaN."""
+    """Return the angles of cosines [rad]; cosines beyond -1 or 1 count as -1 or 1."""
     return namespace(cosines).arccos(_clip(cosines, -1.0, 1.0))
 
 
@@ -111,8 +113,8 @@ def swing_clearance(phase: Array, gait: Array, command: Array, period: float) ->
 class CommandFeedForward:
     """What the joint targets take from the commands alone, besides the policy's actions: waist, squat and swing.
 
-    Of n robots: angle of the waist, shape (n,), height and pitch of the posture, (n, 2), common phase and `Gait`, (n,),
-    and commands, (n, 8).
+    Arguments are of n robots: angle of the waist, shape (n,), height and pitch of the posture, (n, 2), common phase and
+    `Gait`, (n,), and commands, (n, 8).
     """
 
     def __init__(self, contract: Contract, place: Place = np.asarray) -> None:

@@ -25,7 +25,7 @@ LARGEST_FILE = 2_000_000_000  # [byte]
 TORCHSCRIPT_SUFFIXES = (".pt", ".pth", ".ts", ".jit")
 ONNX_SUFFIX = ".onnx"
 SUFFIXES = (*TORCHSCRIPT_SUFFIXES, ONNX_SUFFIX)
-# Types of ONNX inputs that an observation can be given as.
+# Types of ONNX inputs to which an observation can be converted.
 _TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(float16)": np.float16}
 # Methods that exporters add to clear the recurrent state; legged_gym and rsl_rl use the first.
 _RESETS = ("reset_memory", "reset")
@@ -42,14 +42,17 @@ def shipped_contracts() -> list[str]:
 
 
 def _shipped(file: str) -> list[pathlib.Path]:
-    """Return the files with a name in the folders of the shipped policies."""
+    """Return the files of a given name in the folders of the shipped policies, sorted by folder."""
     return sorted(models_dir().glob(f"*/policies/*/{file}"), key=lambda path: path.parent.name)
 
 
 def policy_file(name_or_path: str | pathlib.Path = DEFAULT_POLICY) -> pathlib.Path:
     """Find the file of a policy or contract, given a shipped name, a file, or a folder that holds one.
 
-    A shipped name means what is shipped, also where a folder has that name: that is `./NAME`, or a `pathlib.Path`.
+    A shipped name means what is shipped, even if a folder has that name; `./NAME` or a `pathlib.Path` means the folder.
+
+    Raises:
+        UnknownNameError: if there is neither a shipped policy of this name nor such a path.
     """
     path = pathlib.Path(name_or_path)
     shipped = {file.parent.name: file for file in (*_shipped(POLICY_FILE), *_shipped(CONTRACT_FILE))}
@@ -74,7 +77,7 @@ def read_header(path: pathlib.Path) -> dict[str, str]:
 
 
 def from_json(text: str, path: pathlib.Path) -> Any:  # noqa: ANN401  what a file holds
-    """Return what the metadata of a file say."""
+    """Return the content of a file's metadata, which are JSON; raise PolicyFileError if they are not."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:  # brackets nested by the thousand
@@ -120,7 +123,7 @@ def load_network(path: pathlib.Path, state: Mapping[str, str]) -> Network:
 
 
 def with_weights(path: pathlib.Path) -> list[pathlib.Path]:
-    """Return a network's file, and those in which an ONNX file says that its weights are."""
+    """Return a network's file, and the files beside it that an ONNX file names for its weights."""
     content = path.read_bytes() if path.suffix == ONNX_SUFFIX and path.is_file() else b""
     # Fields 1 and 2 of a StringStringEntryProto of ONNX: the key "location", and a length and the value.
     ends = [match.end() for match in re.finditer(rb"\x0a\x08location\x12", content)]
@@ -134,8 +137,8 @@ _here = threading.local()
 def keep_threads(count: int | None) -> None:
     """Let torch use so many threads in this thread; None leaves torch's own choice.
 
-    What `torch.set_num_threads` sets, the linear algebra below it forgets in a thread begun later: there, beside a busy
-    core, a tick of 0.1 ms took 15 ms.
+    The linear algebra below torch does not apply an earlier `torch.set_num_threads` in a thread that begins later:
+    there, beside a busy core, a tick of 0.1 ms took 15 ms.
     """
     if count is not None and getattr(_here, "count", None) != count:
         import torch
@@ -145,7 +148,7 @@ def keep_threads(count: int | None) -> None:
 
 
 class TorchScriptNetwork:
-    """A scripted or traced module; it may keep a recurrent state, as legged_gym's exporter does, and change its inputs.
+    """A scripted or traced module; it may keep a recurrent state, as legged_gym's do, and overwrite its inputs.
 
     Attributes:
         action: name or number of the output that holds the actions.
@@ -170,7 +173,7 @@ class TorchScriptNetwork:
         self._module: Any = self._torch.jit.load(io.BytesIO(self._file), map_location="cpu").eval()
 
     def reset(self) -> None:
-        """Restore the module from the file, with all that it keeps, and call its own reset if it has one."""
+        """Load the module anew, so that all of its state is that of the file, and call its own reset if it has one."""
         self._load()
         with self._torch.no_grad():
             for name in _RESETS:
@@ -183,7 +186,7 @@ class TorchScriptNetwork:
         return self.outputs(inputs)[self.action]
 
     def outputs(self, inputs: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-        """Return all outputs, flat; those of a tuple are called by their number."""
+        """Return all outputs by name, flat; the outputs of a tuple have their numbers as names."""
         keep_threads(1)
         with self._torch.no_grad():
             found: Any = self._module(*(self._torch.tensor(row, dtype=self._dtype)[None] for row in inputs))
@@ -243,7 +246,7 @@ class OnnxNetwork:
         return action
 
     def outputs(self, inputs: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-        """Return all outputs but the recurrent state, flat."""
+        """Return all outputs but the recurrent state by name, flat."""
         return dict(zip(self._actions, self._run(self._actions, inputs), strict=True))
 
     def _run(self, names: Sequence[str], inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -280,7 +283,7 @@ def _metadata(session: Any, path: pathlib.Path) -> dict[str, Any]:  # noqa: ANN4
         try:
             found[name] = json.loads(entries[name])
         except (ValueError, RecursionError) as error:  # brackets nested by the thousand
-            if name == "contract":  # of its training, another project may say anything
+            if name == "contract":  # another project may use the entry training in any way
                 what = f"the contract in {path} is not JSON ({error})"
                 raise PolicyFileError(f"{what}; export the policy again") from error
     return found

@@ -1,4 +1,4 @@
-"""A policy's network as a controller, ours or another project's, by its contract; it needs no torch by itself."""
+"""A policy's network, ours or another project's, as a controller by its contract; only some networks need torch."""
 
 import dataclasses
 import logging
@@ -17,8 +17,8 @@ from hugwbc.learned.policy.network_files import Network, OnnxNetwork, TorchScrip
 from hugwbc.learned.policy.terms import TERMS, Sensed, scaled
 from hugwbc.state import RobotState
 
-_GAIN_FACTOR = 10.0  # of the robot's own gains; public policies have up to 5
-_SQUATS = 0.05  # [m], by which a pelvis is off its nominal height in a squat
+_GAIN_FACTOR = 10.0  # times the robot's own gains are plausible; public policies have up to 5 times
+_SQUATS = 0.05  # [m]; a pelvis that is farther than this from its nominal height is in a squat
 _log = logging.getLogger(__name__)
 _F = COMMAND_NAMES.index("f")
 
@@ -77,7 +77,7 @@ def tried(network: Network, contract: Contract, path: pathlib.Path) -> Network:
 
 
 def _action_of(found: Mapping[str, np.ndarray], contract: Contract, path: pathlib.Path) -> str:
-    """Return which output holds the actions: the contract's, the only one, that of the name, or the only one to fit."""
+    """Return the output with the actions: the contract's, the only one, the one so named, or the only one that fits."""
     fitting = [name for name, part in found.items() if part.size == len(contract.joints)]
     named = [name for name in found if name.casefold() in ("action", "actions")]
     wanted = [contract.action] if contract.action else list(found) if len(found) == 1 else named or fitting
@@ -91,7 +91,7 @@ def _action_of(found: Mapping[str, np.ndarray], contract: Contract, path: pathli
 
 
 def _check_gains(contract: Contract, path: pathlib.Path) -> None:
-    """Log gains with which a joint's drive would oscillate, or that are far from those of the robot.
+    """Log gains with which a joint's drive would oscillate, or that are far above those of the robot.
 
     A delay t takes kp * t away from the damping kd of a joint, and nothing is left from kp * t = kd on.
     """
@@ -153,28 +153,28 @@ class NetworkPolicy:
 
     @property
     def phase(self) -> float:
-        """Common phase of `hugwbc.gait` in the period of the last command, in [0, 1); NaN if it follows no gait."""
+        """Common phase of `hugwbc.gait` in the last control period, in [0, 1); NaN if the policy follows no gait."""
         return float(self._phase[0]) if self.contract.follows_gait else np.nan
 
     @property
     def stop(self) -> np.ndarray:
-        """By how much a stop moves the robot (`hugwbc.controller.Controller`), shape (3,)."""
+        """By how much a stop moves the robot (`hugwbc.controller.Controller`) [m, m, rad], shape (3,)."""
         return np.array(self.contract.stop)
 
     def reset(self, state: RobotState) -> None:
-        """Forget the past: history, recurrent state, last action and clock; a robot that squats keeps its posture."""
+        """Forget history, recurrent state, last action and clock; a robot that is known to squat keeps its posture."""
         self._clear()
         height = 0.0 if state.position is None else float(state.position[2]) - self.robot.nominal_height
         if _SQUATS < abs(height) < self.robot.nominal_height:
-            if self.contract.waist_rate > 0.0:  # without one the command never turns it back
+            if self.contract.waist_rate > 0.0:  # at a rate of 0 the command would never turn the waist back
                 self._waist[:] = state.q[self.robot.waist]
             self._posture[:] = height, rotations.pitch_of(state.orientation)
 
     def act(self, state: RobotState, command: Command, upper_body: UpperBody) -> JointCommand:
         """Return joint targets for the next period; arms under external control take their targets.
 
-        An action that is not finite is passed on, for the guard to count and to hold the last command. It clears the
-        network's memory, in which the bad number might remain, and is not the network's last action.
+        An action that is not finite is passed on, so that the guard counts it and holds the last command. It clears the
+        network's memory, in which the bad number might remain, and the network does not read it as its last action.
         """
         if command is not self._given:  # most calls repeat the last command
             self._given, self._request = command, self._requested(command)

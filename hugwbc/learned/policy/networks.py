@@ -3,9 +3,9 @@
 The actor has two forms. The plain one is what a policy file holds and what runs on a robot. The symmetric one is
 trained: it commutes with the left-right mirror exactly, whatever its weights are, so that what is learnt of a left
 step, a left turn or a hop on the left leg is learnt of the right one too. Its linear layers map even to even and odd to
-odd coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between them the
-coordinates are turned into pairs h = (e + o, e - o), which the mirror swaps, so that an activation of each number by
-itself commutes with it. `SymmetricActor.plain` multiplies all this out.
+odd coordinates (`hugwbc.learned.policy.symmetry`), which takes half of the products of full matrices. Between layers
+the coordinates are turned into pairs (e + o, e - o), which the mirror swaps, so that an activation of each number by
+itself commutes with the mirror. `SymmetricActor.plain` multiplies all this out.
 """
 
 import re
@@ -64,7 +64,7 @@ class Actor(nn.Module):
     def __init__(
         self, frame_size: int, command_size: int, action_size: int, hidden: tuple[int, ...] = POLICY_HIDDEN
     ) -> None:
-        """Set up the layers, with some widths of the policy's hidden ones."""
+        """Set up the layers; `hidden` are the widths of the policy's hidden layers."""
         super().__init__()
         self.frame_size, self.command_size, self.action_size = frame_size, command_size, action_size
         self.encoder = _mlp(HISTORY_FRAMES * frame_size, _ENCODER_HIDDEN, _LATENT_SIZE)
@@ -94,11 +94,11 @@ class SplitLinear(nn.Module):
     """A linear layer that commutes with the mirror: even coordinates from even ones, odd from odd ones.
 
     Attributes:
-        even, odd: the two parts; a bias would not change its sign, so the odd part has none.
+        even, odd: the two parts; a bias of the odd part would not change its sign in the mirror, so there is none.
     """
 
     def __init__(self, inputs: tuple[int, int], outputs: tuple[int, int], gain: float = 1.0) -> None:
-        """Draw weights as a full layer has them, times a gain, between numbers of even and odd coordinates."""
+        """Draw weights as torch does, times a gain; inputs and outputs are numbers of even and odd coordinates."""
         super().__init__()
         self.even = nn.Linear(inputs[0], outputs[0])
         self.odd = nn.Linear(inputs[1], outputs[1], bias=False)
@@ -125,7 +125,7 @@ def _activate(even: torch.Tensor, odd: torch.Tensor) -> tuple[torch.Tensor, torc
 
 
 def _pairs(width: int) -> torch.Tensor:
-    """Return the matrix between `width` even and odd coordinates and the pairs (e + o, e - o); it serves both ways."""
+    """Return the matrix from `width` even and odd coordinates (e, o) to pairs (e + o, e - o); twice gives 2 (e, o)."""
     one = torch.eye(width // 2)
     return torch.cat((torch.cat((one, one), 1), torch.cat((one, -one), 1)))
 
@@ -145,8 +145,8 @@ class SplitMlp(nn.Module):
         """
         super().__init__()
         layers: list[SplitLinear] = []
-        # e and o each have the variance of a full layer's output, so their sum and difference have twice of it, before
-        # and after an activation.
+        # e and o each have the variance of a full layer's output, so that their sum and difference have twice of it,
+        # before an activation and again after it. The gains undo this.
         for width in hidden:
             layers.append(SplitLinear(inputs, (width // 2, width // 2), gain=0.5 if layers else 0.5**0.5))
             inputs = (width // 2, width // 2)
@@ -166,8 +166,8 @@ class SplitMlp(nn.Module):
 
         Args:
             plain: network of the same widths.
-            inputs: even and odd coordinates of the inputs = inputs @ plain inputs.
-            outputs: plain outputs = outputs @ even and odd coordinates of the outputs.
+            inputs: matrix from the plain inputs to their even and odd coordinates.
+            outputs: matrix from the even and odd coordinates of the outputs to the plain outputs.
         """
         linear = [layer for layer in plain if isinstance(layer, nn.Linear)]
         before = inputs
@@ -180,14 +180,14 @@ class SplitMlp(nn.Module):
 
 
 class SymmetricActor(nn.Module):
-    """`Actor` with pi(F o) = F pi(o) for the mirror maps F of observations and actions."""
+    """`Actor` with pi(F o) = F pi(o), where F is the mirror map of observations or actions."""
 
     def __init__(self, robot: Robot, further: tuple[Part, ...] = (), hidden: tuple[int, ...] = POLICY_HIDDEN) -> None:
         """Set up the layers for a robot, with further inputs for further observation terms.
 
         Args:
             robot: the robot.
-            further: the terms.
+            further: the further observation terms.
             hidden: widths of the policy's hidden layers.
         """
         super().__init__()
@@ -235,7 +235,7 @@ class SymmetricActor(nn.Module):
 
 
 class SymmetricCritic(nn.Module):
-    """The value of a privileged observation, shape (n, size), with V(F o) = V(o)."""
+    """The value of a privileged observation, shape (n, size), with V(F o) = V(o) for the mirror map F."""
 
     def __init__(self, robot: Robot, further: tuple[Part, ...] = ()) -> None:
         """Set up the layers for a robot, with further inputs for further observation terms."""
@@ -245,7 +245,7 @@ class SymmetricCritic(nn.Module):
         inputs = (self._core.even + self._terrain.even, self._core.odd + self._terrain.odd)
         self.value = SplitMlp(inputs, _CRITIC_HIDDEN)
         self.output = nn.Linear(_CRITIC_HIDDEN[-1] // 2, 1)  # an odd part would change the sign of the value
-        # An even coordinate of equal samples is their sum by its row of the change of coordinates; an odd one is zero.
+        # Of equal samples, an even coordinate is one sample times the sum of its row of the matrix; odd ones are 0.
         self.register_buffer("_flat", self._terrain.matrix.sum(1)[: self._terrain.even, None], persistent=False)
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
@@ -294,9 +294,8 @@ class ActorCritic(nn.Module):
     """Actor, critic and one exploration standard deviation per joint; joints that are mirror images share theirs.
 
     Attributes:
-        core: numbers of even coordinates of the critic's observation, without further observation terms and terrain,
-            and the same of the odd ones.
-        further: the same of the observation terms besides `FRAME` and `COMMAND` that the networks read.
+        core: numbers of even and of odd coordinates of `CRITIC_CORE`.
+        further: numbers of even and of odd coordinates of the further observation terms that the networks read.
     """
 
     _partner: torch.Tensor  # of each joint, in the mirror
@@ -338,9 +337,9 @@ class ActorCritic(nn.Module):
 
 
 def policy_widths(tensors: Mapping[str, torch.Tensor]) -> tuple[int, ...]:
-    """Return the widths of a policy's hidden layers by its tensors, of either form; those of new ones without tensors.
+    """Return the widths of the policy's hidden layers, from tensors of a plain or a symmetric actor, by name.
 
-    Until version 0.2 policies were half as wide.
+    Files may hold policies half as wide as new ones. Without such tensors, return `POLICY_HIDDEN`.
     """
     plain = [name for name in sorted(tensors) if re.fullmatch(r"policy\.\d\.bias", name)]
     split = [name for name in sorted(tensors) if re.fullmatch(r"network\.actor\.policy\.layers\.\d\.even\.bias", name)]
@@ -351,14 +350,14 @@ def policy_widths(tensors: Mapping[str, torch.Tensor]) -> tuple[int, ...]:
 def load_into(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> None:
     """Load tensors, by their names in the network.
 
-    Observation terms that the tensors' network did not read have weights of zero.
+    Observation terms that the tensors' network did not read get weights of zero.
     """
     widened = _widened(network, tensors) if any(network.further) else {}
     network.load_state_dict(dict(tensors) | widened)
 
 
 def _widened(network: ActorCritic, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Return the weights of first layers with zeros for further terms; none where they fit already."""
+    """Return the first layers' weights with zeros inserted for further terms, without those that fit already."""
     even, odd = network.further
     places = {
         "actor.policy.layers.0.even.weight": (None, even),

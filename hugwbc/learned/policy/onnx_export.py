@@ -28,7 +28,10 @@ def export_onnx(controller: LearnedController, path: pathlib.Path) -> float:
     (n, 6). Contract and training record are in the file's metadata, as JSON.
 
     Returns:
-        Largest difference between the file run by onnxruntime and torch on random inputs; relative above 1.
+        Largest difference between onnxruntime and torch on random inputs; relative where torch's value is above 1.
+
+    Raises:
+        PolicyFileError: if the difference exceeds `TOLERANCE`; nothing is written then.
     """
     with needing("export", "ONNX export"):  # an extra that a robot with torch does not need
         import onnx

@@ -36,8 +36,12 @@ def load_policy(name_or_path: str | pathlib.Path = DEFAULT_POLICY, *, threads: i
     Args:
         name_or_path: "h1", or a path.
         threads: number of threads that torch may use where the policy is called; None leaves torch's own choice. One
-            robot gains nothing from more: on a busy machine, threads waiting for each other stretched a tick of 0.4 ms
-            to 55 ms.
+            robot gains nothing from more than one: on a busy machine, threads that waited for each other stretched a
+            tick of 0.4 ms to 55 ms.
+
+    Raises:
+        PolicyFileError: if the file cannot be read, is damaged, or fails its self-test.
+        UnknownNameError: if there is no such policy.
     """
     path = policy_file(name_or_path)
     tensors, metadata = checkpoint.load_file(path, "policy")
@@ -102,16 +106,16 @@ class LearnedController(NetworkPolicy):
     def __init__(
         self, actor: Actor, contract: Contract, training: dict[str, Any] | None = None, threads: int | None = None
     ) -> None:
-        """Set up a controller for a trained network, which runs on some threads of torch; None for torch's choice."""
+        """Set up a controller for a trained network that runs on `threads` threads; None for torch's choice."""
         self.actor, self.training = actor.eval(), training or {}
         super().__init__(contract, BareActor(self.actor, threads))
 
 
 class BareActor:
-    """The functions of an `Actor` as a `network_files.Network`."""
+    """An `Actor` as a `network_files.Network`, computed from its weights without torch's modules."""
 
     def __init__(self, actor: Actor, threads: int | None) -> None:
-        """Take the weights of a network, and the threads that torch may use; None for torch's choice."""
+        """Take the weights of an actor, and the number of threads that torch may use; None for torch's choice."""
         self._threads = threads
         self._frame_size = actor.frame_size
         self._parts = [
@@ -138,13 +142,13 @@ class BareActor:
 def _pass(layers: list[tuple[torch.Tensor, torch.Tensor]], rows: torch.Tensor) -> torch.Tensor:
     *hidden, (weight, bias) = layers
     for hidden_weight, hidden_bias in hidden:
-        # On its own result, elu needs no further memory.
+        # In place, elu needs no further memory.
         rows = torch.nn.functional.elu_(torch.nn.functional.linear(rows, hidden_weight, hidden_bias))
     return torch.nn.functional.linear(rows, weight, bias)
 
 
 def _made_up(robot: Robot) -> dict[str, torch.Tensor]:
-    """Make up an episode with every gait, commands over their ranges, and arms at times under external control.
+    """Make up an episode with every gait, commands in their initial ranges, and arms at times under external control.
 
     Of k steps: orientation (k, 4), angular_velocity (k, 3), q and dq (k, joints), command (k, 8), gait (k,), arms
     (k, arm joints) and intervention (k,).

@@ -43,8 +43,8 @@ def _version(package: str) -> str | None:
 def settings_record(settings: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
     """Return settings in a form that JSON can hold, for the record of a policy.
 
-    Folders mean nothing on another machine: of a path only the last two parts are kept, and of `out` nothing. Functions
-    of a user's file are named with the digest of the file.
+    Folders mean nothing on another machine: of a path only the last two parts are kept, and `out` is left out. The name
+    of a function of a user's file includes the digest of the file.
     """
     record = json.loads(json.dumps(dataclasses.asdict(settings), default=_named))
     record.pop("out", None)
@@ -65,13 +65,19 @@ def _named(value: object) -> str:
 
 
 def _metadata(path: pathlib.Path) -> Any:  # noqa: ANN401  what a file holds
-    """Return what a policy's file says besides the network."""
+    """Return the metadata of a policy's file."""
     is_onnx = path.suffix == ONNX_SUFFIX
     return OnnxNetwork(path, {}).metadata if is_onnx else from_json(read_header(path).get("metadata", "{}"), path)
 
 
 def check_robot(what: str, own: str, robot: str) -> None:
-    """Refuse what was learnt for a robot with other joints than that which is here, both given by name."""
+    """Raise ConfigError if what was learnt for the robot `own` meets another `robot`, with other joints.
+
+    Args:
+        what: what was learnt, for messages.
+        own: name of the robot for which it was learnt.
+        robot: name of the robot that is here.
+    """
     try:
         joints = load_robot(own).joint_names
     except UnknownNameError as error:
@@ -101,7 +107,7 @@ def trained_with(name_or_path: str | pathlib.Path) -> str | None:
 
 
 def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
-    """Prepare the log of a run for a session, so that every iteration is in it once.
+    """Prepare the log of a run for a session that goes on after an iteration, so that each iteration is in it once.
 
     A run that was cut off has logged iterations after its last checkpoint. The resumed run does these again, so their
     rows are dropped. The log of another run in the folder is kept under another name.
@@ -120,7 +126,7 @@ def begin_log(folder: pathlib.Path, iteration: int, *, resumed: bool) -> None:
 
 
 def append_row(folder: pathlib.Path, row: dict[str, float]) -> None:
-    """Append the figures of an iteration to the log; NaN, and a column that the row lacks, leaves a cell empty.
+    """Append the figures of an iteration to the log; NaN, or a column that the row lacks, leaves a cell empty.
 
     A column that the log lacks, such as that of a reward which a schedule switches on, is added to all of its rows.
     """

@@ -3,7 +3,7 @@
 Every vector of the learner has a mirror image x' = F x: entries change places and signs, and twice the image is the
 vector itself. The coordinates e = (x_i + s x_j) / sqrt 2 and o = (x_i - s x_j) / sqrt 2 of a pair x_i -> s x_j are even
 (e' = e) and odd (o' = -o). A linear map commutes with the mirror if and only if it takes even to even and odd to odd
-coordinates, which is half of the products of a full matrix.
+coordinates, which takes half of the products of a full matrix.
 """
 
 import math
@@ -70,7 +70,7 @@ class EvenOdd(nn.Module):
             for column, value in entries.items():
                 matrix[row, column] = value
         columns, factors = zip(*(_sparse(one) for one in (matrix, matrix.T)), strict=True)
-        # On the device of the network, but no part of it.
+        # Buffers move to a device with the network; files of networks leave these out.
         self.register_buffer("matrix", matrix, persistent=False)
         self.register_buffer("_columns", torch.stack(columns), persistent=False)
         self.register_buffer("_factors", torch.stack(factors), persistent=False)
@@ -89,7 +89,7 @@ class EvenOdd(nn.Module):
 
 
 def _sparse(matrix: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return columns and values of the one or two entries in each row, (2, n); a single entry counts twice by half."""
+    """Return columns and values of the one or two entries in each row, (2, n); a single entry counts as two halves."""
     columns, values = [], []
     for row in matrix:
         found = row.nonzero().squeeze(1)

@@ -23,7 +23,7 @@ from hugwbc.robot import Robot, load_mirror, other_side
 from hugwbc.rotations import AXIAL_SIGNS, VECTOR_SIGNS
 
 _VECTOR, _AXIAL = tuple(VECTOR_SIGNS.tolist()), tuple(AXIAL_SIGNS.tolist())
-_ROWS, _SEED = 64, 0  # of the made-up robots on which a term is tried
+_ROWS, _SEED = 64, 0  # number of made-up robots on which a term is tried, and the seed of their states
 _TOLERANCE = 1e-4  # of a mirror image, relative to the larger of 1 and the number
 
 
@@ -114,7 +114,7 @@ class Sensed:
         return dataclasses.replace(self, **{name: value.numpy(force=True) for name, value in arrays.items()})
 
     def _rows(self) -> dict[str, Array]:
-        """Return what there is of each robot, by name."""
+        """Return the fields with a row for each robot, by name, without those that are None."""
         names = [field.name for field in dataclasses.fields(self) if field.name != "pose"]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
@@ -144,10 +144,10 @@ class ObservationTerm(Part):
     """A term: what `Part` declares, and how it is made.
 
     Attributes:
-        read: returns the numbers in physical units, shape (n, size), each row of the same row of `Sensed` alone. It
-            keeps nothing between calls.
+        read: returns the numbers in physical units, shape (n, size); each row depends on the same row of `Sensed`
+            alone. It keeps nothing between calls.
         tensors: whether `read` takes torch tensors as well (`hugwbc.numeric`). Otherwise it gets NumPy arrays in
-            training too, which on a GPU go to the processor and back.
+            training too; on a GPU, the numbers then go to the processor and back.
     """
 
     read: Callable[[Sensed], Array]
@@ -310,14 +310,19 @@ PRIVILEGED = (  # what the critic sees besides frame, command and terrain
     Part("mass of the robot, minus 1 of its description", 1, (1.0,), scale=5.0),
     Part("latency [s]", 1, (1.0,), scale=50.0),
 )
-CRITIC_CORE = (*FRAME, *COMMAND, *PRIVILEGED)  # what is left of what it sees without the terrain
+CRITIC_CORE = (*FRAME, *COMMAND, *PRIVILEGED)  # what the critic sees, without further terms and terrain
 
 
 # Terms of the user ----------------------------------------------------------------------------------------------------
 
 
 def further_terms(names: Sequence[str], robot: Robot) -> tuple[ObservationTerm, ...]:
-    """Return terms that a training reads besides those of the paper, after trying each of them."""
+    """Return terms that a training reads besides those of the paper, after trying each of them.
+
+    Raises:
+        UnknownNameError: if there is no such term.
+        ConfigError: if one is named twice, fails `check_term`, or reads the velocity.
+    """
     for name in names:
         if name not in TERMS:
             raise UnknownNameError("observation term", name, TERMS)
@@ -331,7 +336,7 @@ def further_terms(names: Sequence[str], robot: Robot) -> tuple[ObservationTerm, 
 
 
 def check_term(name: str, robot: Robot) -> None:
-    """Refuse a term that violates its declaration on random robots, on their mirror images or on a single one."""
+    """Raise ConfigError if a term violates its declaration on random robots, their mirror images or a single robot."""
     term, robots = TERMS[name], _made_up(robot)
     (partner, sign), size = term.image(robot), term.count(robot)
     if len(partner) != size or not np.isin(sign, (-1.0, 1.0)).all() or len(sign) != size:
@@ -359,7 +364,7 @@ def _differ(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def _made_up(robot: Robot) -> Sensed:
-    """Return robots in random states under commands over their ranges, in every gait."""
+    """Return robots in random states and in every gait, with commands within their initial ranges."""
     rng, joints = np.random.default_rng(_SEED), len(robot.joint_names)
     ranges = command_ranges(Gait.WALKING, robot)
     low, high = np.array([ranges[name].initial for name in COMMAND_NAMES]).T

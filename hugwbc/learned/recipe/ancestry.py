@@ -1,8 +1,8 @@
 """Ancestry: the record in a policy, or another file of tensors, of how it was made.
 
-Each stage of a recipe has a record: with which code and seed it was made, from what, and at which cost. A file carries
-the records of all stages that led to it in its metadata, each after those that it took something from. A record names
-what the stage wrote, and what it took, by the digests of their tensors.
+Each stage of a recipe has a record: with which code and seed its files were made, from what, and at which cost. A file
+carries in its metadata the records of all stages that led to it, each after those that it took something from. A record
+names what the stage wrote, and what it took, by the digests of their tensors.
 """
 
 import json
@@ -37,15 +37,15 @@ class StageRecord:
         stage, kind: name of the stage, and what it did.
         recipe, settings: name of the recipe, and digest of those settings of the stage that differ from the defaults.
         seed: seed of its random numbers.
-        commits: commits of the source tree, in the order of the sessions; "+": with other changes.
+        commits: commits of the source tree, in the order of the sessions; "+" and a digest follow uncommitted changes.
         versions: versions of Python, machine and packages.
         steps: environment steps that led to the files.
         discarded_steps: steps that did not: after the checkpoint that was kept.
         core_seconds: processor time, killed sessions included as far as they wrote it down [s].
-        figures: evaluation of the checkpoint that was kept, or of the calibration.
+        figures: evaluation of the checkpoint that was kept, or errors of the calibration.
         parents: what it took, by the name of the setting.
-        outputs: digests of the files that it wrote.
-        ended: date and time.
+        outputs: digests of the files that it wrote, by file name.
+        ended: date and time of its end, in UTC.
     """
 
     stage: str
@@ -73,7 +73,7 @@ class Ancestry:
 
 
 def content_digest(path: pathlib.Path, kind: str) -> str:
-    """Return the digest of names, types, shapes and bytes of a file's tensors; its metadata may carry its record."""
+    """Return a digest of a file's kind and tensors, without the metadata, which `seal` changes."""
     tensors, _ = checkpoint.load_file(path, kind)
     return checkpoint.tensor_digest(tensors, kind)[:32]
 
@@ -99,7 +99,7 @@ def ancestry_in(metadata: Mapping[str, Any], path: pathlib.Path) -> Ancestry | N
 
 
 def origin(path: pathlib.Path, kind: str) -> tuple[Parent, Sequence[StageRecord]]:
-    """Return a file from outside a recipe as an input, and the stages that led to it, as its own metadata say."""
+    """Return a file from outside a recipe as a parent, and the records in its metadata of the stages that led to it."""
     digest, ancestry = content_digest(path, kind), ancestry_in(checkpoint.load_file(path, kind)[1], path)
     records = () if ancestry is None else ancestry.stages
     stage = next((record.stage for record in records if digest in record.outputs.values()), None)
@@ -107,7 +107,7 @@ def origin(path: pathlib.Path, kind: str) -> tuple[Parent, Sequence[StageRecord]
 
 
 def read_record(path: pathlib.Path) -> StageRecord | None:
-    """Return the record of a finished stage; None without such a file."""
+    """Return the record of a finished stage; None without such a file. Raise PolicyFileError if it is damaged."""
     if not path.exists():
         return None
     try:
@@ -117,7 +117,7 @@ def read_record(path: pathlib.Path) -> StageRecord | None:
 
 
 def verify(name_or_path: str | pathlib.Path) -> tuple[Sequence[StageRecord], list[str]]:
-    """Return the records of a policy, and what is wrong with the policy or its chain.
+    """Return the records of a policy, and the problems of the policy and its ancestry, in words.
 
     Args:
         name_or_path: name of a shipped policy, or path of a policy or its folder.

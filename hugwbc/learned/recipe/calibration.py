@@ -21,7 +21,7 @@ from hugwbc.robot import Robot
 ROUNDS = "rounds.json"
 _TRIAL = "trial.safetensors"
 _DECIMALS = 4
-# Share of the largest value with which one robot stayed up, where larger ones made it fall: others fall earlier
+# Where large values made a robot fall, the share of its largest safe one that is kept: other robots fall earlier.
 _SAFE = 0.85
 
 Errors = dict[str, dict[str, list[float | None]]]
@@ -46,7 +46,7 @@ class Arena:
 
 
 def knots_of(config: CalibrationConfig, robot: Robot) -> Curves:
-    """Return curves that change nothing: each gait and command that has a range, at knots spread evenly over it."""
+    """Return curves that change nothing, for each gait and command with a range, at knots spread evenly over it."""
     curves: Curves = {}
     for label in config.gaits:
         gait = Gait.parse(label)
@@ -62,13 +62,13 @@ def corrected(rounds: Sequence[Round], rate: float, robot: Robot) -> Curves:
     """Return curves in which a fraction of the errors of the last round is taken out.
 
     No value outside a command's range is asked for, where the policy was never trained; but higher swings are, which
-    the network does not read (`Contract.read`). Where the robot fell, and with all larger values too, no more is asked
-    for than the middle between the least of these and the largest value with which it stayed up.
+    the network does not read (`Contract.read`). Where values above the largest with which the robot stayed up made it
+    fall, no more is asked for than the middle between that value and the least of those above it.
 
     Args:
         rounds: what was asked for and measured so far.
         rate: the fraction.
-        robot: whose ranges count.
+        robot: the robot whose ranges count.
     """
     result: Curves = {}
     curves, errors = rounds[-1]
@@ -89,9 +89,10 @@ def corrected(rounds: Sequence[Round], rate: float, robot: Robot) -> Curves:
 
 
 def _bracket(rounds: Sequence[Round], label: str, name: str, value: float) -> tuple[float, float]:
-    """Return the largest value asked for with which the robot stayed up, and the least above with which it fell.
+    """Return the largest value asked for with which the robot stayed up, and the least above it with which it fell.
 
-    They are sizes, of values with the sign of `value`. The second is infinity if it never fell, or always.
+    They are sizes of the values that have the sign of `value`. The second is infinite if no larger one made it fall;
+    both are infinite if it never stayed up.
     """
     tried = [
         (abs(asked), error is None)
@@ -108,18 +109,18 @@ def calibrate(
 ) -> dict[str, float | None]:
     """Measure a policy at every knot, correct its curves, and keep at each knot what gave the smallest error.
 
-    Then measure by how much a stop moves the robot, if walks are calibrated.
-
-    Finished rounds are in the folder: an interrupted calibration continues after them.
+    Then measure by how much a stop moves the robot, if walks are calibrated. Finished rounds are in the folder: an
+    interrupted calibration continues after them.
 
     Args:
         config: the settings.
         folder: folder of the calibrated policy.
         arena: runs the policy.
-        on_round: called with the number of each round and the mean error.
+        on_round: called after each round with its number, 0 for the curves that change nothing, and the mean absolute
+            error over all commands.
 
     Returns:
-        Mean errors by gait, command, and "uncalibrated" or "calibrated".
+        Mean absolute errors by "GAIT/COMMAND/uncalibrated" and "GAIT/COMMAND/calibrated"; None without any.
     """
     controller = load_policy(config.policy, threads=None)
     robot = controller.contract.described
@@ -163,15 +164,16 @@ def _errors(config: CalibrationConfig, policy: pathlib.Path, curves: Curves, exe
 
 
 def _mean(errors: Sequence[float | None]) -> float:
-    """Return the mean size of the errors without those of falls; NaN if all fell."""
+    """Return the mean absolute error without the knots at which the robot fell; NaN if it fell at all of them."""
     sizes = [abs(error) for error in errors if error is not None]
     return float(np.mean(sizes)) if sizes else math.nan
 
 
 def _best_curves(rounds: Sequence[Round]) -> tuple[Curves, dict[str, float | None]]:
-    """Return at each knot the value with the smallest error; the command itself where the robot always fell.
+    """Return at each knot the value with the smallest error, or the command itself if the robot fell with all of them.
 
-    Where it fell with all larger values too, none is more than a safe share of the largest with which it stayed up.
+    Where values above the largest with which it stayed up made it fall, no value is above `_SAFE` of that largest one.
+    Also return the mean errors, as `calibrate` does.
     """
     kept: Curves = {}
     figures: dict[str, float] = {}

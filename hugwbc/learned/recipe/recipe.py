@@ -13,8 +13,8 @@ from hugwbc.robot_tables import models_dir
 from hugwbc.settings import TRAINING_SEED, settings
 from hugwbc.settings_file import named_path, parse, read_text
 
-TAKEN = {"start_from": SNAPSHOT_FILE, "policy": POLICY_FILE}  # of another stage, by the setting's name
-_OF_THE_RUN = ("out", "resume", "hours", "seed")  # settings of a training that a recipe has for all its stages
+TAKEN = {"start_from": SNAPSHOT_FILE, "policy": POLICY_FILE}  # what a stage takes of another one, by setting
+_OF_THE_RUN = ("out", "resume", "hours", "seed")  # settings of a training that are one for all stages of a recipe
 _SMOKE_STEPS = 1536
 
 
@@ -22,7 +22,7 @@ _SMOKE_STEPS = 1536
 class Stage:
     """A step of a recipe: it trains a policy, or calibrates one.
 
-    Settings that are paths may name an earlier stage instead: its snapshot or policy is taken.
+    `start_from` and `policy` may name an earlier stage in place of a file: its snapshot or policy is taken.
     """
 
     about: str = ""
@@ -30,7 +30,7 @@ class Stage:
     calibrate: CalibrationConfig | None = None
 
     def __post_init__(self) -> None:
-        """Require one of the two."""
+        """Require exactly one of train and calibrate."""
         if (self.train is None) == (self.calibrate is None):
             raise ConfigError("a stage does one thing; give one of train, calibrate")
 
@@ -45,12 +45,12 @@ class Stage:
         return getattr(self, self.kind)
 
     def inputs(self) -> dict[str, pathlib.Path]:
-        """Return the files that the stage reads, or the stages that write them, by the name of the setting."""
+        """Return what the stage takes, by the name of the setting: the path of a file, or the name of a stage."""
         given = {setting: getattr(self.config, setting, None) for setting in TAKEN}
         return {setting: path for setting, path in given.items() if path is not None}
 
     def smoke(self) -> "Stage":
-        """Return the same stage with every size divided, so that it takes a few seconds."""
+        """Return the same stage with small sizes, so that it takes a few seconds."""
         config = self.config
         if isinstance(config, CalibrationConfig):
             few = {"gaits": ("standing", "walking"), "commands": ("v_x", "h")}
@@ -91,7 +91,7 @@ class Recipe:
     stages: Annotated[dict[str, Stage], Field(min_length=1)]
 
     def __post_init__(self) -> None:
-        """Check that what a stage takes is there, an earlier stage or a file, and that it sets nothing of the run's."""
+        """Check that each stage takes from an earlier stage or an existing file, and sets nothing of the whole run."""
         earlier: list[str] = []
         for name, stage in self.stages.items():
             if not name.replace("-", "_").isidentifier():
@@ -118,7 +118,7 @@ class Recipe:
             earlier.append(name)
 
     def line(self, name: str) -> list[str]:
-        """Return a stage and the stages that led to it, the latest first: each takes at most one thing."""
+        """Return a stage and the stages that led to it, the latest first; each takes from at most one other."""
         found: list[str] = []
         while name in self.stages:
             found.append(name)
@@ -131,7 +131,7 @@ def load_recipe(name_or_path: str | pathlib.Path, *, smoke: bool = False) -> Rec
 
     Args:
         name_or_path: such as "h1", or a path that ends in .yaml.
-        smoke: whether to divide every size, to see in a minute that all of it runs.
+        smoke: whether to make all sizes small, to see in a minute that the whole recipe runs.
     """
     path = named_path("recipe", name_or_path, *sorted(models_dir().glob("*/recipes")))
     text = read_text(path)

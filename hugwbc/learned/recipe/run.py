@@ -1,4 +1,4 @@
-"""The run of a recipe: one stage after the other, from wherever an earlier session ended, on this machine or another.
+"""The run of a recipe: one stage after the other, from where an earlier session ended, on this machine or another.
 
 Everything that a run needs is in its folder. A folder for each stage holds what the stage wrote, its record once it is
 finished, and until then what it needs to continue.
@@ -62,11 +62,15 @@ def run_recipe(
         recipe: the recipe.
         out: folder of the run.
         arena: runs policies, for a calibration.
-        report: called with the name of the stage, and figures and gates of each iteration of a training.
+        report: called in the first process after each iteration of a training or round of a calibration, with the name
+            of the stage, figures, of which `progress` is the finished share of the stage, and the gates of a training.
         say: prints a line.
 
     Returns:
         Whether the recipe is finished; False if a signal stopped it.
+
+    Raises:
+        RecipeError: if the folder holds a run without a recipe, or a stage that began with other settings.
     """
     with distributed.process_group(), stopped_by_signals() as stop:
         leads = distributed.rank() == 0
@@ -102,7 +106,7 @@ def _finish(recipe: Recipe, out: pathlib.Path) -> None:
 
 @dataclasses.dataclass
 class _Work:
-    """A stage at work."""
+    """A stage of a recipe, and its run in its folder."""
 
     recipe: Recipe
     name: str
@@ -133,7 +137,7 @@ class _Work:
         leads = distributed.rank() == 0
         self.stop.check()
         if self.stage.kind == "train":
-            distributed.barrier()  # until the first process has made what this stage takes
+            distributed.barrier()  # the first process makes what this stage takes
         elif not leads:
             return
         if read_record(self.folder / RECORD) is not None:
@@ -156,7 +160,7 @@ class _Work:
         shutil.rmtree(self.folder / BEST_FOLDER, ignore_errors=True)
 
     def check(self) -> None:
-        """Refuse to continue a stage that began with other settings."""
+        """Raise RecipeError if the stage began with other settings."""
         finished = read_record(self.folder / RECORD)
         begun = finished.settings if finished is not None else _Spent.begun(self.folder)
         if begun is not None and begun != self.digest:
@@ -184,7 +188,7 @@ class _Work:
         if trainer.run_steps < config.steps:
             raise StoppedError
         steps = trainer.best.get("steps", trainer.steps) - trainer.begin["steps"]
-        if spent is not None and trainer.best:  # the others know of it after a resumption
+        if spent is not None and trainer.best:  # in the first process only: others know the best after a resumption
             for name in KINDS:
                 write_whole(self.folder / name, (self.folder / BEST_FOLDER / name).read_bytes())
         return steps, trainer.run_steps - steps, dict(trainer.best)
@@ -207,7 +211,7 @@ class _Work:
     def _write_record(
         self, seed: int, steps: float, discarded: float, figures: Mapping[str, float | None], spent: "_Spent"
     ) -> None:
-        """Write how the files were made, into them and beside them; the stage is finished with the latter."""
+        """Write how the files were made into them and beside them; the record beside them marks the stage finished."""
         given = {setting: str(source) for setting, source in self.stage.inputs().items()}
         parents = {}
         for setting, path in self.inputs.items():
@@ -240,7 +244,7 @@ class _Work:
         write_whole(self.folder / RECORD, json.dumps(content, indent=1) + "\n")
 
     def _ancestors(self) -> Sequence[StageRecord]:
-        """Return the records of the stages that this one rests on: those of a file from outside, then the recipe's."""
+        """Return the records of the stages that led to this one: those of a file from outside, then the recipe's."""
         line = self.recipe.line(self.name)
         outside = [
             record
@@ -256,7 +260,6 @@ class _Spent:
 
     Attributes:
         commits: commits of the source tree.
-        core_seconds: processor time of this process and its finished children [s].
     """
 
     def __init__(self, folder: pathlib.Path, settings: str, processes: int) -> None:
@@ -274,11 +277,11 @@ class _Spent:
 
     @property
     def core_seconds(self) -> float:
-        """Processor time of all sessions [s]; each process that trains is taken to spend as much as this one."""
+        """Processor time of all sessions [s]; each process of a training counts like this one with its children."""
         return self._before + self._processes * (_cpu_seconds() - self._began)
 
     def write(self) -> None:
-        """Write what was spent; what a killed process spends afterwards is not in the record."""
+        """Write what was spent so far; what a process that is then killed has spent since is lost."""
         content = {"settings": self._settings, "commits": self.commits, "core_seconds": self.core_seconds}
         write_whole(self._path, json.dumps(content) + "\n")
 

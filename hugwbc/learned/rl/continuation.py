@@ -1,4 +1,4 @@
-"""What a run finds in the checkpoint that it goes on from: whether it may, and what it then begins with."""
+"""Checks of the checkpoint from which a run continues or starts, and what the run takes from it."""
 
 import contextlib
 import json
@@ -19,8 +19,8 @@ from hugwbc.learned.policy.records import settings_record
 from hugwbc.robot_tables import robot_table
 
 _NAMED = ("schedules.", "env.terms.", "env.curriculum.rules.")
-OF_A_SESSION = ("resume", "hours", "threads", "device", "save_interval")  # settings without which a run is the same
-# Settings of the environment without which a policy moves differently: its clock, its drives and its feed-forward.
+OF_A_SESSION = ("resume", "hours", "threads", "device", "save_interval")  # may differ between sessions of a run
+# Settings of the environment with which a policy moves differently: control period, PD targets and gains, feed-forward.
 _OF_THE_MOTION = (
     "action_scale",
     "squat_gain",
@@ -31,12 +31,12 @@ _OF_THE_MOTION = (
     "yaw_action_factor",
     "yaw_damping_factor",
 )
-_MOST_NAMED = 5  # settings in an error
+_MOST_NAMED = 5  # settings that an error names at most
 
 
 @contextlib.contextmanager
 def readable(path: pathlib.Path) -> Iterator[None]:
-    """Refuse metadata that lacks something or holds something else."""
+    """Raise PolicyFileError where metadata lack a field or hold something else than is read of them."""
     try:
         yield
     except (KeyError, TypeError, ValueError) as error:
@@ -46,7 +46,7 @@ def readable(path: pathlib.Path) -> Iterator[None]:
 
 
 def by_group(tensors: dict[str, torch.Tensor], path: pathlib.Path) -> dict[str, dict[str, torch.Tensor]]:
-    """Sort the tensors of a checkpoint into networks, environment and optimiser, by the names used there."""
+    """Return the tensors of a checkpoint as network, product, environment and optimiser, by the names used there."""
     groups: dict[str, dict[str, torch.Tensor]] = {"network": {}, "product": {}, "env": {}, "optimiser": {}}
     for key, value in tensors.items():
         group, _, name = key.partition(".")
@@ -67,10 +67,10 @@ def robot_digest(config: TrainConfig) -> str:
 
 
 def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib.Path) -> None:
-    """Refuse to go on with other settings than a checkpoint's, but for those of a session."""
+    """Refuse to go on with other settings than a checkpoint's, except `OF_A_SESSION`, start_from and steps."""
     with readable(path):
         before, now = (_flat(settings) for settings in (metadata["config"], settings_record(config)))
-    # A setting that one of the two lacks is of another version, unless its name is the user's.
+    # A setting that only one of the two has is of another version, unless a user gave it its name.
     names = [name for name in before | now if name in before.keys() & now.keys() or name.startswith(_NAMED)]
     changed = [
         f"{name} {before.get(name, 'nothing')} (here {now.get(name, 'nothing')})"
@@ -89,7 +89,7 @@ def check_unchanged(metadata: dict[str, Any], config: TrainConfig, path: pathlib
 
 
 def check_observations(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> None:
-    """Refuse networks that read other terms besides the paper's; those that read none get inputs for them."""
+    """Refuse networks that read other further terms than `env` names; those that read none get inputs for them."""
     with readable(path):
         before, now = (
             ", ".join(names) for names in (metadata["config"]["env"].get("observations", ()), env.observations)
@@ -110,7 +110,7 @@ def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) -> str:
-    """Return what a user should know: another clock, other drives or another feed-forward than in a checkpoint."""
+    """Return in words which settings of `_OF_THE_MOTION` differ from a checkpoint's; empty if none."""
     settings = metadata["config"]
     before: dict[str, float] = {}
     for name in settings["env"].keys() & _OF_THE_MOTION:
@@ -125,7 +125,7 @@ def differences(metadata: dict[str, Any], env: EnvConfig, path: pathlib.Path) ->
 def with_robots_of_rank(
     tensors: dict[str, torch.Tensor], path: pathlib.Path, iteration: object
 ) -> dict[str, torch.Tensor]:
-    """Replace the first process's robots in a checkpoint by this process's; drop them if there are none."""
+    """Replace the robots of the first process in a checkpoint by those of this process; drop them if it has none."""
     common = {name: value for name, value in tensors.items() if name.startswith(("network.", "product.", "optimiser."))}
     place = distributed.rank_path(path)
     if not place.exists():

@@ -15,8 +15,8 @@ from hugwbc.settings import SELECTION_SEED
 
 # Errors that weigh the same in the score, of the size of the paper's errors of walking [m/s, rad/s, m, rad].
 ERROR_SCALES = dict(zip(MEASURED_NAMES, (0.1, 0.1, 0.1, 0.05, 0.05, 0.05), strict=True))
-# Likewise of a gait: stride frequency [Hz], swing height [m], share of the time with the held foot down, speed of
-# descent of a sole before it touches the ground [m/s].
+# The same of the steps of a gait: stride frequency [Hz], swing height [m], share of the time with the held foot down,
+# speed of descent of a sole before it touches the ground [m/s].
 GAIT_SCALES = {"f": 0.1, "l": 0.05, "held_foot": 0.05, "impact": 1.0}
 FALL_COST = 20.0  # added to the score if every robot falls: more than any error of a robot that stays up
 SETTLE = 1.0  # [s] at the start that do not count in the errors
@@ -44,7 +44,7 @@ class _Steps:
         self._down, self._samples = torch.zeros(len(gait)), torch.zeros(len(gait))
 
     def add(self, readings: Readings, upright: torch.Tensor) -> None:
-        """Add the next control step of the robots that are upright, shape (n,), bool; who has fallen stays down."""
+        """Add the next control step of the robots that are upright, (n,), bool; a fallen robot never counts again."""
         self._samples += upright
         on_ground = feet_on_ground(readings.foot_force)
         landed = on_ground & (self._airborne >= _SHORTEST_FLIGHT) & self._swings & upright[:, None]
@@ -61,15 +61,16 @@ class _Steps:
         self._down += held_foot_down(readings, self._gait) & upright
 
     def errors(self, robots: torch.Tensor) -> dict[str, float]:
-        """Return the figures of `GAIT_SCALES` that some robots, (n,), bool, have: means over the feet that step.
+        """Return the figures of `GAIT_SCALES` of some robots, (n,), bool: means over the feet that step.
 
-        In a cycle that a foot misses, f is wrong by f and l by l, as they are for a foot without a stride or a landing.
+        f and l are mean absolute errors [Hz, m]. A cycle that a foot misses counts as an error of the full commanded
+        value, and so does a foot without a whole stride (f) or a landing (l).
         """
         swings = self._swings & robots[:, None]
         if not bool(swings.any()):
             return {}
         cycles, wanted, high = self._landings - 1.0, self._command[:, [_F]], self._command[:, [_L]]
-        # As in `hugwbc.evaluation.metrics`: n periods without a touch-down, at an end, have missed all but one.
+        # As in `hugwbc.evaluation.metrics`: a gap of n periods at the start or the end misses n - 1 cycles.
         gaps = torch.stack((self._first, (self._samples * self._dt)[:, None] - self._last))
         missed = ((gaps * wanted + _ROUNDING).floor() - 1.0).clamp(min=0.0).sum(0)
         error = (cycles / (self._last - self._first) - wanted).abs() * cycles + missed * wanted
@@ -90,8 +91,8 @@ class _Steps:
 class Evaluator:
     """Robots that repeat the same episodes at every evaluation.
 
-    Commands, gaits and model parameters are drawn once, as training draws them, over the initial ranges. There are no
-    pushes, loads or intervention; sensors err as in training; rough ground has all levels; a command lasts the whole
+    Commands, gaits and model parameters are drawn once, as training draws them, with the speeds of its start. There are
+    no pushes, loads or intervention; sensors err as in training; rough ground has all levels; a command lasts the whole
     episode. All random numbers are the evaluator's own, so that the training continues as if there had been no
     evaluation.
     """
@@ -100,11 +101,11 @@ class Evaluator:
         """Build the robots.
 
         Args:
-            config: environment of the training.
+            config: settings of the environment.
             count: number of robots.
             seconds: length of the episodes [s].
             threads: threads of the simulation.
-            timestep: largest physics time step [s]: the control period is a multiple of the one taken.
+            timestep: largest physics time step [s]; the one used divides the control period into equal steps.
         """
         substeps = math.ceil(config.period / timestep - _ROUNDING)
         calm = dataclasses.replace(config.randomization, push_velocity=0.0)
@@ -138,7 +139,7 @@ class Evaluator:
         return names
 
     def adopt(self, config: EnvConfig) -> None:
-        """Take over from the training what a policy runs with and schedules may change: the legs' feed-forward."""
+        """Adopt the gains of the legs' feed-forward, with which a policy runs, and which schedules may change."""
         gains = {"squat_gain": config.squat_gain, "swing_gain": config.swing_gain}
         self._env.adopt(dataclasses.replace(self._env.config, **gains))
 
@@ -148,7 +149,7 @@ class Evaluator:
 
         The score is the mean over gaits of the mean of error / scale over commands and the figures of the steps, plus
         `FALL_COST` times the fraction of robots that fell. The errors of a robot count until it falls; an error without
-        samples is NaN.
+        samples is NaN, and its gait is left out of the score.
         """
         env = self._env
         env.load_state_dict(self._start)

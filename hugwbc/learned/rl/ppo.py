@@ -1,4 +1,4 @@
-"""PPO with a loss of estimation: the whole algorithm, readable from top to bottom.
+"""PPO with a loss of the state estimator: the whole algorithm, readable from top to bottom.
 
 Proximal policy optimisation: Schulman et al., "Proximal Policy Optimization Algorithms", arXiv:1707.06347 (2017).
 Advantages: Schulman et al., "High-Dimensional Continuous Control Using Generalized Advantage Estimation", ICLR 2016.
@@ -94,11 +94,11 @@ def standardised(values: torch.Tensor, groups: torch.Tensor, count: int, clip: f
 
     Args:
         values: the values of this process, as many as in every other, shape (n,).
-        groups: group of each value, from 0 to `count` - 1, shape (n,). Its standard deviation counts as at least
-            `LEAST_SPREAD` of that of all values together: in a group where nothing is left to learn, the rest is noise.
+        groups: group of each value, from 0 to `count` - 1, shape (n,). The standard deviation of a group counts as at
+            least `LEAST_SPREAD` of that of all values: where nothing is left to learn, the deviations are noise.
         count: number of groups.
-        clip: how many mean absolute deviations of its group a value may be away from the group's mean; what is farther
-            is cut off first.
+        clip: distance from the mean of its group to which a value is clipped first [mean absolute deviations of the
+            group].
     """
 
     def sums(numbers: torch.Tensor) -> torch.Tensor:
@@ -155,7 +155,7 @@ class PPO:
         network: actor, critic and exploration std.
         config: the settings, which may change between iterations.
         learning_rate: current learning rate of the actor, adapted to the KL divergence.
-        skipped: number of updates left out because a loss or gradient was not finite.
+        skipped: number of gradient steps left out because a loss or gradient was not finite.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class PPO:
         Args:
             config: the settings.
             robot: the robot.
-            generator: of noise and minibatches.
+            generator: source of exploration noise and minibatches.
             further: observation terms besides the paper's that the networks read.
             hidden: widths of the policy's hidden layers.
         """
@@ -193,7 +193,7 @@ class PPO:
         self.bound_std(0.0)
 
     def bound_std(self, steps: float) -> None:
-        """Keep the exploration std of all joints between the minimum and the maximum after so many steps."""
+        """Keep the exploration std of all joints between its bounds after a number of environment steps."""
         c = self.config
         progress = min(1.0, steps / c.std_steps)
         largest = min(c.std_limit, c.std_initial * (c.std_final / c.std_initial) ** progress)
@@ -250,7 +250,7 @@ class PPO:
     # Learning -------------------------------------------------------------------------------------------------------
 
     def update(self, last: Observation, *, critic_only: bool = False) -> dict[str, float]:
-        """Learn from the stored iteration; return mean losses, KL divergence, learning rate and std.
+        """Learn from the stored iteration; return mean losses and KL divergence, learning rate, std and other figures.
 
         Args:
             last: observation after the last step.
@@ -308,20 +308,20 @@ class PPO:
         loss = l_value + c.policy_weight * l_policy + c.estimation_weight * l_estimation - c.entropy_weight * entropy
 
         with torch.no_grad():
-            # That of all processes, so that their learning rates, and with them their networks, stay equal.
+            # The mean of all processes, so that their learning rates, and with them their networks, stay equal.
             kl = distributed.mean(kl_divergence(b["mean"], old_log_std, mean, log_std).mean())
         seen, applied = self._descend(loss, torch.stack([l_value, l_policy, l_estimation, kl]).detach())
         return dict(zip(_LOSSES, seen, strict=True)), applied
 
     def _descend(self, loss: torch.Tensor, figures: torch.Tensor) -> tuple[list[float], bool]:
-        """Apply the gradient if it is finite; return figures, whose last one is the KL, and whether it was."""
+        """Apply the gradient if it is finite; return the figures, the last of which is the KL, and whether it was."""
         self.optimiser.zero_grad()
         loss.backward()
         distributed.average_gradients(self.network.parameters())
         # Clip the two separately: a large error of the critic must not shorten the actor's step.
         parts = (group["params"] for group in self.optimiser.param_groups)
         norms = [nn.utils.clip_grad_norm_(part, self.config.max_grad_norm).to(loss) for part in parts]
-        # The one time that a GPU is waited for.
+        # The only place of a gradient step that waits for a GPU.
         *seen, total, first, second = torch.cat((figures, torch.stack([loss.detach(), *norms]))).tolist()
         # While the critic learns alone the policy does not move: a KL of zero says nothing about the rate.
         if self.network.log_std.requires_grad:

@@ -55,20 +55,20 @@ class Trainer:
     """A training run: environment, learner and counters; under torchrun, this process's part of the run.
 
     Every process simulates its own robots. Gradients, KL divergence, moments of the advantages and the averages that
-    move the curricula are those of all processes. The first process evaluates, logs and saves; the figures in its log
-    are those of its own robots.
+    move the curricula are those of all processes. The first process evaluates, logs and saves; the others save their
+    robots only. The figures in the log are those of the robots of the first process.
 
     Attributes:
         iteration, steps, seconds: iterations, environment steps and wall-clock seconds so far, over all sessions, those
             of the run that this one starts from included.
         begin: iteration and steps at which this run began.
-        evaluation: figures of the last evaluation and its iteration; empty before the first.
-        best: the same of the best evaluation whose policy is in the folder `best`.
+        evaluation: figures of the last evaluation, its iteration and its steps; empty before the first.
+        best: the same of the best evaluation, whose policy is in the folder `best`.
         product: the networks that are evaluated and given out: an exponential moving average (EMA) of the learner's,
             with the time constant `config.average_steps`.
         leads: whether this is the first process.
         device: where it computes.
-        stop: the wish to stop; it is looked at after every iteration.
+        stop: the request to stop; it is checked before every iteration.
         remark: what a user should know about the run that this one starts from; usually empty.
     """
 
@@ -127,8 +127,8 @@ class Trainer:
         """Train until the limits of the configuration or until stopped, and save at the end.
 
         Args:
-            report: called after every iteration with the figures and the gates' words; `progress` among the figures is
-                the part of this session that is over, by steps or by hours.
+            report: called in the first process after every iteration, with the figures and the gates' words; the figure
+                `progress` is the share of this session that is over, by steps or by hours, whichever is larger.
         """
         start, first, hours = time.monotonic(), self.run_steps, self.config.hours
         if self.leads:
@@ -153,7 +153,7 @@ class Trainer:
         self.save()
 
     def iterate(self) -> dict[str, float]:
-        """Collect `horizon` steps, update the networks and move the curricula; return the iteration's figures."""
+        """Collect `horizon` control steps, update the networks, move the curricula; return the iteration's figures."""
         begin = time.monotonic()
         self._adopt_schedules()
         observation = self.env.observe()
@@ -326,14 +326,14 @@ class Trainer:
             self.ppo.set_learning_rate(float(metadata["learning_rate"]))
             self.ppo.skipped = int(metadata["skipped"])
             self.remark = _ANEW.format(path) if anew else differences(metadata, self._env_config, path)
-            if self.config.resume:  # otherwise they belong to the other run: this run's folder has no such policy
+            if self.config.resume:  # the evaluations of another run are of policies in another folder
                 self.evaluation, best = dict(metadata["evaluation"]), dict(metadata["best"])
                 before, now = (self.config.at(float(n)).env for n in (metadata["config"]["steps"], self.config.steps))
                 kept = (self.config.out / BEST_FOLDER / POLICY_FILE).exists()
                 self.best = best if kept and before == now else {}  # scores of other environments do not compare
         if not self.config.resume:
             self.ppo.bound_std(self.steps)
-            if groups["env"]:  # whose generators go on with the other run's seed
+            if groups["env"]:  # otherwise the generators would go on with the other run's seed
                 self.env.generator.manual_seed(self._seed)
                 self.generator.manual_seed(self._seed + 1)
 
@@ -385,12 +385,15 @@ def save_product(folder: pathlib.Path, network: ActorCritic, env: EnvConfig, met
 
 
 def train(config: TrainConfig, report: Report, notice: Callable[[str], object] = print) -> Trainer:
-    """Train by a configuration; SIGINT and SIGTERM end the run after the current iteration, with a checkpoint.
+    """Train by a configuration; SIGINT, SIGTERM and SIGHUP end the run after the current iteration, with a checkpoint.
 
     Args:
         config: settings of the run.
         report: called after every iteration with the figures and the gates' words, in the first process only.
         notice: called with the trainer's remark, if it has one, in the first process only.
+
+    Raises:
+        ConfigError: if the folder holds a run but `resume` is not set, no run but it is set, or the run of a recipe.
     """
     begun = (config.out / CHECKPOINT_NAME).exists()
     if begun and not config.resume:

@@ -27,8 +27,8 @@ _KINDS = {"grip": mujoco.mjtEq.mjEQ_WELD, "hook": mujoco.mjtEq.mjEQ_CONNECT}
 def add_grips(spec: mujoco.MjSpec, names: Iterable[str], robot: Robot) -> None:
     """Add what a `Gripper` needs to a model with robot and objects, whose bodies have these names.
 
-    It is a ball around each hand, up to its tip, from which distances are measured, and idle joints to each body that
-    moves.
+    It is a ball around each hand, up to its tip, from which distances are measured, and inactive joints to each body
+    that moves.
     """
     radius = max(robot.hand_tip, _LEAST_RADIUS)
     moving = [body.name for body in spec.bodies if body.name in set(names) and list(body.joints)]
@@ -143,7 +143,7 @@ class Gripper:
                 self.release(SIDES[hand])
 
     def _carried(self, hand: int, name: str) -> np.ndarray:
-        """Return the force of a held object on a hand, by the joint less that with which the hand presses on it."""
+        """Return the force of a held object on a hand in the world, of joint and contact together [N], shape (3,)."""
         return self._force[hand] - contact_force(self._model, self._data, [self._hands[hand]], self._bodies[name])[0]
 
     @property

@@ -15,11 +15,11 @@ _Side = Annotated[Number, between(0.05, 10.0)]  # [m], of a drawer
 # A closer's torque is that of a spring which is wound by this angle while the door is shut: it grows by a fifth over a
 # quarter turn.
 _WOUND = 7.5  # [rad]
-_WIDEST = 1.75  # [rad]
-_CLOSING_SPEED = 0.5  # [rad/s], at which the closer's damping holds its torque
+_WIDEST = 1.75  # [rad], largest angle of a door
+_CLOSING_SPEED = 0.5  # [rad/s], at which the closer's damping balances its torque
 # Dry friction is a soft constraint in MuJoCo: as firm as that of the robot's joints (`sim.actuators`), it holds still.
 _STICK = [0.99, 0.99, 0.001, 0.5, 2.0]
-_FIRM = [0.004, 1.0]  # [s]
+_FIRM = [0.004, 1.0]  # time constant [s] and damping ratio
 
 
 @settings(kw_only=True)
@@ -47,7 +47,7 @@ class Jointed(Thing):
 class Door(Jointed):
     """A hinged door in a frame, with a closer; it opens towards +x, for a robot that pushes from -x.
 
-    The closer turns it shut with a nearly constant torque. It is damped while it closes, and not while it is opened.
+    The closer turns it shut with a nearly constant torque. It is damped while it closes, and hardly while it is opened.
     Its position is the middle of the doorway. The pose of the leaf is that of its hinge, at the ground.
 
     Attributes:
@@ -185,6 +185,6 @@ class Button(Jointed):
         self._geom(body, mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, half], mass=mass, quat=turn, condim=3)
         stiffness = 0.8 * force / travel
         spring = {"stiffness": stiffness, "springref": -0.2 * force / stiffness}
-        damping = 1.4 * math.sqrt(mass * stiffness)  # a little under critical: it comes back without ringing
+        damping = 1.4 * math.sqrt(mass * stiffness)  # 0.7 of the critical: it comes back without ringing
         self._joint(body, mujoco.mjtJoint.mjJNT_SLIDE, [1.0, 0.0, 0.0], travel, damping=damping, **spring)
         self._join(spec)

@@ -21,12 +21,12 @@ _SHARED_OPTIONS = ("timestep", "iterations", "ls_iterations", "integrator", "jac
 _KINDS = {"body": "nbody", "geom": "ngeom", "jnt": "njnt", "dof": "nv", "qpos": "nq", "eq": "neq", "tendon": "ntendon",
           "actuator": "nu", "pair": "npair", "exclude": "nexclude"}  # fmt: skip
 _WHOLE_NUMBERS = ("type", "limited", "contype", "conaffinity", "condim", "priority", "active0", "dim", "mocapid")
-# Options that move things: their values in the arena, and how far a file's may be from them; air is as good as nothing.
+# Options that move things: their values in the arena, and how far a file's may be from them (air is admitted).
 _MOVING = {"gravity": ((0.0, 0.0, -9.81), 0.01), "wind": (0.0, 0.0), "density": (0.0, 1.3), "viscosity": (0.0, 2e-5),
            "disableactuator": (0, 0)}  # fmt: skip
 _FLAGS = ("CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "CONTACT", "SPRING", "DAMPER", "GRAVITY", "CLAMPCTRL",
           "FILTERPARENT", "ACTUATION")  # fmt: skip
-_LEVEL = 0.01  # of the ground in a file [m], [rad]
+_LEVEL = 0.01  # of the ground in a file: its height [m], and 1 minus the cosine of its tilt (8 degrees)
 _STATIC = "world_shapes"  # the body of the geoms in a file's world
 _OWN = {"name", "classname", "compiler", "frame", "id", "info", "parent", "plugin", "set_frame", "signature"}
 _LIGHTEST, _HEAVIEST = 1e-6, 1e4  # [kg], of a body that moves
@@ -38,8 +38,8 @@ class Mjcf(Thing):
 
     Masses, friction, joints and colours are those of the file; `friction` and `colour` here are refused.
     The file's world comes to the position; its keyframes, its options and a ground plane in its world are left out.
-    Other shapes of its world become the body NAME/world_shapes. What a scene cannot keep is refused: it is compared
-    with the model of the file alone.
+    Other shapes of its world become the body NAME/world_shapes. What a scene cannot keep is refused: the model in a
+    scene is compared with that of the file alone.
 
     Attributes:
         mjcf: path of the file; relative paths in it start from its folder.
@@ -72,7 +72,7 @@ class Mjcf(Thing):
             raise SceneError(f"{self.label}: {self.mjcf} {problem}")
 
     def _lost(self, alone: mujoco.MjModel, here: mujoco.MjModel) -> Iterator[str]:
-        """Yield what is not a number, and what a file says of the whole simulation and a scene does not keep."""
+        """Yield which numbers are not finite, and which settings of the whole simulation a scene does not keep."""
         names = [here.geom(g).name.removeprefix(f"{self.name}/") for g in range(here.ngeom)]
         for kind, number in _KINDS.items():
             count = getattr(alone, number)
@@ -109,7 +109,7 @@ class Mjcf(Thing):
                 yield f"has the plane '{plane}', which is not the ground z = 0; make it a box"
 
     def _impossible(self, model: mujoco.MjModel) -> Iterator[str]:
-        """Yield what MuJoCo compiles but a scene cannot simulate: cloth, distant bodies, extreme masses."""
+        """Yield what MuJoCo compiles but a scene cannot simulate: flexible or distant bodies, extreme masses."""
         if model.nflex:
             yield "has flexible bodies (flexcomp), whose contacts no judge understands; leave them out"
         data = mujoco.MjData(model)
@@ -123,7 +123,7 @@ class Mjcf(Thing):
                 yield f"{what} moves and has a mass of {mass:g} kg; {wanted}"
 
     def _read(self) -> mujoco.MjSpec:
-        """Return the file with a name for every body and shape, and without what concerns memory and pictures."""
+        """Return the file with a name for every body and shape, and without keyframes and its demands on memory."""
         try:
             SizeCheck(self.mjcf)
             spec = mujoco.MjSpec.from_file(str(self.mjcf))

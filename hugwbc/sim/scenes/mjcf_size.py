@@ -16,11 +16,11 @@ MOST_DETAIL = 128  # pieces of a made mesh along a direction
 MOST_BYTES, MOST_TEXT = 32_000_000, 4_000_000  # of all files together, and of one of XML
 _GRIDS = (("nrow", "ncol"), ("width", "height"), ("dim",), ("nsample",))  # whose product is a number of cells
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
-_PNG, _BLOCK = b"\x89PNG", 4096  # what a picture begins with; [byte] that a file has at least
+_PNG, _BLOCK = b"\x89PNG", 4096  # what a picture begins with; [byte] as which a smaller file counts
 
 
 class SizeCheck:
-    """A walk through a file and all that it names, which reads, and so notes, whatever MuJoCo will read."""
+    """A walk through a file and all that it names; it reads what MuJoCo will read, so that `files.noting` sees it."""
 
     def __init__(self, path: pathlib.Path) -> None:
         """Refuse a file that would make too large a model; XML's and the system's errors are left to the caller."""
@@ -47,7 +47,7 @@ class SizeCheck:
         return root
 
     def _weigh(self, parent: Element, times: int) -> int:
-        """Return how many elements are in one that is repeated a number of times; refuse too much."""
+        """Return how many elements are in one that is repeated `times` times; refuse too many of them."""
         parts = 0
         for element in parent:
             here, name = times * max(1, _product(element, ("count",))), f"{element.tag} '{element.get('name', '')}'"

@@ -20,7 +20,7 @@ class Movable(Thing):
 
     movable: ClassVar[bool] = True
 
-    mass: Mass = 1.0  # of all of it, spread evenly over its shapes [kg]
+    mass: Mass = 1.0  # of the whole thing, a tray's without the cup [kg]
 
     def _free(self, spec: mujoco.MjSpec, place: Placement, height: float, name: str | None = None) -> Any:  # noqa: ANN401
         body = self._body(spec, place, height, name)
@@ -76,7 +76,7 @@ class Cart(Movable):
 
     Attributes:
         size: length along x, width along y, and height of the platform's top [m].
-        handle: height of the handle above the ground [m].
+        handle: height of the handle above the ground, at least 0.1 m above the platform's top [m].
         rolling: rolling resistance, as a coefficient of friction.
     """
 

@@ -182,7 +182,7 @@ class SceneObjects(Objects):
     def picture(self) -> Picture:
         """Return the newest picture that has arrived: with noise, and taken some time ago.
 
-        An exact profile sees what is.
+        With an exact profile it shows the present and true poses.
         """
         now = float(self._data.time)
         if self._exact:
@@ -194,7 +194,7 @@ class SceneObjects(Objects):
     def seen(self, name: str) -> ObjectState:
         """Return an object's pose as a motion-capture system gives it: with noise, and some time ago.
 
-        An exact profile sees the true state.
+        With an exact profile it is the true state.
         """
         if self._exact:
             return self[name]

@@ -44,7 +44,7 @@ from hugwbc.sim.terrain import GROUNDS, HeightField
 from hugwbc.targets import HAND_FRAMES
 
 OVERLAP = 0.001  # [m]; objects that are deeper than this in each other at the start are refused
-_GAP = 0.005  # [m]; what is farther than this from the object that it stands on stands beside it
+_GAP = 0.005  # [m]; an object that is farther than this from the one that it should stand on is refused
 MOST_OBJECTS = 200  # each is compared with each
 KINDS: dict[str, type[Thing]] = {
     cls.kind: cls
@@ -147,7 +147,7 @@ class Scene:
             raise SceneError(f"{error} (as drawn with seed {seed})") from error
 
     def scaled(self, size: float) -> "Scene":
-        """Return the scene for a robot whose lengths are times a factor: its things are, and as dense as before."""
+        """Return the scene with all lengths times a factor and the same densities, for a robot of that size."""
         objects = self.objects if size == 1.0 else tuple(thing.scaled(size) for thing in self.objects)
         return dataclasses.replace(self, objects=objects)
 
@@ -171,7 +171,7 @@ class Scene:
         return support.shifted(x, y, level + sum(lift), settled(thing.yaw))
 
     def _level_on(self, on: str, rng: np.random.Generator | None = None) -> float:
-        """Return the height of what "NAME" or "NAME/PART" names above the base of NAME [m], drawn before with `rng`."""
+        """Return the height of "NAME" or "NAME/PART" above the base of NAME [m]; with `rng`, NAME is drawn first."""
         name, _, part = on.partition("/")
         below = next(other for other in self.objects if other.name == name)
         return (below if rng is None else below.draw(rng)).surface(part or None)
@@ -210,7 +210,7 @@ class Scene:
                 raise SceneError(f"{thing.label} on '{thing.on}' {how}", at=("objects", index))
 
     def _check_ground(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Refuse what can move and is in level ground; on a terrain, in what is level at the height of its place."""
+        """Refuse what can move and is in the ground, which is taken as level at each object, also on a terrain."""
         floor = model.geom(_FLOOR).id
         for (one, other), distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
             if floor in (one, other) and distance < -OVERLAP:

@@ -17,8 +17,8 @@ from hugwbc.sim.footing import FOOT_CONTACT_BIT
 from hugwbc.sim.scenes.varied import Colour, Number, between, drawn, options, scaled, settled, varies
 
 FARTHEST = 50.0  # [m] from the origin, along x and y, of a declared position; twice as far away is out of the world
-# Contacts that resist twisting and have nearly no friction throw things into the air: MuJoCo's pyramid of friction is
-# as steep as the one coefficient is small beside the other.
+# Contacts with torsional and nearly no sliding friction throw things into the air: MuJoCo's friction pyramid gets the
+# steeper, the smaller sliding friction is beside torsional friction.
 LEAST_FRICTION = 0.005
 # Of MuJoCo's collision masks. The soles of a robot on a height field have a bit of their own.
 _TOUCHED, _TOUCHES = 1 | FOOT_CONTACT_BIT, 1
@@ -74,7 +74,7 @@ class Placement:
         return Placement(base, self.yaw + yaw)
 
 
-# How a thing's figures grow with its lengths, at the same density: as masses do forces, and torques by one more.
+# Powers of the length with which figures grow at the same density: forces grow as masses, torques by one power more.
 _LENGTHS = ("position", "size", "height", "radius", "boards", "handle", "travel", "cup_radius", "cup_height")
 _POWERS: dict[str, int] = {name: 1 for name in _LENGTHS}
 _POWERS |= {"mass": 3, "cup_mass": 3, "force": 3, "resistance": 3, "closer": 4}

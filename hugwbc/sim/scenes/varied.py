@@ -121,7 +121,7 @@ def varies(value: Any) -> bool:  # noqa: ANN401  as for `drawn`
 
 
 def settled(value: Number) -> float:
-    """Return a number that has been drawn."""
+    """Return a number as a float; refuse one that has not been drawn."""
     if isinstance(value, Uniform | Choice):
         raise SceneError(f"{value} has not been drawn; call `Scene.draw` first")
     return float(value)
