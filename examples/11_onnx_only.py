@@ -72,10 +72,8 @@ def walk(policy: str, model: mujoco.MjModel, v_x: float, duration: float) -> muj
     """Walk ahead at v_x [m/s] for a time [s], and return the robot at the end, or where it fell."""
     session = onnxruntime.InferenceSession(policy, providers=["CPUExecutionProvider"])
     contract = json.loads(session.get_modelmeta().custom_metadata_map["contract"])
-    if contract["robot"] != "h1":
-        raise ValueError(f"the policy is for a robot '{contract['robot']}'; the lengths in this script are an H1's")
-    if [model.actuator(i).name for i in range(model.nu)] != contract["joints"]:
-        raise ValueError("the model's actuators are not the joints of the contract, in its order")
+    if contract["robot"] != "h1" or [model.actuator(i).name for i in range(model.nu)] != contract["joints"]:
+        raise ValueError("policy or model are not an H1's, with actuators in the order of the contract's joints")
     # MuJoCo's position actuators are the PD law tau = kp (target - q) - kd dq.
     model.actuator_gainprm[:, 0] = contract["kp"]
     model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -np.array(contract["kp"]), -np.array(contract["kd"])
