@@ -98,9 +98,9 @@ def ours(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
                 terms.append(_terms(TaskTerms, point.jacobian[:3], point.drift[:3], np.zeros(3), CONTACT))
         terms.append(_terms(TaskTerms, posture, np.zeros(len(posture)), wished[9:], POSTURE))
         solution = qp.solve(dynamics, terms, contact)
+        times.append(time.perf_counter() - begin)
         if solution.status is not QpStatus.SOLVED:
             raise SystemExit(f"ours: {solution.status.value}")
-        times.append(time.perf_counter() - begin)
         ordered = np.empty(len(posture))
         ordered[dynamics.columns - 6] = solution.torque
         torques.append(ordered)
@@ -162,9 +162,9 @@ def placo_s(robot, records) -> tuple[np.ndarray, np.ndarray]:  # noqa: ANN001
         speeds = v[6:] + wished[9:]
         joints.set_joints_velocities(dict(zip(names, speeds.tolist(), strict=True)))
         result = solver.solve(False)
+        times.append(time.perf_counter() - begin)
         if not result.success:
             raise SystemExit("placo's solver failed")
-        times.append(time.perf_counter() - begin)
         torques.append(np.array(result.tau)[6:])
     return np.array(torques), np.array(times)
 

@@ -1,7 +1,7 @@
 """Fixtures of a robot that stands, as messages."""
 
+import contextlib
 import dataclasses
-import fcntl
 import pathlib
 import tempfile
 from collections.abc import Iterator
@@ -13,6 +13,8 @@ from deploy_bench import EXACT, H1, Standing, make_pilot
 from hugwbc import JointCommand
 from hugwbc.deploy.messages import Messages
 from hugwbc.deploy.pilot import Pilot
+from hugwbc.errors import ConfigError
+from hugwbc.files import sole_writer
 from hugwbc.runtime import Simulation
 from hugwbc.state import RobotState
 
@@ -39,15 +41,14 @@ def pilot() -> Pilot:
 @pytest.fixture
 def free_domain() -> Iterator[int]:
     """A DDS domain that no other test on this machine uses at the same time."""
-    for domain in range(100, 200):
-        with open(pathlib.Path(tempfile.gettempdir()) / f"hugwbc-domain-{domain}", "w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield domain
-            return
-    pytest.fail("all DDS domains of the tests are in use")
+    with contextlib.ExitStack() as held:
+        for domain in range(100, 200):
+            with contextlib.suppress(ConfigError):  # another test has it
+                held.enter_context(sole_writer(pathlib.Path(tempfile.gettempdir(), f"hugwbc-domain-{domain}")))
+                break
+        else:
+            pytest.fail("all DDS domains of the tests are in use")
+        yield domain
 
 
 @pytest.fixture
