@@ -93,6 +93,8 @@ def measure(out: pathlib.Path, counts: list[int], seconds: float, device: str, s
     import torch
 
     from hugwbc.evaluation.speed import training_speed
+    from hugwbc.learned.policy.records import versions
+    from hugwbc.source import short_commit
 
     begin = time.monotonic()
 
@@ -102,6 +104,8 @@ def measure(out: pathlib.Path, counts: list[int], seconds: float, device: str, s
         with out.open("a") as file:
             file.write(line + "\n")
 
+    name = torch.cuda.get_device_name() if device == "cuda" else "processor"
+    note(device=name, commit=short_commit(), versions=versions())
     for count in counts:
         if time.monotonic() - begin > seconds:
             return

@@ -3,16 +3,14 @@
     git clone https://github.com/carlosferrazza/humanoid-bench
     pip install --no-deps dm-control
     export PYTHONPATH=humanoid-bench
-    python tools/humanoidbench.py --controller qp --tasks walk reach --seeds 10 --out rows.jsonl
-    python tools/humanoidbench.py --table rows.jsonl
+    python tools/humanoidbench.py --controllers qp learned --tasks walk reach --seeds 10
 
 Robot `h1` under position control at 50 Hz, the benchmark's own returns and bars. Each task is a script of at most
-twenty lines that knows where goals, poles and walls are. Rows that are there already are not played again, unless the
-code, the policy, this file, the packages or the benchmark have changed; the table leaves out the rows from before.
+twenty lines that knows where goals, poles and walls are. Episodes that are stored already are not played again, unless
+the code, the policy, this file, the packages or the benchmark have changed.
 """
 
 import argparse
-import collections
 import functools
 import importlib.util
 import json
@@ -20,6 +18,7 @@ import math
 import pathlib
 import sys
 import types
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +36,9 @@ from hugwbc.behaviours import (
     wait,
     walk_to,
 )
-from hugwbc.evaluation.store import controller_digest
+from hugwbc.evaluation.episode import Row
+from hugwbc.evaluation.plans import Plan
+from hugwbc.evaluation.store import DEFAULT_FOLDER, StoredTable, controller_digest
 from hugwbc.files import digest, digest_of
 from hugwbc.learned.policy.records import versions
 from hugwbc.mbc import WholeBodyController
@@ -51,6 +52,7 @@ from hugwbc.targets import HandTargets
 
 PERIOD = 0.02  # [s]
 LEFT = 0.2  # [m], how far left of the pelvis a reaching hand is
+CONTROLLERS = ("qp", "learned")
 Environment = Any  # of the benchmark, which has no types
 
 
@@ -163,8 +165,6 @@ SCRIPTS: dict[str, Any] = {
 
 # --- the benchmark
 
-VERSION = ("commit", "policy", "script", "packages", "benchmark")  # of a row: what else its numbers depend on
-
 
 class _Absent(types.ModuleType):
     """A package that the benchmark imports for its hands' policies, which are not used here."""
@@ -204,18 +204,23 @@ def _prepare() -> None:
     dmc_index.struct_indexer = present
 
 
-def version(controller: str) -> dict[str, str | None]:
-    """Return the commit, and digests of controller and policy, this file, the packages' versions, and the benchmark."""
-    policy = controller_digest(ControllerSpec(controller))
+def stored(folder: pathlib.Path, controller: str) -> StoredTable:
+    """Return the episodes of a controller that are stored, of this code, policy, file, packages and benchmark."""
     benchmark = importlib.util.find_spec("humanoid_bench")
     folders = (benchmark and benchmark.submodule_search_locations) or ()
     sources = sorted(path for folder in folders for path in pathlib.Path(folder).rglob("*.py"))
-    returns = digest(str([digest_of(path) for path in sources]))
-    given = source_commit(policies=False), policy, digest_of(__file__), digest(str(versions())), returns
-    return dict(zip(VERSION, given, strict=True))
+    key = {
+        "experiment": "humanoidbench",
+        "controller": controller,
+        "digest": controller_digest(ControllerSpec(controller)),
+        "commit": source_commit(policies=False),
+        "versions": versions(),
+        "files": {"script": digest_of(__file__), "benchmark": digest(str([digest_of(path) for path in sources]))},
+    }
+    return StoredTable(folder / f"humanoidbench-{controller}-{digest(json.dumps(key))[:16]}.jsonl", key)
 
 
-def play(task: str, controller: str, seed: int) -> dict[str, Any]:
+def play(task: str, controller: str, seed: int) -> Row:
     """Play an episode and return its row: return, bar, steps and what went wrong."""
     env, script = make(task, seed), SCRIPTS[task]
     robot = MujocoRobot(env.model, env.data)
@@ -248,52 +253,43 @@ def play(task: str, controller: str, seed: int) -> dict[str, Any]:
     }
 
 
-def table(path: pathlib.Path) -> None:
-    """Print the rows of a file as a table: mean return of each task, and episodes above the bar.
-
-    Of each controller's rows, those of the version that was played last.
-    """
-    found, lines = collections.defaultdict(list), [json.loads(line) for line in path.read_text().splitlines()]
-    last = {row["controller"]: [row.get(name) for name in VERSION] for row in lines}
-    for row in lines:
-        if [row.get(name) for name in VERSION] == last[row["controller"]]:
-            found[row["task"], row["controller"]].append(row)
+def table(found: Mapping[tuple[str, str], Sequence[Row]]) -> None:
+    """Print rows, by task and controller, as a table: mean return of each task, and episodes above the bar."""
     print("| task (bar) | QP | policy |\n|---|---|---|")
-    for task in SCRIPTS:
+    for task in dict.fromkeys(task for task, _ in found):
         cells = []
-        for controller in ("qp", "learned"):
-            rows = found.get((task, controller), [])
-            returns = [row["return"] for row in rows]
+        for controller in CONTROLLERS:
+            rows = found.get((task, controller), ())
             passed = sum(row["return"] > row["bar"] for row in rows)
-            cells.append(f"{np.mean(returns):.0f}; {passed} of {len(rows)}" if rows else "")
-        if any(cells):
-            bar = next(rows[0]["bar"] for (name, _), rows in found.items() if name == task)
-            print(f"| {task} ({bar}) | {' | '.join(cells)} |")
+            mean = np.mean([row["return"] for row in rows]) if rows else 0.0
+            cells.append(f"{mean:.0f}; {passed} of {len(rows)}" if rows else "")
+        bar = next(rows[0]["bar"] for (name, _), rows in found.items() if name == task)
+        print(f"| {task} ({bar}) | {' | '.join(cells)} |")
 
 
 def main() -> None:
-    """Play, or print the table."""
+    """Play the episodes that are missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--controller", choices=("qp", "learned"), default="qp", help="which controller plays")
+    parser.add_argument("--controllers", nargs="+", choices=CONTROLLERS, default=CONTROLLERS, help="who plays")
     parser.add_argument("--tasks", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), help="which tasks")
     parser.add_argument("--seeds", type=int, default=10, help="how many seeds, from --first on")
     parser.add_argument("--first", type=int, default=REPORT_SEED, help="the first seed")
-    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("out/humanoidbench.jsonl"), help="rows")
-    parser.add_argument("--table", type=pathlib.Path, help="print the rows of this file instead")
+    parser.add_argument("--out", type=pathlib.Path, default=DEFAULT_FOLDER, help="folder of the stored episodes")
     given = parser.parse_args()
-    if given.table:
-        return table(given.table)
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = given.out.read_text().splitlines() if given.out.exists() else []
-    there = {tuple(map(json.loads(line).get, ("task", "controller", "seed", *VERSION))) for line in lines}
-    made = version(given.controller)
-    for task in given.tasks:
-        for seed in range(given.first, given.first + given.seeds):
-            if (task, given.controller, seed, *made.values()) not in there:
-                row = play(task, given.controller, seed) | made
-                print(row, flush=True)
-                with given.out.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
+    if given.seeds < 1:
+        parser.error(f"--seeds is {given.seeds}; give a whole number above 0")
+    found: dict[tuple[str, str], list[Row]] = {}
+    for controller in given.controllers:
+        episodes = stored(given.out, controller)
+        for task in given.tasks:
+            for seed in range(given.first, given.first + given.seeds):
+                plan = Plan(seed, tags={"task": task})
+                row = episodes.get(plan)
+                if row is None:
+                    row = episodes.add(plan, play(task, controller, seed))
+                    print(row, flush=True)
+                found.setdefault((task, controller), []).append(row)
+    table(found)
 
 
 if __name__ == "__main__":

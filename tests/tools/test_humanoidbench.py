@@ -1,36 +1,47 @@
-"""Rows of the outside benchmark belong to the code, the policy and the scripts that made them."""
-
-import json
+"""Episodes of the outside benchmark belong to the code, the policy and the scripts that made them."""
 
 import pytest
 
 
 @pytest.fixture
-def tool(load_tool, monkeypatch):
-    tool = load_tool("humanoidbench")
-    monkeypatch.setattr(
-        tool, "play", lambda *key: dict(zip(("task", "controller", "seed"), key, strict=True)) | {"return": 1, "bar": 0}
-    )
-    return tool
+def tool(load_tool):
+    return load_tool("humanoidbench")
 
 
-def test_rows_of_other_code_are_played_again_and_not_mixed(tool, tmp_path, monkeypatch, capsys) -> None:
-    out = tmp_path / "rows.jsonl"
+@pytest.fixture
+def played(tool, monkeypatch, tmp_path):
+    """Run the program in a folder, with episodes that take no time; return the seeds that were played."""
+    seeds = []
 
-    def play(seeds: int) -> int:
-        words = ["humanoidbench", "--tasks", "walk", "--seeds", str(seeds), "--out", str(out)]
-        monkeypatch.setattr("sys.argv", words)
+    def play(task, controller, seed):
+        seeds.append(seed)
+        return {"return": seed, "bar": 2.5, "task": task}
+
+    def run(*words: str) -> list[int]:
+        seeds.clear()
+        monkeypatch.setattr("sys.argv", ["humanoidbench", "--first", "1", "--out", str(tmp_path), *words])
         tool.main()
-        return len(out.read_text().splitlines())
+        return list(seeds)
 
-    assert play(3) == play(3) == 3 and json.loads(out.read_text().splitlines()[0])["script"]
-    monkeypatch.setattr(tool, "source_commit", lambda **which: "another")
-    assert play(2) == 5
-    capsys.readouterr()
-    tool.table(out)
-    assert "| walk (0) | 1; 2 of 2 |  |" in capsys.readouterr().out
-    with out.open("a") as file:  # another task of the code before
-        file.write(json.dumps(json.loads(out.read_text().splitlines()[0]) | {"task": "run"}) + "\n")
-        file.write(out.read_text().splitlines()[4] + "\n")
-    tool.table(out)
-    assert "| run (0) |" not in capsys.readouterr().out
+    monkeypatch.setattr(tool, "play", play)
+    return run
+
+
+def test_each_task_has_a_row_with_mean_and_passes(played, capsys) -> None:
+    played("--seeds", "4", "--tasks", "walk", "run")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2:] == ["| walk (2.5) | 2; 2 of 4 | 2; 2 of 4 |", "| run (2.5) | 2; 2 of 4 | 2; 2 of 4 |"]
+
+
+def test_what_is_stored_is_not_played_again(played, capsys) -> None:
+    words = "--tasks", "walk", "--controllers", "qp"
+    assert played("--seeds", "2", *words) == [1, 2] and played("--seeds", "3", *words) == [3]
+    assert capsys.readouterr().out.endswith("| walk (2.5) | 2; 1 of 3 |  |\n")
+
+
+@pytest.mark.parametrize("change", ["source_commit", "controller_digest", "versions", "digest_of"])
+def test_episodes_of_other_code_are_played_again(played, tool, monkeypatch, change) -> None:
+    words = "--seeds", "2", "--tasks", "walk", "--controllers", "qp"
+    assert played(*words) == [1, 2]
+    monkeypatch.setattr(tool, change, lambda *args, **options: "another")
+    assert played(*words) == [1, 2]
