@@ -257,14 +257,16 @@ def table(found: Mapping[tuple[str, str], Sequence[Row]]) -> None:
     """Print rows, by task and controller, as a table: mean return of each task, and episodes above the bar."""
     print("| task (bar) | QP | policy |\n|---|---|---|")
     for task in dict.fromkeys(task for task, _ in found):
-        cells = []
-        for controller in CONTROLLERS:
-            rows = found.get((task, controller), ())
-            passed = sum(row["return"] > row["bar"] for row in rows)
-            mean = np.mean([row["return"] for row in rows]) if rows else 0.0
-            cells.append(f"{mean:.0f}; {passed} of {len(rows)}" if rows else "")
-        bar = next(rows[0]["bar"] for (name, _), rows in found.items() if name == task)
-        print(f"| {task} ({bar}) | {' | '.join(cells)} |")
+        played = {controller: rows for (name, controller), rows in found.items() if name == task}
+        bar = next(iter(played.values()))[0]["bar"]
+        print(f"| {task} ({bar}) | {' | '.join(_cell(played.get(controller, ())) for controller in CONTROLLERS)} |")
+
+
+def _cell(rows: Sequence[Row]) -> str:
+    if not rows:
+        return ""
+    passed = sum(row["return"] > row["bar"] for row in rows)
+    return f"{np.mean([row['return'] for row in rows]):.0f}; {passed} of {len(rows)}"
 
 
 def main() -> None:

@@ -40,8 +40,9 @@ def test_what_is_stored_is_not_played_again(played, capsys) -> None:
 
 
 @pytest.mark.parametrize("change", ["source_commit", "controller_digest", "versions", "digest_of"])
-def test_episodes_of_other_code_are_played_again(played, tool, monkeypatch, change) -> None:
-    words = "--seeds", "2", "--tasks", "walk", "--controllers", "qp"
-    assert played(*words) == [1, 2]
+def test_episodes_of_other_code_are_played_again_and_not_mixed(played, tool, monkeypatch, capsys, change) -> None:
+    words = "--tasks", "walk", "--controllers", "qp"
+    assert played("--seeds", "3", *words) == [1, 2, 3]
     monkeypatch.setattr(tool, change, lambda *args, **options: "another")
-    assert played(*words) == [1, 2]
+    assert played("--seeds", "2", *words) == [1, 2]
+    assert capsys.readouterr().out.endswith("| walk (2.5) | 2; 0 of 2 |  |\n")
