@@ -89,7 +89,8 @@ def deploy(controller: str, job: str, radio: str, seconds: float, folder: pathli
             for process in running:
                 process.wait(timeout=3.0 * seconds + 60.0)
             texts = [path.read_text() for path in printed]
-            if running[0].returncode or running[1].returncode not in (0, ENDED_BY_A_FAULT):
+            crashed = running[1].returncode not in (0, ENDED_BY_A_FAULT) or "Traceback" in texts[1]
+            if running[0].returncode or crashed:
                 raise SystemExit(f"{stem} did not run:\n" + "\n".join(texts))
             texts[1] += FAULT if running[1].returncode else ""
         except subprocess.TimeoutExpired:

@@ -208,7 +208,8 @@ def stored(folder: pathlib.Path, controller: str) -> StoredTable:
     """Return the episodes of a controller that are stored, of this code, policy, file, packages and benchmark."""
     benchmark = importlib.util.find_spec("humanoid_bench")
     folders = (benchmark and benchmark.submodule_search_locations) or ()
-    sources = sorted(path for folder in folders for path in pathlib.Path(folder).rglob("*.py"))
+    paths = sorted(path for folder in folders for path in pathlib.Path(folder).rglob("*"))
+    sources = [path for path in paths if path.suffix in (".py", ".xml")]
     key = {
         "experiment": "humanoidbench",
         "controller": controller,

@@ -14,6 +14,7 @@ import itertools
 import pathlib
 import re
 import shlex
+import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -87,8 +88,9 @@ PUBLIC = {  # other projects' policies, each with its contract and its file in t
     "holosoma's G1 (PPO)": ("holosoma-g1", "holosoma-ppo-g1.onnx"),
     "MuJoCo Playground's G1": ("playground-g1", "playground-g1.onnx"),
 }
+PUBLIC_CONTROLLERS = "tools/public_controllers.py"
 WHOLE_BODY = BOTH | {  # what moves a G1 while its arms are moved from outside
-    name.upper(): f"tools/public_controllers.py:{name} --policy {{public}}/{name.lower()}-g1.onnx"
+    name.upper(): f"{PUBLIC_CONTROLLERS}:{name} --policy {{public}}/{name.lower()}-g1.onnx"
     for name in ("Homie", "Falcon")
 }
 POLICIES = "models/h1/policies"
@@ -301,8 +303,8 @@ def of_policy(table: Table) -> Table:
 def cell(figure: Figure | None) -> str:
     """Return value, half of its 95 % interval, and for falls their number; in italics if worse than the paper's.
 
-    Of few samples their number takes the place of the interval, which is too narrow. A search has both ends of its
-    bracket, whose lower one is the value.
+    Of few samples their number takes the place of the interval, which is too narrow. A search for a force has both ends
+    of its bracket, whose lower one is the value, and a median, which is seldom in the middle, those of its interval.
     """
     if figure is None or figure.value is None:
         return ""
@@ -314,8 +316,10 @@ def cell(figure: Figure | None) -> str:
     digits = 0 if abs(figure.value) >= 100.0 else 1 if abs(figure.value) >= 10.0 else 3
     text = f"{figure.value:.{digits}f}"
     if estimate is not None and low is not None and high is not None:
-        if figure.value == low < high:
+        if figure.table.startswith("Tolerated force"):
             text = f"{low:.3g} to {high:.3g}"
+        elif "median" in figure.quantity:
+            text += f" ({low:.3g} to {high:.3g})"
         else:
             few = estimate.samples < FEW
             text += f" (n = {estimate.samples})" if few else f" ± {(high - low) / 2.0:.{digits}f}"
@@ -422,6 +426,14 @@ def check_policies(tables: dict[str, Table]) -> None:
         )
 
 
+def same_tool(table: Table, commit: str) -> bool:
+    """Return whether the file that runs other projects' controllers is that of a commit, if the table needs it."""
+    if not any(PUBLIC_CONTROLLERS in words for words in table.runs.values()):
+        return True
+    line = ["git", "-C", str(ROOT), "diff", "--quiet", commit, "--", PUBLIC_CONTROLLERS]
+    return subprocess.run(line, check=False).returncode == 0
+
+
 def check(tables: dict[str, Table], options: argparse.Namespace) -> int:
     """Print the tables that belong to another commit or to other commands than now, and return 1 if there are any."""
     now, old = short_commit(), []
@@ -433,6 +445,8 @@ def check(tables: dict[str, Table], options: argparse.Namespace) -> int:
             commit, body = parts[name].group("commit", "body") if name in parts else ("", "")
             if commit != now:
                 old.append(f"{document}: {name} is of commit {commit or 'unknown'}")
+            elif not same_tool(table, commit):
+                old.append(f"{document}: {name} is of another {PUBLIC_CONTROLLERS}")
             elif made and not body.endswith(f"\n\n{made}\n"):
                 old.append(f"{document}: {name} is of other commands than {made}")
     print("\n".join([*old, f"{len(old)} tables are not of commit {now} and its commands"]))
@@ -467,6 +481,8 @@ def main() -> int:
             "changes, or only print the tables with --quick"
         )
     tables = {name: TABLES[name] for name in options.only if can_run(TABLES[name], options)}
+    if not (options.quick or options.policy or all(same_tool(table, "HEAD") for table in tables.values())):
+        raise SystemExit(f"{PUBLIC_CONTROLLERS} is changed; commit or undo the changes, or only print with --quick")
     if left_out := [name for name in options.only if name not in tables]:
         words = f"without --public FOLDER, which holds other projects' networks, {', '.join(left_out)} cannot run"
         if not tables:

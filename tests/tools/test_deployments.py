@@ -27,20 +27,23 @@ def test_a_run_of_another_length_or_of_other_code_is_not_taken_for_this_one(load
     assert len(started) == 8, "an edit of the tool"
 
 
-@pytest.mark.parametrize(("robot", "deployment"), [(2, 1), (0, 2), (0, -9)])
-def test_a_run_that_did_not_start_or_was_killed_is_no_measurement(
-    load_tool, tmp_path, monkeypatch, robot, deployment
+@pytest.mark.parametrize(
+    ("robot", "deployment", "words"),
+    [(2, 1, "why"), (0, 2, "why"), (0, -9, "why"), (0, 1, "Traceback (most recent call last):")],
+)
+def test_a_run_that_did_not_start_or_crashed_is_no_measurement(
+    load_tool, tmp_path, monkeypatch, robot, deployment, words
 ) -> None:
     tool = load_tool("deployments")
 
-    def popen(words, **options):
-        code = robot if "simulate-robot" in words else deployment
-        options["stdout"].write("why")
+    def popen(line, **options):
+        code = robot if "simulate-robot" in line else deployment
+        options["stdout"].write("why" if "simulate-robot" in line else words)
         return types.SimpleNamespace(wait=lambda timeout: code, returncode=code, kill=lambda: None)
 
     monkeypatch.setattr(tool.subprocess, "Popen", popen)
     monkeypatch.setattr(tool, "versions", dict)
     monkeypatch.setattr(tool, "source_commit", lambda **which: "one")
-    with pytest.raises(SystemExit, match=r"hold-stand-clean-\w+ did not run:\nwhy\nwhy"):
+    with pytest.raises(SystemExit, match=r"hold-stand-clean-\w+ did not run:\nwhy\n(why|Traceback)"):
         tool.deploy("hold", "stand", "clean", 60.0, tmp_path)
     assert not list(tmp_path.iterdir())

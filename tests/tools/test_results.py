@@ -43,6 +43,8 @@ def test_a_table_says_value_interval_number_and_what_is_worse(tool) -> None:
     force = Figure("Tolerated force, constant", "0°", "N", Estimate(87.5, 87.5, 90.6, 16))
     assert tool.cell(force) == "87.5 to 90.6", "the bracket of a search"
     assert tool.cell(dataclasses.replace(force, estimate=Estimate(800.0, 800.0, None, 16))) == "800"
+    median = Figure("Survived push", "median of all", "m/s", Estimate(0.8, 0.8, 1.0, 32))
+    assert tool.cell(median) == "0.800 (0.8 to 1)", "no bracket"
     table = tool.Table((), {}, ("E_omega", "E_vy", "falls"))
     assert tool.lay_out(table, {"learned": figures}) == [
         ["", "E_omega", "E_vy", "falls"],
