@@ -10,9 +10,7 @@ import torch
 from hugwbc.learned.config import CommandConfig, EnvConfig, LoadConfig, PPOConfig, RandomizationConfig, TrainConfig
 from hugwbc.learned.config.environment import TerrainConfig
 from hugwbc.learned.env import HumanoidEnv
-from hugwbc.learned.policy.checkpoint import load_file
-from hugwbc.learned.policy.network_files import policy_file
-from hugwbc.learned.policy.networks import Actor
+from hugwbc.learned.policy import load_policy
 from hugwbc.learned.rl.trainer import CHECKPOINT_NAME, Trainer
 from hugwbc.robot import load_robot
 from hugwbc.sim.batch import RobotBatch
@@ -40,13 +38,6 @@ def warp_batch(count: int = 4, **settings: object) -> RobotBatch:
     from hugwbc.sim.warp_batch import WarpBatch
 
     return WarpBatch(count, device="cpu", **settings, robot=load_robot())
-
-
-def shipped_actor() -> Actor:
-    tensors, _ = load_file(policy_file(), "policy")
-    actor = Actor(63, 18, 19)
-    actor.load_state_dict({name: value for name, value in tensors.items() if name in actor.state_dict()})
-    return actor
 
 
 def copy_state(source: RobotBatch, target: RobotBatch) -> None:
@@ -82,7 +73,7 @@ BOUNDS = {
 def test_a_control_step_is_mujoco_s_with_everything_on(terrain: TerrainConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     """The shipped policy walks in MuJoCo; each control step is repeated from the same state."""
     env = HumanoidEnv(dataclasses.replace(EVERYTHING, terrain=terrain), seed=5, threads=1)
-    ours, actor = env.simulation, shipped_actor()
+    ours, actor = env.simulation, load_policy("h1").actor
     other = warp_batch(COUNT, terrain=ours.terrain)
     rows: list[dict[str, torch.Tensor]] = []
     lying: list[torch.Tensor] = []
